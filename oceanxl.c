@@ -6,12 +6,14 @@
 #include "src/core/simd.h"  /* run-time selection of the instruction set */
 #include "src/core/bytes.h" /* little-endian numbers in files */
 
-#include "src/core/memory.c"  /* errors, memory, text, random numbers */
-#include "src/core/os.c"      /* operating system: atomic file writes, folders, clock, memory use */
-#include "src/core/lock.c"    /* one process at a time writes to a folder */
-#include "src/core/context.c" /* options, threads, interruption */
-#include "src/core/number.c"  /* fast, exact, locale-independent number parsing */
-#include "src/core/options.c" /* the table of options, parsing and printing */
+#include "src/core/memory.c"     /* errors, memory, text, random numbers */
+#include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
+#include "src/core/os_windows.c" /* the same on Windows */
+#include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
+#include "src/core/lock.c"       /* one process at a time writes to a folder */
+#include "src/core/context.c"    /* options, threads, interruption */
+#include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
+#include "src/core/options.c"    /* the table of options, parsing and printing */
 
 /* input: the survey */
 #include "src/core/json.c"            /* JSON reader */
@@ -32,7 +34,8 @@
 #include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"   /* decoded images in memory */
 #include "src/survey/image_file.c"    /* decoded images in files */
-#include "src/survey/scene.c"         /* views, points and images of a survey */
+#include "src/survey/scene_views.c"   /* views of a survey */
+#include "src/survey/scene.c"         /* origin, points and images of a survey */
 #include "src/survey/scene_file.c"    /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"   /* depth band of each pixel, from the points */
@@ -54,7 +57,8 @@
 #include "src/blocks/merge.c"      /* merge the models of blocks */
 #include "src/model/spz.c"         /* models as SPZ */
 #include "src/model/gltf.c"        /* models as binary glTF */
-#include "src/model/model_file.c"  /* models as PLY and .splat */
+#include "src/model/splat_file.c"  /* models as .splat */
+#include "src/model/model_file.c"  /* models as PLY; selects the format */
 #include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
@@ -94,7 +98,8 @@
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
 #include "src/train/train.c"           /* the training loop */
-#include "src/job/metrics.c"           /* PSNR, SSIM, MS-SSIM, evaluation */
+#include "src/job/metrics.c"           /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/evaluate.c"          /* a model's images against those of a survey */
 #include "src/job/seam.c"              /* image error at the borders between blocks */
 
 /* the whole job */

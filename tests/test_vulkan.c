@@ -393,7 +393,7 @@ static void vulkan_check_refusal(oxl_context *device)
     vulkan_scene(1000, 0, 0, &m);
     CHECK_OK(renderer_create(device, &r));
     device->vulkan->range = 8192;
-    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_FAILED);
+    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_MEMORY); /* so --backend auto goes on with the CPU */
     CHECK_TEXT(oxl_error_text(device), "in one array");
     device->vulkan->range = range;
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* still usable */
@@ -470,7 +470,7 @@ static void vulkan_check_shared(oxl_context *device)
 
 /* ---------------------------------------------------------------- loss */
 
-static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked)
+static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked, const float *gain)
 {
     struct vulkan_twins     t      = vulkan_twins(device, width, height);
     float                  *target = vulkan_noise(3 * t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
@@ -482,7 +482,14 @@ static void vulkan_check_loss_of(oxl_context *device, int width, int height, flo
     for (size_t i = 0; i < 3 * t.pixels; i++) target[i] = 0.5f + 0.4f * target[i];
     vulkan_scene(300, 0, 0, &m);
     vulkan_forward_both(&t, &m);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_loss(t.ctx[k], t.r[k], target, masked ? weight : NULL, ssim_weight, &loss[k]));
+    for (int k = 0; k < 2; k++) {
+        renderer_set_gain(t.r[k], gain);
+        CHECK_OK(renderer_loss(t.ctx[k], t.r[k], target, masked ? weight : NULL, ssim_weight, &loss[k]));
+    }
+    for (int c = 0; gain && c < 3; c++) {
+        CHECK(fabs(loss[0].dlog_gain[c]) > 1e-3);
+        CHECK_CLOSE(loss[1].dlog_gain[c], loss[0].dlog_gain[c], 1e-4 * fabs(loss[0].dlog_gain[c]));
+    }
     CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
     CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     CHECK_CLOSE(loss[1].mse, loss[0].mse, 1e-5);
@@ -499,10 +506,13 @@ static void vulkan_check_loss_of(oxl_context *device, int width, int height, flo
 
 static void vulkan_check_loss(oxl_context *device)
 {
-    vulkan_check_loss_of(device, 70, 43, 0.2f, 0);
-    vulkan_check_loss_of(device, 70, 43, 0.2f, 1);
-    vulkan_check_loss_of(device, 33, 20, 0, 1);
-    vulkan_check_loss_of(device, 7, 5, 1, 0); /* smaller than a window */
+    const float gain[3] = {1.3f, 0.6f, 1.1f};
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 0, NULL);
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 1, NULL);
+    vulkan_check_loss_of(device, 33, 20, 0, 1, NULL);
+    vulkan_check_loss_of(device, 7, 5, 1, 0, NULL); /* smaller than a window */
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 1, gain);
+    vulkan_check_loss_of(device, 33, 20, 0, 0, gain);
 }
 
 /* Images are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
@@ -839,28 +849,53 @@ static void vulkan_check_halt(oxl_context *device)
     }
 }
 
+/* Bytes between host and device: a checkpoint reads and sends nothing again, a row that is not finite costs nothing more. */
+static void vulkan_check_transfers(oxl_context *device)
+{
+    static struct vulkan_deferral d;
+    struct vulkan                *v     = device->vulkan;
+    const size_t                  model = 300 * 23 * 4 + 100 * 4 * 4, statistics = 300 * 16, counts = 4 + 32 + 12;
+    struct renderer_loss          loss;
+    size_t                        sent, read;
+    vulkan_deferral_begin(device, &d);
+    for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d, step, &loss);
+    read = v->read_bytes, sent = v->sent;
+    CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_READ));
+    CHECK(v->read_bytes - read == 3 * model + statistics);
+    read = v->read_bytes;
+    vulkan_step_of(device, &d, 3, &loss);
+    CHECK(v->read_bytes - read == counts && v->sent == sent);
+    CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_CHANGE));
+    for (int i = 0; i < 3; i++) d.run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+    d.run.first.plane[OXL_SH][40]     = NAN;
+    d.run.model.plane[OXL_SH + 5][40] = NAN;
+    vulkan_step_of(device, &d, 4, &loss);
+    read = v->read_bytes, sent = v->sent;
+    vulkan_step_of(device, &d, 5, &loss);
+    CHECK(v->read_bytes - read == counts && v->sent == sent);
+    CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_READ));
+    CHECK(d.run.model.plane[OXL_SH + 5][40] == 0 && d.run.model.plane[OXL_ROTATION][40] == 1);
+    CHECK(d.run.model.plane[OXL_OPACITY][40] == -30 && d.run.first.plane[OXL_SH][40] == 0);
+    vulkan_deferral_end(device, &d);
+}
+
 /* ---------------------------------------------------------------- what goes wrong */
 
-static int vulkan_idle_waits;
+static int vulkan_lost_calls; /* the one that fails, and those behind it */
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
                                                           uint64_t timeout)
 {
     (void)device, (void)count, (void)fence, (void)all, (void)timeout;
+    vulkan_lost_calls++;
     return VK_TIMEOUT;
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
 {
     (void)queue, (void)count, (void)info, (void)fence;
+    vulkan_lost_calls++;
     return VK_ERROR_DEVICE_LOST;
-}
-
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_idle(VkDevice device)
-{
-    (void)device;
-    vulkan_idle_waits++;
-    return VK_SUCCESS;
 }
 
 /* What the host has of the model, and so what the next checkpoint would hold, stays as it was. */
@@ -871,15 +906,14 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     float                   *before  = oxl_alloc(test_ctx, run->model.count, sizeof *before);
     const float             *image;
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
-    vulkan_idle_waits              = 0;
-    device->vulkan->DeviceWaitIdle = vulkan_play_idle;
+    vulkan_lost_calls = 0;
     CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
     CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
-    CHECK(vulkan_idle_waits == 0);
+    CHECK(vulkan_lost_calls == 1);
     oxl_free(test_ctx, before);
 }
 
@@ -908,6 +942,22 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
 static void vulkan_check_timeout(oxl_context *device)
 {
     vulkan_check_loss_of_device(device, 1);
+}
+
+/* Another error comes first, while the device is at work. */
+static void vulkan_check_hang(oxl_context *device)
+{
+    struct vulkan_run        run     = vulkan_run_begin(300, 1, 0);
+    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer         *r;
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    device->vulkan->WaitForFences = vulkan_play_timeout;
+    device->vulkan->rc            = OXL_ERR_MEMORY;
+    vulkan_check_given_up(device, r, &run, "did not answer in time");
+    renderer_free(device, r);
+    vulkan_run_free(&run);
 }
 
 static void vulkan_check_lost(oxl_context *device)
@@ -1016,6 +1066,41 @@ static void vulkan_check_full(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+static size_t vulkan_budget, vulkan_usage;
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
+{
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT *budget = out->pNext;
+    (void)device;
+    for (uint32_t i = 0; i < VK_MAX_MEMORY_HEAPS; i++) budget->heapBudget[i] = vulkan_budget, budget->heapUsage[i] = vulkan_usage;
+}
+
+/* What other programs use is not there: images are kept in a half of what is left; or up to their share, or number. */
+static void vulkan_check_budget(oxl_context *device)
+{
+    struct vulkan_twins  t     = vulkan_twins(device, 64, 48);
+    struct vulkan       *v     = device->vulkan;
+    const size_t         bytes = 4 * t.pixels, most = v->image_bytes_max;
+    struct renderer_loss loss;
+    oxl_model            m;
+    vulkan_scene(30, 0, 0, &m);
+    v->budgets                               = 1;
+    v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
+    vulkan_budget = 100, vulkan_usage = 30;
+    CHECK(vulkan_memory_left(v) == 70);
+    vulkan_usage = 101;
+    CHECK(vulkan_memory_left(v) == 0);
+    for (int view = 0; view < 4; view++) {
+        vulkan_usage = 0, vulkan_budget = 2 * bytes - (view == 0);
+        v->image_bytes_max                            = view == 1 ? bytes - 1 : most;
+        v->properties.limits.maxMemoryAllocationCount = view == 2 ? 0 : 4096;
+        CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss));
+        CHECK(renderer_has_image(t.r[1], view) == (view == 3));
+    }
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
+}
+
 /* --backend auto: the CPU continues, with the image that the device had. */
 static void vulkan_check_fallback(oxl_context *device)
 {
@@ -1045,7 +1130,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     struct density            *density;
     struct renderer_loss       loss;
     uint32_t                   from[1200];
-    struct renderer_move       move  = {.from = from};
+    struct renderer_move       move = {.from = from};
+    struct vulkan             *v    = device->vulkan;
+    size_t                     sent, read;
     int                        moved = 0;
     vulkan_deferral_begin(device, d);
     if (!lobes) model_drop_lobes(&d->run.model), model_drop_lobes(&d->run.first), model_drop_lobes(&d->run.second);
@@ -1054,7 +1141,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     CHECK_OK(density_clear(test_ctx, density, 300));
     for (int step = 1; step <= 2; step++) vulkan_step_of(device, d, step, &loss);
     for (int i = 0; i < 300; i++) density->gradient[i] = (float)(i % 3), density->views[i] = 1;
+    read = v->read_bytes, sent = v->sent;
     CHECK_OK(renderer_download(device, d->r, moves ? DOWNLOAD_SHAPE : DOWNLOAD_TO_CHANGE));
+    if (moves) CHECK(v->read_bytes - read == 300 * (OXL_SH * 4 + 16));
     CHECK_OK(density_decide(test_ctx, density, &d->run.model, &rules, &change));
     move.lobes = density_sources(density, &d->run.model, from);
     move.count = 300 - change.removed + change.split;
@@ -1065,6 +1154,7 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     CHECK(moved == (moves == 1));
     CHECK_OK(density_apply(test_ctx, density, &d->run.model, &d->run.first, &d->run.second, &change, moved));
     if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 0));
+    if (moved) CHECK(v->sent - sent == move.count * (4 + OXL_SH * 4));
     if (moved) CHECK_OK(renderer_download(device, d->r, DOWNLOAD_SHAPE));
     density_reset_opacity(&d->run.model, &d->run.first, &d->run.second, 0);
     if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 1));
@@ -1148,7 +1238,7 @@ static void vulkan_check_parts(oxl_context *device)
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         const float     *image;
-        const size_t     before = device->vulkan->dispatches;
+        const size_t     before = device->vulkan->submissions;
         device->vulkan->part    = k ? 500 : 0;
         CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
         memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
@@ -1158,7 +1248,7 @@ static void vulkan_check_parts(oxl_context *device)
         memcpy(rgb + 3 * pixels * (size_t)k, image, 3 * pixels * sizeof *rgb);
         CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
         CHECK_OK(renderer_gradient(device, r, &gradient[k]));
-        if (k) CHECK(device->vulkan->dispatches - before >= 2 * 8);
+        if (k) CHECK(device->vulkan->submissions - before >= 2 * 8);
         renderer_free(device, r);
     }
     CHECK(memcmp(rgb, rgb + 3 * pixels, 3 * pixels * sizeof *rgb) == 0);
@@ -1172,7 +1262,8 @@ static void vulkan_check_parts(oxl_context *device)
 
 /* ---------------------------------------------------------------- a survey */
 
-static oxl_scene *vulkan_survey(oxl_context *ctx)
+/* darker: the log of how much darker every other image is. */
+static oxl_scene *vulkan_survey(oxl_context *ctx, double darker)
 {
     oxl_model  truth;
     oxl_view   view[6];
@@ -1186,6 +1277,7 @@ static oxl_scene *vulkan_survey(oxl_context *ctx)
         view[i].camera.translation[0] += 0.3 * (i - 3);
         view[i].camera.translation[1] += 0.1 * (i % 3);
         CHECK_OK(oxl_render(test_ctx, &truth, &view[i].camera, NULL, &image[i], NULL));
+        for (int k = 0; i % 2 && k < 3 * 48 * 36; k++) image[i].rgb[k] *= (float)exp(-darker);
     }
     for (int i = 0; i < 200; i++) {
         point[i] = (oxl_point){.rgb = {128, 128, 128}};
@@ -1207,7 +1299,7 @@ static size_t vulkan_bytes_of(const oxl_model *m)
 /* In evaluations and images only the model is uploaded, so the bytes are counted. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
-    oxl_scene              *scene = vulkan_survey(device);
+    oxl_scene              *scene = vulkan_survey(device, 0);
     const oxl_render_output what  = {.split = OXL_SPLIT_ALL, .depth = 1};
     struct vulkan          *v     = device->vulkan;
     oxl_metrics             metrics;
@@ -1257,7 +1349,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
 static void vulkan_check_model_now(oxl_context *device)
 {
     oxl_context *ctx[2]       = {test_ctx, device};
-    oxl_scene   *scene        = vulkan_survey(device);
+    oxl_scene   *scene        = vulkan_survey(device, 0);
     double       psnr[2][2]   = {{0}};
     float        rgb[2][2][4] = {{{0}}};
     oxl_model    m;
@@ -1288,7 +1380,7 @@ static void vulkan_check_model_now(oxl_context *device)
 /* Everything that a run does between steps: densification, bands, pruning, second lobes. */
 static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
 {
-    oxl_scene        *scene   = vulkan_survey(ctx);
+    oxl_scene        *scene   = vulkan_survey(ctx, 0);
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_metrics       metrics;
     options.iterations         = iterations;
@@ -1319,6 +1411,46 @@ static void vulkan_check_training(oxl_context *device)
         for (int k = 0; k < oxl_model_planes(&model[1]); k++)
             CHECK(memcmp(model[1].plane[k], model[2].plane[k], model[1].count * sizeof(float)) == 0);
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
+}
+
+/* Gains of images are learned on a device as on the CPU. */
+static void vulkan_check_exposure(oxl_context *device)
+{
+    oxl_context *ctx[3] = {test_ctx, device, device};
+    double       gain[3][18];
+    for (int k = 0; k < 3; k++) {
+        oxl_scene        *scene   = vulkan_survey(ctx[k], 0.3);
+        oxl_train_options options = train_options(80);
+        oxl_model         model;
+        options.exposure           = OXL_ON;
+        options.short_run_exponent = 0;
+        CHECK_OK(oxl_train(ctx[k], scene, &options, NULL, &model));
+        CHECK(scene_imaging(scene)->on);
+        for (int i = 0; i < 18; i++) gain[k][i] = (double)scene_imaging(scene)->log_gain[i];
+        oxl_model_free(ctx[k], &model);
+        oxl_scene_free(ctx[k], scene);
+    }
+    CHECK(gain[0][0] - gain[0][3] > 0.03);
+    for (int i = 0; i < 18; i++) CHECK_CLOSE(gain[1][i], gain[0][i], 0.002);
+    CHECK(memcmp(gain[1], gain[2], sizeof gain[1]) == 0);
+}
+
+/* Parts of views, as blocks train them, are the CPU's. */
+static void vulkan_check_windows(oxl_context *device)
+{
+    oxl_context        *ctx[2] = {test_ctx, device};
+    struct image_window window[6];
+    oxl_model           model[2];
+    for (int i = 0; i < 6; i++) window[i] = (struct image_window){.x = 8, .y = 4, .width = 32, .height = 24};
+    for (int k = 0; k < 2; k++) {
+        const struct train_output place   = {.folder = test_path(k ? "device" : "cpu"), .key = "windows", .window = window};
+        oxl_scene                *scene   = vulkan_survey(ctx[k], 0);
+        oxl_train_options         options = train_options(20);
+        CHECK_OK(train_run(ctx[k], scene, &options, NULL, &place, &model[k]));
+        oxl_scene_free(ctx[k], scene);
+    }
+    vulkan_check_same_model(&model[0], &model[1]);
+    for (int k = 0; k < 2; k++) oxl_model_free(ctx[k], &model[k]);
 }
 
 static PFN_vkCmdPushConstants vulkan_real_push;
@@ -1450,6 +1582,11 @@ TEST(vulkan_gives_up_a_device_that_does_not_answer)
     ON_DEVICE(vulkan_check_timeout);
 }
 
+TEST(vulkan_gives_up_a_device_that_hangs_after_another_error)
+{
+    ON_DEVICE(vulkan_check_hang);
+}
+
 TEST(vulkan_gives_up_a_device_that_is_lost)
 {
     ON_DEVICE(vulkan_check_lost);
@@ -1463,6 +1600,11 @@ TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
 TEST(vulkan_drops_images_where_memory_is_short)
 {
     ON_DEVICE(vulkan_check_full);
+}
+
+TEST(vulkan_keeps_images_within_what_memory_is_left)
+{
+    ON_DEVICE(vulkan_check_budget);
 }
 
 TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
@@ -1545,6 +1687,11 @@ TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
     ON_DEVICE(vulkan_check_training);
 }
 
+TEST(vulkan_reads_what_it_needs_and_sends_nothing_twice)
+{
+    ON_DEVICE(vulkan_check_transfers);
+}
+
 TEST(vulkan_deferred_steps_are_the_same_steps_without_waits)
 {
     ON_DEVICE(vulkan_check_deferral);
@@ -1563,6 +1710,16 @@ TEST(vulkan_training_repeats_steps_that_found_no_room)
 TEST(vulkan_density_control_moves_rows_as_the_host_does)
 {
     ON_DEVICE(vulkan_check_moves);
+}
+
+TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_exposure);
+}
+
+TEST(vulkan_leaves_parts_of_views_to_the_cpu)
+{
+    ON_DEVICE(vulkan_check_windows);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)

@@ -318,9 +318,10 @@ static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
 
 OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
 {
-    struct vulkan *v      = oxl_calloc(ctx, 1, sizeof *v);
-    void          *mapped = NULL;
-    oxl_result     rc;
+    const VkFenceCreateInfo fence  = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    struct vulkan          *v      = oxl_calloc(ctx, 1, sizeof *v);
+    void                   *mapped = NULL;
+    oxl_result              rc;
     *out = NULL;
     if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
     v->ctx = ctx;
@@ -330,6 +331,7 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     if (rc == OXL_OK) rc = vulkan_create_device(v);
     if (rc == OXL_OK) v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
+    if (rc == OXL_OK && !vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &v->idle), "a fence")) rc = v->rc;
     if (rc == OXL_OK) {
         v->image_bytes_max = vulkan_memory_left(v) / VULKAN_IMAGE_SHARE;
         vulkan_create(v, &v->staging, VULKAN_FRAMES * VULKAN_STAGING, 1);
@@ -346,12 +348,13 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
 OXL_INTERNAL void vulkan_close(struct vulkan *v)
 {
     if (!v) return;
+    vulkan_idle(v);
     if (v->lost) { /* may neither be waited for nor destroyed: vulkan_submitted */
         oxl_free(v->ctx, v);
         return;
     }
-    if (v->device && v->DeviceWaitIdle) {
-        v->DeviceWaitIdle(v->device);
+    if (v->device && v->DestroyDevice) {
+        v->DestroyFence(v->device, v->idle, NULL);
         for (int pass = 0; pass < PASS_COUNT; pass++) {
             struct vulkan_pipeline *p = &v->pipeline[pass];
             for (int i = 0; i < VULKAN_VARIANTS; i++) v->DestroyPipeline(v->device, p->variant[i], NULL);

@@ -78,7 +78,7 @@ OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size
     const size_t least = OXL_MAX(count, (size_t)1) * element, roomy = OXL_MIN(least + least / 4, v->range) & ~(size_t)15;
     if (v->rc != OXL_OK || b->size >= least) return;
     if (least > v->range || count > SIZE_MAX / element) {
-        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
+        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
                          "%s: %zu %s need %zu MiB in one array, %zu MiB is the most here\nfix: a smaller "
                          "--max-side, fewer --max-gaussians, or --backend cpu",
                          v->properties.deviceName, count, what, least >> 20, v->range >> 20);

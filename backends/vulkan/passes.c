@@ -211,11 +211,24 @@ static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
     vulkan_drop(v, f);
 }
 
+/* As vkDeviceWaitIdle, which has no time limit and may wait for a device that hangs for ever. */
+OXL_INTERNAL void vulkan_idle(struct vulkan *v)
+{
+    VkResult result;
+    if (v->lost || !v->idle) return;
+    result = v->QueueSubmit(v->queue, 0, NULL, v->idle);
+    if (result == VK_SUCCESS) result = v->WaitForFences(v->device, 1, &v->idle, VK_TRUE, VULKAN_WAIT);
+    if (result == VK_SUCCESS) result = v->ResetFences(v->device, 1, &v->idle);
+    v->lost = result != VK_SUCCESS;
+    if (v->lost) v->rc = OXL_OK; /* what went wrong before matters less */
+    vulkan_submitted(v, result);
+}
+
 /* What was recorded or submitted before a failure is dropped: the buffers it works on may not exist. A lost device stays as it is. */
 static void vulkan_drop_all(struct vulkan *v)
 {
+    vulkan_idle(v);
     if (v->lost) return;
-    v->DeviceWaitIdle(v->device);
     v->recording = v->reads = v->updates = 0;
     for (int k = 0; k < VULKAN_FRAMES; k++) vulkan_drop(v, &v->frame[k]);
 }
@@ -246,7 +259,7 @@ OXL_INTERNAL void vulkan_enter(struct vulkan *v)
 {
     if (v->lost) return;
     if (v->rc != OXL_OK) vulkan_drop_all(v);
-    v->rc = OXL_OK;
+    if (!v->lost) v->rc = OXL_OK;
 }
 
 /* 1: any command may be recorded, behind those that were. */

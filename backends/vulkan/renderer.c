@@ -147,8 +147,8 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
 
 /* Calls draw(r, first tile, tiles, argument) for the whole image, or for some rows of tiles at a time, each a submission of its own: an
  * operating system resets a GPU that is busy for longer than 2 s with one (Windows' default), and integrated ones may be. With
- * VULKAN_PART pairs of 256 pixels x 55 operations, 7 G operations: 0.4 s where a tenth of 200 G a second is reached. Estimated, not
- * measured. */
+ * VULKAN_PART pairs of 256 pixels x 55 operations, 3.7 G operations: 0.2 s where a tenth of 200 G a second is reached, and rows of tiles may
+ * hold some times more pairs than others. Estimated, not measured. */
 static void vulkan_in_parts(struct vulkan_renderer *r,
                             void (*draw)(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t argument),
                             uint32_t argument)
@@ -236,30 +236,40 @@ static oxl_result vulkan_image(void *device, int depths, float *rgb)
 
 static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
 {
-    const uint32_t push[5] = {r->view.width, r->view.height, (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)masked};
+    const float   *gain     = r->exposed ? r->gain : (const float[3]){1, 1, 1};
+    const uint32_t push[9]  = {r->view.width,       r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
+                               (uint32_t)masked,    (uint32_t)r->exposed, vulkan_bits(gain[0]), vulkan_bits(gain[1]),
+                               vulkan_bits(gain[2])};
+    const uint32_t total[3] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred};
     VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
-    VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred),
-               VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
+    VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
     VULKAN_RUN(r->v, LOSS_BACKWARD, 0, 3 * r->tiles, push,
-               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb));
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb,
+                              &r->partial));
+    if (r->exposed) VULKAN_RUN(r->v, LOSS_TOTAL, 1, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
 }
 
-static struct renderer_loss vulkan_loss_of(const float total[5], float ssim_weight)
+/* total: of struct vulkan_report. */
+static struct renderer_loss vulkan_loss_of(const float total[8], float ssim_weight)
 {
-    struct renderer_loss out = {.l1   = total[3] > 0 ? (double)total[0] / total[3] : 0,
-                                .ssim = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1,
-                                .mse  = total[3] > 0 ? (double)total[2] / total[3] : 0};
+    struct renderer_loss out = {.l1        = total[3] > 0 ? (double)total[0] / total[3] : 0,
+                                .ssim      = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1,
+                                .mse       = total[3] > 0 ? (double)total[2] / total[3] : 0,
+                                .dlog_gain = {total[5], total[6], total[7]}};
     out.total                = (1 - (double)ssim_weight) * out.l1 + (double)ssim_weight * (1 - out.ssim);
     return out;
 }
 
-static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out)
+static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, const float *gain, float ssim_weight,
+                              struct renderer_loss *out)
 {
     struct vulkan_renderer *r      = device;
     struct vulkan          *v      = r->v;
     const size_t            pixels = (size_t)r->view.width * r->view.height;
     float                   total[OXL_COUNT(r->report->totals)];
+    r->exposed = gain != NULL;
+    if (gain) memcpy(r->gain, gain, sizeof r->gain);
     vulkan_enter(v);
     if (rgb) vulkan_reserve(v, &r->target, pixels, 12, "pixels");
     vulkan_reserve(v, &r->drgb, pixels, 12, "pixels");
@@ -270,7 +280,6 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
     if (weight) vulkan_upload(v, &r->weight, 0, weight, 4 * pixels);
     vulkan_compare(r, ssim_weight, rgb ? weight != NULL : r->masked);
     r->ssim_weight = ssim_weight;
-    *out           = (struct renderer_loss){0};
     if (r->deferred) return v->rc;
     vulkan_download(v, &r->totals, 0, total, sizeof total);
     if (v->rc == OXL_OK) *out = vulkan_loss_of(total, ssim_weight);

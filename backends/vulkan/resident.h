@@ -69,7 +69,8 @@ struct vulkan_renderer {
     size_t               tiles, pairs; /* pairs: at most, when deferred */
     size_t               room;         /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
     size_t               most_pairs;   /* of the views so far, as deferred steps reported them */
-    float                ssim_weight;
+    float                ssim_weight, gain[3];
+    int                  exposed;  /* 1: the loss is that of the rendered image times `gain` */
     int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2], row_pairs, row_slots,

@@ -29,14 +29,14 @@
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
 #define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
-#define VULKAN_PART       (1u << 19) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
+#define VULKAN_PART       (1u << 18) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
     VULKAN_VARIANTS    = 4,
     VULKAN_DIGIT       = 8, /* bits of a digit, of the sort */
     VULKAN_DIGITS      = 256,
     VULKAN_FRAMES      = 2,   /* one is recorded while the other is worked on */
-    VULKAN_COMMANDS    = 64,  /* submissions of a frame, at most */
-    VULKAN_PARTS       = 24,  /* of an image, at most */
+    VULKAN_COMMANDS    = 160, /* submissions of a frame, at most */
+    VULKAN_PARTS       = 64,  /* of an image, at most */
     VULKAN_READS       = 128, /* pieces that the host waits for at a time */
     VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
 };
@@ -50,7 +50,7 @@ enum {
     X(GetPhysicalDeviceQueueFamilyProperties) X(EnumerateDeviceExtensionProperties) X(CreateDevice) X(GetDeviceProcAddr) \
     X(GetPhysicalDeviceMemoryProperties2KHR) /* NULL where the instance has no such extension */
 #define VULKAN_OF_DEVICE(X) \
-    X(DestroyDevice) X(GetDeviceQueue) X(DeviceWaitIdle) X(CreateBuffer) X(DestroyBuffer) X(GetBufferMemoryRequirements) \
+    X(DestroyDevice) X(GetDeviceQueue) X(CreateBuffer) X(DestroyBuffer) X(GetBufferMemoryRequirements) \
     X(AllocateMemory) X(FreeMemory) X(BindBufferMemory) X(MapMemory) X(CreateShaderModule) X(DestroyShaderModule) \
     X(CreateDescriptorSetLayout) X(DestroyDescriptorSetLayout) X(CreatePipelineLayout) X(DestroyPipelineLayout) \
     X(CreateComputePipelines) X(DestroyPipeline) X(CreateDescriptorPool) X(DestroyDescriptorPool) X(ResetDescriptorPool) \
@@ -147,6 +147,7 @@ struct vulkan {
     struct vulkan_frame              frame[VULKAN_FRAMES];
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
+    VkFence                          idle;     /* of vulkan_idle */
     struct vulkan_pipeline           pipeline[PASS_COUNT];
     struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
     char                            *mapped;           /* staging, as the host sees it */
@@ -180,6 +181,7 @@ OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
+OXL_INTERNAL void       vulkan_idle(struct vulkan *v);  /* waits for all submissions, or the device is lost */
 OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
 OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);

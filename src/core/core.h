@@ -8,7 +8,7 @@
 #ifndef OXL_CORE_H
 #define OXL_CORE_H
 
-/* os.c needs POSIX under -std=c99, and the first system header decides, so core.h is included before any system header. */
+/* os_posix.c needs POSIX under -std=c99, and the first system header decides, so core.h is included before any system header. */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 200809L
 #endif
@@ -159,7 +159,7 @@ OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
 OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
 
-/* ---------------------------------------------------------------- os.c: what C99 lacks; the one file to port */
+/* ---------------------------------------------------------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
 
 struct os_file_map { /* a whole file in memory, read-only, with one zero byte after it */
     const char *data;

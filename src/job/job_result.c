@@ -80,7 +80,7 @@ oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const o
     oxl_result  rc = OXL_OK;
     *out           = NULL;
     text_add(&t, "{\n");
-    rc = metrics_write_json(ctx, &t, scene, metrics);
+    rc = evaluate_write_json(ctx, &t, scene, metrics);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = text_take(&t, out);
     text_free(&t);
@@ -155,7 +155,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
-    rc = metrics_write_json(job->ctx, &t, job->scene, &m);
+    rc = evaluate_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
 done:

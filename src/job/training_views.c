@@ -246,7 +246,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     oxl_metrics           m = {0};
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
     int                   shown[TRAINING_SHOWN], count = 0;
-    oxl_result            rc = metrics_of_views(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
+    oxl_result            rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
     if (rc != OXL_OK) return rc;
     t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.work);

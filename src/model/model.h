@@ -4,12 +4,14 @@
 
 #include "../survey/survey.h"
 
-/* ---------------------------------------------------------------- spz.c, gltf.c: compact and exchange formats */
+/* ---------------------------------------------------------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
 
 /* All values finite, no lobes: checked in model_file.c. */
 OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
 OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
+OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
 
@@ -48,7 +50,7 @@ OXL_INTERNAL unsigned char model_byte(double x);                                
 /* Origin or scale from a comment of a file; other comments are ignored. */
 OXL_INTERNAL void          model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
 
-/* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
+/* ---------------------------------------------------------------- model_file.c: models as PLY */
 
 /* Where a PLY file as written here has its rows. */
 struct model_file_layout {

@@ -1,7 +1,7 @@
-/* model_file.c - model files: the standard 3DGS PLY, with an element for second lobes, and the 32-byte .splat; selects the format by
- * extension (others: spz.c, gltf.c).
+/* model_file.c - model files: the standard 3DGS PLY, with an element for second lobes; selects the format by extension (others: spz.c,
+ * gltf.c, splat_file.c).
  *
- * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values); antimatter15's .splat.
+ * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
  *
  *     element dog   byte  0  opacity_factor  float     4  scale_factor  3 float
  *
@@ -18,11 +18,10 @@
 #define MODEL_FILE_SCALE_MOST 88.7f /* log of the largest size that a float holds */
 
 enum {
-    MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
-    MODEL_FILE_ROWS        = 256, /* converted at a time */
-    MODEL_FILE_SPLAT_BYTES = 32,
-    MODEL_FILE_LOBE_BYTES  = 16,
-    MODEL_FILE_HEADER      = 1 << 16 /* bytes: longer ones are not read some rows at a time */
+    MODEL_FILE_COLUMNS    = 62,  /* of the standard layout */
+    MODEL_FILE_ROWS       = 256, /* converted at a time */
+    MODEL_FILE_LOBE_BYTES = 16,
+    MODEL_FILE_HEADER     = 1 << 16 /* bytes: longer ones are not read some rows at a time */
 };
 
 static oxl_result model_file_no_memory(oxl_context *ctx, const char *path)
@@ -457,119 +456,6 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
     return rc;
 }
 
-/* ---------------------------------------------------------------- .splat
- *
- *     byte  0  position  3 float        24  colour   R G B A, 8 bits each
- *          12  scale     3 float        28  rotation w x y z, q * 128 + 128
- */
-
-static void model_file_put_splat(const oxl_model *model, size_t row, unsigned char *p)
-{
-    double q[4];
-    model_rotation(model, row, q);
-    for (int i = 0; i < 3; i++) {
-        const double scale = vecmath_exp(model->plane[OXL_LOG_SCALE + i][row]);
-        bytes_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
-        bytes_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
-        p[24 + i] = model_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
-    }
-    p[27] = model_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
-    for (int i = 0; i < 4; i++) p[28 + i] = model_byte(128 * q[i] + 128);
-}
-
-/* Limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step, scale 0 becomes the smallest normal float, so that
- * both convert back to the same byte. */
-static void model_file_get_splat(const unsigned char *p, oxl_model *model, size_t row)
-{
-    const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
-    int          zero  = 1;
-    for (int i = 0; i < 3; i++) {
-        const float scale                    = bytes_float(p + 12 + 4 * i);
-        model->plane[OXL_MEAN + i][row]      = bytes_float(p + 4 * i);
-        model->plane[OXL_LOG_SCALE + i][row] = (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
-        model->plane[OXL_SH + i][row]        = (float)((p[24 + i] / 255.0 - 0.5) / MODEL_SH0);
-    }
-    model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
-    for (int i = 0; i < 4; i++) zero &= p[28 + i] == 128;
-    for (int i = 0; i < 4; i++) model->plane[OXL_ROTATION + i][row] = zero ? i == 0 : (float)((p[28 + i] - 128) / 128.0);
-}
-
-struct model_file_rank {
-    double weight; /* opacity x volume */
-    size_t row;
-};
-
-static int model_file_by_weight(const void *a, const void *b)
-{
-    const struct model_file_rank *x = a, *y = b;
-    if (x->weight != y->weight) return x->weight > y->weight ? -1 : 1;
-    return x->row < y->row ? -1 : x->row > y->row;
-}
-
-/* A .splat stores neither origin nor scale. */
-static void model_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    const double *o = model->origin;
-    char          text[3][NUMBER_TEXT_MAX];
-    for (int i = 0; i < 3; i++) format_shortest(text[i], o[i]);
-    if (o[0] != 0 || o[1] != 0 || o[2] != 0)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: a .splat cannot store the origin %s %s %s%s: eval and render will not match the survey's cameras\n"
-                "fix: keep the .ply or an .spz, too",
-                path, text[0], text[1], text[2], model->scale > 0 ? " and the scale" : "");
-    else if (model->scale > 0)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
-                "fix: keep the .ply or an .spz, too",
-                path, model->scale);
-}
-
-/* Most visible first, for viewers that load a .splat progressively. */
-static oxl_result model_file_write_splat(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    struct model_file_rank *rank = NULL;
-    struct os_writer        w    = {0};
-    oxl_result              rc   = model_file_check_finite(ctx, path, model, 0);
-    if (rc != OXL_OK) return rc;
-    rank = oxl_alloc(ctx, model->count, sizeof *rank);
-    if (!rank) return model_file_no_memory(ctx, path);
-    for (size_t i = 0; i < model->count; i++) {
-        const double sum =
-            (double)model->plane[OXL_LOG_SCALE][i] + model->plane[OXL_LOG_SCALE + 1][i] + model->plane[OXL_LOG_SCALE + 2][i];
-        rank[i] = (struct model_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
-    }
-    qsort(rank, model->count, sizeof *rank, model_file_by_weight);
-    if (model->sh_degree > 0) oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for harmonics past degree 0", path);
-    model_file_warn_place(ctx, path, model);
-    rc = os_writer_open(ctx, path, &w);
-    if (rc == OXL_OK) {
-        for (size_t i = 0; rc == OXL_OK && i < model->count; i++) {
-            unsigned char splat[MODEL_FILE_SPLAT_BYTES];
-            model_file_put_splat(model, rank[i].row, splat);
-            rc = model_file_put(ctx, &w, splat, sizeof splat);
-        }
-        rc = os_writer_close(ctx, &w, rc);
-    }
-    oxl_free(ctx, rank);
-    return rc;
-}
-
-static oxl_result model_file_read_splat(oxl_context *ctx, const char *path, oxl_model *out)
-{
-    struct os_file_map file = {0};
-    oxl_result         rc   = os_read_file(ctx, path, &file);
-    if (rc != OXL_OK) return rc;
-    if (file.size % MODEL_FILE_SPLAT_BYTES)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: %zu bytes, wanted a multiple of 32\nfix: the file was cut short or is no .splat; copy it again", path,
-                      file.size);
-    if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / MODEL_FILE_SPLAT_BYTES, 0, out);
-    for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
-        model_file_get_splat((const unsigned char *)file.data + MODEL_FILE_SPLAT_BYTES * i, out, i);
-    os_release_file(ctx, &file);
-    return rc;
-}
-
 /* ---------------------------------------------------------------- public functions */
 
 static int model_file_ends_in(const char *path, const char *extension)
@@ -582,7 +468,7 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
     oxl_result rc;
     *out = (oxl_model){0};
-    rc   = model_file_ends_in(path, ".splat") ? model_file_read_splat(ctx, path, out)
+    rc   = model_file_ends_in(path, ".splat") ? splat_file_read(ctx, path, out)
            : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
            : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT,
                                                          "%s: .glb files are written, not read\n"
@@ -610,14 +496,17 @@ oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *
 {
     const int splat = model_file_ends_in(path, ".splat"), spz = model_file_ends_in(path, ".spz");
     if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
-    if (spz || model_file_ends_in(path, ".glb")) {
+    if (splat || spz || model_file_ends_in(path, ".glb")) {
         const oxl_model  plain = model_file_standard(ctx, path, model);
-        const oxl_result rc    = model_file_check_finite(ctx, path, &plain, plain.sh_degree);
-        return rc != OXL_OK ? rc : spz ? spz_write(ctx, path, &plain) : gltf_write(ctx, path, &plain);
+        const oxl_result rc    = model_file_check_finite(ctx, path, &plain, splat ? 0 : plain.sh_degree);
+        return rc != OXL_OK ? rc
+               : splat      ? splat_file_write(ctx, path, &plain)
+               : spz        ? spz_write(ctx, path, &plain)
+                            : gltf_write(ctx, path, &plain);
     }
-    if (splat || model_file_ends_in(path, "_standard.ply")) {
+    if (model_file_ends_in(path, "_standard.ply")) {
         const oxl_model plain = model_file_standard(ctx, path, model);
-        return splat ? model_file_write_splat(ctx, path, &plain) : model_file_write_ply(ctx, path, &plain, 3);
+        return model_file_write_ply(ctx, path, &plain, 3);
     }
     if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
     return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);

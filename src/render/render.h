@@ -36,6 +36,7 @@ OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r
  * renderer_take_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
+    double dlog_gain[3]; /* dL/d(log gain), with renderer_set_gain */
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out);
@@ -140,7 +141,8 @@ struct renderer_device {
     oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
     /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL: the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
-    oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);
+    oxl_result (*loss)(void *device, const float *rgb, const float *weight, const float *gain, float ssim_weight,
+                       struct renderer_loss *out);
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     oxl_result (*score)(void *device, const float *drgb, float *score);
@@ -164,10 +166,11 @@ struct archive; /* checkpoint.c */
 
 enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, the falloff */
 
-/* From the next forward on cameras are windows of images of this size; 0, 0: they are whole. On the CPU. */
+/* From the next forward on cameras are windows of images of this size; 0, 0: they are whole. On the CPU: renderer_use_cpu. */
 OXL_INTERNAL void          renderer_set_window(struct renderer *r, int full_width, int full_height);
 /* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU renders from
  * then on. */
+OXL_INTERNAL void          renderer_use_cpu(struct renderer *r); /* before the first forward */
 OXL_INTERNAL void          renderer_set_context(struct renderer *r, const oxl_model *context);
 /* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
 OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
@@ -183,8 +186,6 @@ OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
 /* (10) of the last backward: by direct, scatter and veil, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
-/* dL/d(log gain) of the last loss. */
-OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r);
 
 /* ---------------------------------------------------------------- exposure.c: gains on pixels */
 

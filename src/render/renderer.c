@@ -42,7 +42,7 @@ struct renderer {
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
     float             *exposed;  /* (3,H,W) rgb times gain and lamp */
     float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
-    double             dlog_gain[3], dlamp[LAMP_TERMS];
+    double             dlamp[LAMP_TERMS];
     size_t             exposed_capacity, lamp_capacity;
     float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
     int                masked;
@@ -83,7 +83,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 {
     if (!r) return;
-    if (r->device) r->backend->free(r->device);
+    renderer_use_cpu(r);
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
     oxl_free(ctx, r->splat);
@@ -203,8 +203,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     rc = render_download_target(ctx, r);
     if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
-    r->backend->free(r->device);
-    r->device = NULL;
+    renderer_use_cpu(r);
     oxl_log(ctx, OXL_LOG_WARNING, "%s: continuing on the CPU", why);
     return OXL_OK;
 }
@@ -309,12 +308,16 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     if (r->medium.on) medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
 }
 
+OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
+{
+    if (r->device) r->backend->free(r->device);
+    r->device = NULL;
+}
+
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context)
 {
     r->context = context && context->count > 0 ? context : NULL;
-    if (!r->context || !r->device) return;
-    r->backend->free(r->device);
-    r->device = NULL;
+    if (r->context) renderer_use_cpu(r);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -489,11 +492,6 @@ OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
     if (gain) memcpy(r->gain, gain, sizeof r->gain);
 }
 
-OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r)
-{
-    return r->dlog_gain;
-}
-
 /* Something lies between the rendered image and the loss. */
 static int render_exposes(const struct renderer *r)
 {
@@ -533,9 +531,9 @@ static void render_lamp_backward(struct renderer *r, const float gain[3], size_t
     lamp_project(r->lamp_map, r->kernel_camera.width, r->kernel_camera.height, r->dlamp);
 }
 
-/* The loss with exposure gains and lamp, on the CPU: a device's image is downloaded and the gradient uploaded. */
+/* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the gradient uploaded. */
 static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
-                                      float ssim_weight, struct loss_value *out)
+                                      float ssim_weight, double dlog_gain[3], struct loss_value *out)
 {
     const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *rendered = NULL;
@@ -548,7 +546,7 @@ static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, cons
     rc = loss_forward_backward(
         ctx, &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->exposed, rgb, weight, r->drgb},
         &r->loss, out);
-    if (rc == OXL_OK) exposure_backward(gain, r->exposed, r->drgb, pixels, r->drgb, r->dlog_gain);
+    if (rc == OXL_OK) exposure_backward(gain, r->exposed, r->drgb, pixels, r->drgb, dlog_gain);
     if (rc == OXL_OK && r->lamp) render_lamp_backward(r, gain, pixels, r->exposed, r->drgb);
     return rc;
 }
@@ -568,15 +566,16 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     const size_t      pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     struct loss_value value;
     oxl_result        rc;
-    if (r->device && !render_exposes(r)) return r->backend->loss(r->device, rgb, weight, ssim_weight, out);
+    *out = (struct renderer_loss){0};
+    if (r->device && !r->lamp) return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
-    if (rc == OXL_OK && render_exposes(r)) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
+    if (rc == OXL_OK && render_exposes(r)) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
     else if (rc == OXL_OK) {
         const struct loss_job job = {r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
-    if (rc == OXL_OK) *out = (struct renderer_loss){value.total, value.l1, value.ssim, value.mse};
+    if (rc == OXL_OK) out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
     if (rc == OXL_OK) render_weigh_window(r, pixels);
     return rc;
 }
@@ -604,7 +603,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     const int64_t    tasks = render_tasks(r);
     struct gaussians out;
     oxl_result       rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
-    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !render_exposes(r) ? drgb : r->drgb);
+    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !r->lamp ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
@@ -715,6 +714,14 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
     return OXL_OK;
 }
 
+/* 1: the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient is a part of what the image gives. */
+static int render_shows_centre(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    return r->full[0] == 0 ||
+           (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width && s->v < (float)r->kernel_camera.height);
+}
+
 /* Statistics for gradients at this depth. */
 static float *render_band(const struct renderer_sums *s, float depth)
 {
@@ -727,7 +734,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     if (r->device) return r->backend->observe(r->device, s);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)s->count; i++)
-        if (renderer_row_visible(r, (size_t)i)) {
+        if (renderer_row_visible(r, (size_t)i) && render_shows_centre(r, (size_t)i)) {
             render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
             s->views[i] += 1;
         }

@@ -1,4 +1,4 @@
-/* scene.h - shared by scene.c and scene_file.c: what a scene is. */
+/* scene.h - shared by scene.c, scene_views.c and scene_file.c: what a scene is. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -33,5 +33,15 @@ struct oxl_scene {
 };
 
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene);
+
+struct scene_order { /* images by name; equal names by file order */
+    const char *name;
+    size_t      image;
+};
+OXL_INTERNAL int        scene_compare_order(const void *a, const void *b);
+OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count);
+/* From scene->colmap. */
+OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
+OXL_INTERNAL void       scene_split(oxl_scene *scene, int test_every); /* marks the test views */
 
 #endif

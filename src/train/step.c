@@ -42,7 +42,7 @@ static oxl_camera step_camera(struct train *t, int view)
     return t->halved ? camera_halve(&camera) : camera;
 }
 
-/* Loads the image into target and weight on the host, for transients and gains. */
+/* Loads the image into target and weight on the host. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
     const struct training_image *image  = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
@@ -63,10 +63,10 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
     return OXL_OK;
 }
 
-/* 1: the target is on the host, for transients and gains. */
+/* 1: the target is on the host, for transients and a lamp. */
 static int step_compares_on_host(const struct train *t)
 {
-    return t->transients.points > 0 || t->lamp.on || t->exposure.of.on;
+    return t->transients.points > 0 || t->lamp.on;
 }
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
@@ -209,7 +209,7 @@ static oxl_result step_on_view(struct train *t, int view)
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
     if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
-        exposure_step(&t->exposure, view, progress, renderer_gain_gradient(t->renderer));
+        exposure_step(&t->exposure, view, progress, loss.dlog_gain);
     rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
@@ -227,7 +227,7 @@ static oxl_result step_on_view(struct train *t, int view)
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !step_compares_on_host(t) && !t->water.on;
+    return renderer_has_device(t->renderer) && !step_compares_on_host(t) && !t->water.on && !t->exposure.of.on;
 }
 
 /* A deferred step that halted, or came behind one. */

@@ -136,6 +136,7 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->place ? t->place->context : NULL);
+    if (rc == OXL_OK && t->place && t->place->window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
     if (rc != OXL_OK) return rc;

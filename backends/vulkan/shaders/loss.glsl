@@ -1,6 +1,13 @@
 /* loss.glsl - L1 + SSIM as in src/render/loss.c. A workgroup is a tile of 16 x 16 pixels of one channel: first
  * all tiles of red. Its windows reach 5 pixels further. */
-layout(push_constant) uniform Push { uint width, height, tiles; float ssim_weight; uint masked; } push;
+layout(push_constant) uniform Push
+{
+    uint  width, height, tiles;
+    float ssim_weight;
+    uint  masked, exposed; /* exposed: the rendered image is compared times a gain per channel, and dL/d(log gain) is wanted */
+    float red, green, blue;
+}
+push;
 
 const uint  HALF = 5u, REACH = 26u;
 const float WINDOW[11] = float[](0.00102838008447911, 0.00759875813523919, 0.03600077212843083, 0.10936068950970002,
@@ -8,6 +15,7 @@ const float WINDOW[11] = float[](0.00102838008447911, 0.00759875813523919, 0.036
                                  0.03600077212843083, 0.00759875813523919, 0.00102838008447911);
 
 uint loss_channel() { return work_group() / push.tiles; }
+float loss_gain(uint channel) { return channel == 0u ? push.red : channel == 1u ? push.green : push.blue; }
 uint loss_tile() { return work_group() % push.tiles; }
 
 /* The tile's first pixel, less HALF. */

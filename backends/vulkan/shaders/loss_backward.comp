@@ -1,4 +1,6 @@
-/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part. */
+/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part; of an exposed image also the tile's share of
+ * dL/d(log gain) = sum of dL/dy y, y = gain x.
+ */
 #version 450
 #include "common.glsl"
 #include "loss.glsl"
@@ -11,6 +13,7 @@ layout(std430, binding = 4) readonly buffer Slope1 { float slope1[]; };
 layout(std430, binding = 5) readonly buffer Slope2 { float slope2[]; };
 layout(std430, binding = 6) readonly buffer Totals { float totals[]; };
 layout(std430, binding = 7) writeonly buffer Drgb { float drgb[]; };
+layout(std430, binding = 8) writeonly buffer Partial { float partial[]; }; /* (3,tiles), when exposed */
 
 shared float d[3][REACH * REACH];
 shared float along[3][REACH * 16];
@@ -39,9 +42,21 @@ void main()
         for (uint m = 0u; m < 3u; m++)
             for (uint t = 0u; t < 11u; t++) back[m] = fma(WINDOW[t], along[m][(i / 16u + t) * 16u + i % 16u], back[m]);
     }
-    if (!in_image(at)) return;
-    uint  p = pixel_index(at);
-    float a = rgb[channel * plane + p], b = target[channel * plane + p], w = push.masked != 0u ? weight[p] : 1.0;
-    float l1 = totals[3] > 0.0 ? (1.0 - push.ssim_weight) / totals[3] : 0.0, s = totals[4] > 0.0 ? push.ssim_weight / totals[4] : 0.0;
-    drgb[channel * plane + p] = s * (back.x + fma(2.0 * a, back.y, b * back.z)) + l1 * w * (a > b ? 1.0 : a < b ? -1.0 : 0.0);
+    float share = 0.0;
+    if (in_image(at)) {
+        uint  p = pixel_index(at);
+        float a = loss_gain(channel) * rgb[channel * plane + p], b = target[channel * plane + p];
+        float w = push.masked != 0u ? weight[p] : 1.0;
+        float l1 = totals[3] > 0.0 ? (1.0 - push.ssim_weight) / totals[3] : 0.0, s = totals[4] > 0.0 ? push.ssim_weight / totals[4] : 0.0;
+        float dy = s * (back.x + fma(2.0 * a, back.y, b * back.z)) + l1 * w * (a > b ? 1.0 : a < b ? -1.0 : 0.0);
+        drgb[channel * plane + p] = loss_gain(channel) * dy;
+        share = dy * a;
+    }
+    if (push.exposed == 0u) return;
+    d[0][i] = share; /* the slopes in `d` were read before the last barrier */
+    for (uint half_ = 128u; half_ > 0u; half_ /= 2u) {
+        barrier();
+        if (i < half_) d[0][i] += d[0][i + half_];
+    }
+    if (i == 0u) partial[work_group()] = d[0][0];
 }

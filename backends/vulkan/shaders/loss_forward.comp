@@ -82,7 +82,7 @@ void main()
     for (uint k = i; k < REACH * REACH; k += 256u) {
         ivec2 p = origin + ivec2(k % REACH, k / REACH);
         bool  in_ = in_image(p);
-        x[k] = in_ ? rgb[channel * plane + pixel_index(p)] : 0.0;
+        x[k] = in_ ? loss_gain(channel) * rgb[channel * plane + pixel_index(p)] : 0.0;
         y[k] = in_ ? target[channel * plane + pixel_index(p)] : 0.0;
     }
     barrier();

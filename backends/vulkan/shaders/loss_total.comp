@@ -1,9 +1,12 @@
-/* loss_total.comp - one workgroup adds up what the tiles have: |x - y|, SSIM, (x - y)^2, values that count, windows that count. */
+/* loss_total.comp - one workgroup adds up what the tiles have: |x - y|, SSIM, (x - y)^2, values that count, windows that count.
+ *
+ *     VARIANT 1  dL/d(log gain) of the channels, behind those
+ */
 #version 450
 #include "common.glsl"
 
-layout(std430, binding = 0) readonly buffer Partial { float partial[]; }; /* (3,tiles,5) */
-layout(std430, binding = 1) writeonly buffer Totals { float totals[]; };  /* (5) */
+layout(std430, binding = 0) readonly buffer Partial { float partial[]; }; /* (3,tiles,5); VARIANT 1: (3,tiles) */
+layout(std430, binding = 1) writeonly buffer Totals { float totals[]; };  /* (5 + 3) */
 layout(std430, binding = 2) buffer Counts { uint counts[]; };
 layout(push_constant) uniform Push { uint n; float ssim_weight; uint halts; } push; /* n: 3 tiles; halts 1: if the loss is not finite */
 
@@ -15,7 +18,9 @@ void main()
     uint  i = gl_LocalInvocationIndex;
     vec3  s = vec3(0.0);
     uvec2 c = uvec2(0u);
-    for (uint k = i; k < push.n; k += 256u) {
+    for (uint k = i; VARIANT == 1u && k < push.n / 3u; k += 256u)
+        s += vec3(partial[k], partial[push.n / 3u + k], partial[2u * (push.n / 3u) + k]);
+    for (uint k = i; VARIANT == 0u && k < push.n; k += 256u) {
         s += vec3(partial[5u * k], partial[5u * k + 1u], partial[5u * k + 2u]);
         c += uvec2(partial[5u * k + 3u], partial[5u * k + 4u]);
     }
@@ -29,7 +34,8 @@ void main()
         }
     }
     if (i != 0u) return;
-    for (uint k = 0u; k < 3u; k++) totals[k] = sums[0][k];
+    for (uint k = 0u; k < 3u; k++) totals[VARIANT == 1u ? 5u + k : k] = sums[0][k];
+    if (VARIANT == 1u) return;
     totals[3] = float(numbers[0].x);
     totals[4] = float(numbers[0].y);
     bool l1   = numbers[0].x == 0u || is_finite(sums[0].x);

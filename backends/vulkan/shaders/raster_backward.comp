@@ -11,11 +11,12 @@
 #include "raster.glsl"
 layout(std430, binding = 8) readonly buffer Rgb { float rgb[]; };
 layout(std430, binding = 9) readonly buffer Drgb { float drgb[]; };
-layout(std430, binding = 10) buffer SumsA { vec4 sums_a[]; }; /* (slots) g times 1, w, y, w^2; of the score: x alone */
-layout(std430, binding = 11) buffer SumsB { vec4 sums_b[]; }; /* g times w y, y^2; alpha T dL/dC of red, green */
-layout(std430, binding = 12) buffer SumsC { float sums_c[]; }; /* blue */
-layout(std430, binding = 13) buffer SumsD { vec4 sums_d[]; }; /* of the second lobe: as sums_a */
-layout(std430, binding = 14) buffer SumsE { vec2 sums_e[]; }; /* and w y, y^2 */
+/* As numbers: a compiler may write a whole vector where one invocation sets one of its components and others set the rest. */
+layout(std430, binding = 10) writeonly buffer SumsA { float sums_a[]; }; /* (slots) g times 1, w, y, w^2; of the score: x alone */
+layout(std430, binding = 11) writeonly buffer SumsB { float sums_b[]; }; /* g times w y, y^2; alpha T dL/dC of red, green */
+layout(std430, binding = 12) writeonly buffer SumsC { float sums_c[]; }; /* blue */
+layout(std430, binding = 13) writeonly buffer SumsD { float sums_d[]; }; /* of the second lobe: as sums_a */
+layout(std430, binding = 14) writeonly buffer SumsE { float sums_e[]; }; /* and w y, y^2 */
 
 const bool SCORE = (VARIANT & 2u) != 0u;
 const uint SUMS = 9u, EACH = 256u / BATCH;
@@ -111,11 +112,11 @@ void add_up(uint i, uint count)
     barrier();
     for (uint q = 0u; q < (SCORE ? 1u : SUMS); q++) pool[q * BATCH * SHARE + to] = s[q];
     barrier();
-    if (SCORE && job && k == 0u) sums_a[slot] = vec4(peak * peak * gather(m, 0u), 0.0, 0.0, 0.0);
+    if (SCORE && job && k == 0u) sums_a[4u * slot] = peak * peak * gather(m, 0u);
     if (!SCORE && job && k < SUMS) {
         float sum = gather(m, k);
-        if (k < 4u) sums_a[slot][k] = sum;
-        else if (k < 8u) sums_b[slot][k - 4u] = sum;
+        if (k < 4u) sums_a[4u * slot + k] = sum;
+        else if (k < 8u) sums_b[4u * slot + k - 4u] = sum;
         else sums_c[slot] = sum;
     }
 #if LOBED
@@ -125,8 +126,8 @@ void add_up(uint i, uint count)
     barrier();
     if (job && lobed && k < 6u) {
         float sum = gather(m, k);
-        if (k < 4u) sums_d[slot][k] = sum;
-        else sums_e[slot][k - 4u] = sum;
+        if (k < 4u) sums_d[4u * slot + k] = sum;
+        else sums_e[2u * slot + k - 4u] = sum;
     }
 #endif
 }
@@ -136,12 +137,12 @@ void give_nothing(uint first, uint end, uint i)
 {
     for (uint pair = first + i; pair < end; pair += 256u) {
         uint slot    = sorted[pair];
-        sums_a[slot] = vec4(0.0);
+        for (uint k = 0u; k < 4u; k++) sums_a[4u * slot + k] = 0.0;
         if (SCORE) continue;
-        sums_b[slot] = vec4(0.0);
+        for (uint k = 0u; k < 4u; k++) sums_b[4u * slot + k] = 0.0;
         sums_c[slot] = 0.0;
-        if (LOBED == 1) sums_d[slot] = vec4(0.0);
-        if (LOBED == 1) sums_e[slot] = vec2(0.0);
+        for (uint k = 0u; LOBED == 1 && k < 4u; k++) sums_d[4u * slot + k] = 0.0;
+        for (uint k = 0u; LOBED == 1 && k < 2u; k++) sums_e[2u * slot + k] = 0.0;
     }
 }
 

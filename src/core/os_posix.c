@@ -1,0 +1,323 @@
+/* os_posix.c - the operating system by POSIX: what os.h declares, one small function each, which sets errno. */
+#include "os.h" /* asks for POSIX before any system header */
+
+#ifndef _WIN32
+
+#ifdef OXL_VULKAN
+#include <dlfcn.h>
+#endif
+#include <dirent.h>
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <time.h>
+#include <unistd.h>
+
+OXL_INTERNAL int os_is_separator(char c)
+{
+    return c == '/';
+}
+
+OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
+{
+    struct stat s;
+    if (stat(path, &s) != 0) return OS_NOTHING;
+    if (size) *size = (uint64_t)s.st_size;
+    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
+}
+
+/* Nanoseconds. */
+OXL_INTERNAL int64_t os_modified(const char *path)
+{
+    struct stat s;
+    if (stat(path, &s) != 0) return 0;
+#ifdef __APPLE__
+    return (int64_t)s.st_mtimespec.tv_sec * 1000000000 + s.st_mtimespec.tv_nsec;
+#else
+    return (int64_t)s.st_mtim.tv_sec * 1000000000 + s.st_mtim.tv_nsec;
+#endif
+}
+
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
+{
+    return fopen(path, mode);
+}
+
+OXL_INTERNAL const char *os_map(const char *path, size_t *size)
+{
+    struct stat s;
+    const int   file = open(path, O_RDONLY);
+    void       *data = MAP_FAILED;
+    if (file >= 0 && fstat(file, &s) == 0 && s.st_size > 0)
+        data = mmap(NULL, *size = (size_t)s.st_size, PROT_READ, MAP_PRIVATE, file, 0);
+    if (file >= 0) close(file);
+    return data == MAP_FAILED ? NULL : data;
+}
+
+OXL_INTERNAL int os_unmap(const char *data, size_t size)
+{
+    return munmap((void *)(uintptr_t)data, size) == 0;
+}
+
+OXL_INTERNAL int os_remove(const char *path)
+{
+    return unlink(path);
+}
+
+/* Some network file systems cannot sync and return EINVAL, which is ignored. */
+OXL_INTERNAL int os_sync(FILE *file)
+{
+    return fsync(fileno(file)) == 0 || errno == EINVAL ? 0 : -1;
+}
+
+OXL_INTERNAL int os_rename(const char *from, const char *to)
+{
+    return rename(from, to);
+}
+
+OXL_INTERNAL int os_seek(FILE *file, uint64_t offset)
+{
+    return fseeko(file, (off_t)offset, SEEK_SET);
+}
+
+OXL_INTERNAL int os_make_link(const char *target, const char *path)
+{
+    struct stat s;
+    if (lstat(path, &s) == 0 && S_ISLNK(s.st_mode)) unlink(path);
+    return symlink(target, path);
+}
+
+OXL_INTERNAL int os_is_absolute(const char *path)
+{
+    return path[0] == '/';
+}
+
+OXL_INTERNAL int os_working_folder(char *out, size_t size)
+{
+    return getcwd(out, size) ? 0 : -1;
+}
+
+/* Makes the rename durable. Errors are ignored: not all file systems support it, and the data are on disk already. */
+OXL_INTERNAL void os_sync_folder(const char *path)
+{
+    const int fd = open(path, O_RDONLY);
+    if (fd < 0) return;
+    fsync(fd);
+    close(fd);
+}
+
+OXL_INTERNAL int os_make_one_folder(const char *path)
+{
+    return mkdir(path, 0777);
+}
+
+OXL_INTERNAL long os_process(void)
+{
+    return (long)getpid();
+}
+
+int oxl_is_terminal(int stream)
+{
+    return isatty(stream) != 0;
+}
+
+OXL_INTERNAL double os_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+OXL_INTERNAL double os_disk_free(const char *folder)
+{
+    struct statvfs s;
+    return statvfs(folder, &s) == 0 ? (double)s.f_bavail * (double)s.f_frsize : 0;
+}
+
+OXL_INTERNAL int os_remove_folder(const char *path)
+{
+    return rmdir(path);
+}
+
+OXL_INTERNAL void os_sleep(double seconds)
+{
+    const struct timespec t = {(time_t)seconds, (long)((seconds - (double)(time_t)seconds) * 1e9)};
+    nanosleep(&t, NULL);
+}
+
+OXL_INTERNAL size_t os_peak_rss(void)
+{
+    struct rusage usage;
+    if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
+#ifdef __APPLE__
+    return (size_t)usage.ru_maxrss;
+#else
+    return (size_t)usage.ru_maxrss * 1024;
+#endif
+}
+
+/* The number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
+static double os_number_in(const char *folder, const char *file, const char *name)
+{
+    char   path[3200], line[300];
+    double value = -1;
+    FILE  *opened;
+    snprintf(path, sizeof path, "%s/%s", folder, file);
+    opened = fopen(path, "r");
+    while (opened && value < 0 && fgets(line, sizeof line, opened))
+        if (strncmp(line, name, strlen(name)) != 0 || sscanf(line + strlen(name), "%lf", &value) != 1) value = -1;
+    if (opened) fclose(opened);
+    return value;
+}
+
+/* The least of `limit` over the control group of the process and those above it, of version 2; 0: none has a limit. In a container, and
+ * of version 1, the root's files are the container's. */
+static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
+{
+    FILE  *file  = fopen("/proc/self/cgroup", "r");
+    double least = of_version_1;
+    char   line[3000], path[3100];
+    while (file && fgets(line, sizeof line, file)) {
+        if (strncmp(line, "0::/", 4) != 0) continue;
+        line[strcspn(line, "\n")] = 0;
+        for (char *end = line + strlen(line); end >= line + 3; end--) {
+            double one;
+            if (*end != '/' && *end != 0) continue;
+            *end = 0;
+            snprintf(path, sizeof path, "/sys/fs/cgroup%s", line + 3);
+            one = limit(path);
+            if (one > 0 && (least <= 0 || one < least)) least = one;
+        }
+    }
+    if (file) fclose(file);
+    return OXL_MAX(least, 0);
+}
+
+static double os_processors_of(double quota, double period)
+{
+    return quota > 0 && period > 0 ? ceil(quota / period) : 0;
+}
+
+/* "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none. */
+static double os_processors_in(const char *folder)
+{
+    char   path[3200];
+    double quota = 0, period = 0;
+    FILE  *file;
+    snprintf(path, sizeof path, "%s/cpu.max", folder);
+    file = fopen(path, "r");
+    if (file && fscanf(file, "%lf %lf", &quota, &period) != 2) quota = 0;
+    if (file) fclose(file);
+    return os_processors_of(quota, period);
+}
+
+OXL_INTERNAL int os_processor_quota(void)
+{
+    static const char root[] = "/sys/fs/cgroup/cpu";
+    const double      quota = os_number_in(root, "cpu.cfs_quota_us", ""), period = os_number_in(root, "cpu.cfs_period_us", "");
+    return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
+}
+
+/* The limit, less what is used and is not a cache of files that can be dropped. */
+static double os_memory_of(double limit, double used, double cache)
+{
+    return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;
+}
+
+static double os_memory_in(const char *folder)
+{
+    return os_memory_of(os_number_in(folder, "memory.max", ""), os_number_in(folder, "memory.current", ""),
+                        os_number_in(folder, "memory.stat", "inactive_file "));
+}
+
+OXL_INTERNAL size_t os_memory_free(void)
+{
+    static const char root[] = "/sys/fs/cgroup/memory";                                  /* of version 1 */
+    const double      free   = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* Linux; elsewhere unknown */
+    const double      limit  = os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
+                                                                         os_number_in(root, "memory.usage_in_bytes", ""),
+                                                                         os_number_in(root, "memory.stat", "inactive_file ")));
+    return free > 0 ? (size_t)(limit > 0 ? OXL_MIN(free, limit) : free) : 0;
+}
+
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
+                                       void *user)
+{
+    DIR           *folder = opendir(path);
+    struct dirent *entry;
+    if (!folder) return os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", errno);
+    while ((entry = readdir(folder)) != NULL)
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) visit(user, entry->d_name);
+    closedir(folder);
+    return OXL_OK;
+}
+
+/* ---- locks: fcntl's, of the whole file; the kernel releases them when the process ends */
+
+OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
+{
+    struct flock l = {.l_type = shared ? F_RDLCK : F_WRLCK, .l_whence = SEEK_SET};
+    struct stat  s;
+    lock->process = 0;
+    if (fcntl((int)lock->file, F_SETLK, &l) == 0)
+        return fstat((int)lock->file, &s) == 0 && s.st_nlink == 0 ? OS_LOCK_REMOVED : OS_LOCK_TAKEN;
+    if (errno != EACCES && errno != EAGAIN) return OS_LOCK_NONE;
+    if (fcntl((int)lock->file, F_GETLK, &l) == 0 && l.l_type != F_UNLCK) lock->process = (long)l.l_pid;
+    return OS_LOCK_BUSY;
+}
+
+/* Users with different umask take over each other's: the mode is for all. */
+OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
+{
+    const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    lock->file     = file;
+    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* it is another user's */
+    return file >= 0 ? 0 : -1;
+}
+
+OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
+{
+    const ssize_t got = pread((int)lock->file, text, size, 0);
+    return got > 0 ? (size_t)got : 0;
+}
+
+OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text)
+{
+    if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0; /* a full disk */
+}
+
+OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
+{
+    if (remove) unlink(remove); /* while it is locked */
+    close((int)lock->file);
+}
+
+OXL_INTERNAL void os_host(char *out, size_t size)
+{
+    if (gethostname(out, size) != 0) snprintf(out, size, "this machine");
+    out[size - 1] = 0;
+}
+
+#ifdef OXL_VULKAN
+OXL_INTERNAL void *os_library_open(const char *name)
+{
+    return dlopen(name, RTLD_NOW | RTLD_LOCAL);
+}
+
+/* ISO C has no cast from an object pointer to a function pointer; POSIX guarantees equal bits. */
+OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
+{
+    void *symbol = dlsym(library, name);
+    memset(out, 0, size);
+    memcpy(out, &symbol, OXL_MIN(size, sizeof symbol));
+}
+
+OXL_INTERNAL void os_library_close(void *library)
+{
+    dlclose(library);
+}
+#endif
+
+#endif

@@ -1,0 +1,227 @@
+/* scene_views.c - the views of a survey: the rows of COLMAP's images and cameras whose image is there, with undistorted, reduced cameras.
+ *
+ * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
+ */
+#include "scene.h"
+
+enum {
+    SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */
+    SCENE_HEADERS       = 16  /* limit of cameras whose first image's size is read: some surveys have one camera per image */
+};
+
+OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
+{
+    scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
+    scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
+    if (scene->view && scene->source) return image_cache_begin(ctx, count, &scene->cache);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
+}
+
+/* ---------------------------------------------------------------- look-ups */
+
+struct scene_key { /* for lookups: ids are sparse and unordered */
+    int64_t id;
+    size_t  index;
+};
+
+static int scene_compare_keys(const void *a, const void *b)
+{
+    const struct scene_key *x = a, *y = b;
+    return (x->id > y->id) - (x->id < y->id);
+}
+
+static const struct scene_key *scene_find_key(const struct scene_key *keys, size_t count, int64_t id)
+{
+    const struct scene_key wanted = {.id = id};
+    return bsearch(&wanted, keys, count, sizeof *keys, scene_compare_keys);
+}
+
+/* ---------------------------------------------------------------- missing images */
+
+static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
+{
+    char like[256];
+    if (!os_is_folder(scene->images))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: there is no such folder, and the images should be in it\nfix: name theirs by --images",
+                        scene->images);
+    survey_find_like(ctx, scene->images, first, like, sizeof like);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
+                    "fix: %s%s%s",
+                    scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images, first,
+                    100 * share,
+                    scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
+                                           : "put them there, or take them out of the model: colmap image_deleter",
+                    like[0] ? "; very like it is " : "", like);
+}
+
+/* ---------------------------------------------------------------- views */
+
+/* Reduced until the longer side is at most max_side, and to the size on disk when the images were made smaller. */
+static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_disk)
+{
+    oxl_camera   c       = *ideal;
+    const int    side    = OXL_MAX(c.width, c.height);
+    const double limited = max_side > 0 && max_side < side ? (double)max_side / side : 1, scale = OXL_MIN(limited, on_disk);
+    c.width  = OXL_MAX(1, (int)(ideal->width * scale + 0.5));
+    c.height = OXL_MAX(1, (int)(ideal->height * scale + 0.5));
+    c.fx *= (double)c.width / ideal->width;
+    c.cx *= (double)c.width / ideal->width;
+    c.fy *= (double)c.height / ideal->height;
+    c.cy *= (double)c.height / ideal->height;
+    return c;
+}
+
+/* Pixels of the image per pixel of its camera in cameras.txt. Unreadable images are reported later. */
+static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera)
+{
+    int w, h;
+    if (image_size(ctx, path, &w, &h) != OXL_OK) return 1;
+    return OXL_MAX((double)w / camera->width, (double)h / camera->height);
+}
+
+OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
+{
+    const struct scene_order *x = a, *y = b;
+    const int                 c = strcmp(x->name, y->name);
+    return c ? c : (x->image > y->image) - (x->image < y->image);
+}
+
+struct scene_build { /* working data of scene construction */
+    const oxl_scene_options *options;
+    struct scene_order      *order;  /* (images) */
+    struct scene_key        *camera; /* (cameras) by id */
+    oxl_camera              *ideal;  /* (cameras) undistorted and reduced; width 0: not yet */
+    int                      headers;
+};
+
+/* Prefixes an error about a line of the survey's files with the folder. */
+static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
+{
+    char said[sizeof ctx->error];
+    memcpy(said, ctx->error, sizeof said);
+    return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
+}
+
+static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b, size_t camera,
+                                     const char *path)
+{
+    const struct colmap_camera *from = &scene->colmap.camera[camera];
+    oxl_result                  rc;
+    if (b->ideal[camera].width) return OXL_OK;
+    rc = camera_undistorted(ctx, from, &b->ideal[camera]);
+    if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
+    scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
+    b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
+    return OXL_OK;
+}
+
+static int scene_is_finite_pose(const struct colmap_image *image)
+{
+    double size = 0;
+    for (int i = 0; i < 4; i++) size += fabs(image->rotation[i]);
+    for (int i = 0; i < 3; i++) size += fabs(image->translation[i]);
+    return size <= 1e15;
+}
+
+static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b, const struct scene_order *o,
+                                 int *missing)
+{
+    const struct colmap_image *image = &scene->colmap.image[o->image];
+    const struct scene_key    *key   = scene_find_key(b->camera, scene->colmap.camera_count, image->camera_id);
+    const char                *path  = PATH(scene->images, "%s", o->name);
+    oxl_view                  *view  = &scene->view[scene->view_count];
+    oxl_result                 rc    = OXL_OK;
+    if (!key)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
+                      scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
+    else if (b->options->read_images && !os_is_file(path)) {
+        if (++*missing <= SCENE_NAMED_MISSING) oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
+    } else if (!scene_is_finite_pose(image)) {
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
+                      "fix: remove the image, or export the model again",
+                      scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
+    } else if ((rc = scene_ideal_camera(ctx, scene, b, key->index, path)) == OXL_OK) {
+        *view = (oxl_view){.name = o->name, .camera = b->ideal[key->index]};
+        camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
+        memcpy(view->camera.translation, image->translation, sizeof image->translation);
+        scene->source[scene->view_count++] = (struct scene_source){o->image, key->index};
+    }
+    return rc;
+}
+
+/* Two images with one name are an error. */
+static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, const struct scene_order *order)
+{
+    const struct colmap *c = &scene->colmap;
+    for (size_t i = 1; i < c->image_count; i++)
+        if (strcmp(order[i - 1].name, order[i].name) == 0)
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s/%s:%d: %s was there before, in line %d, wanted each image once\n"
+                            "fix: export the model once more, or take one of the two out: colmap image_deleter",
+                            c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
+                            c->image[order[i - 1].image].line);
+    return OXL_OK;
+}
+
+static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
+{
+    const struct colmap *c       = &scene->colmap;
+    const char          *first   = NULL;
+    int                  missing = 0;
+    oxl_result           rc      = OXL_OK;
+    for (size_t i = 0; i < c->image_count; i++) b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
+    for (size_t i = 0; i < c->camera_count; i++) b->camera[i] = (struct scene_key){c->camera[i].id, i};
+    qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
+    qsort(b->camera, c->camera_count, sizeof *b->camera, scene_compare_keys);
+    rc = scene_check_names(ctx, scene, b->order);
+    for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
+        rc = scene_add_view(ctx, scene, b, &b->order[i], &missing);
+        if (missing && !first) first = b->order[i].name;
+    }
+    if (rc != OXL_OK) return rc;
+    scene->stats.images_missing = missing;
+    if (missing > SCENE_NAMED_MISSING)
+        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu images are missing in all", missing - SCENE_NAMED_MISSING,
+                missing, c->image_count);
+    if (missing && (scene->view_count == 0 || missing > b->options->missing_share * (double)c->image_count))
+        return scene_fail_missing(ctx, scene, first, b->options->missing_share);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options)
+{
+    const struct colmap *c = &scene->colmap;
+    struct scene_build   b = {.options = options};
+    oxl_result           rc;
+    if (c->image_count == 0 || c->image_count > INT_MAX / 2)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse", c->images_file,
+                        c->image_count);
+    b.order        = oxl_alloc(ctx, c->image_count, sizeof *b.order);
+    b.camera       = oxl_alloc(ctx, c->camera_count + 1, sizeof *b.camera);
+    b.ideal        = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
+    rc             = scene_alloc_views(ctx, scene, c->image_count);
+    scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
+    if (rc == OXL_OK && !(b.order && b.camera && b.ideal && scene->on_disk))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", c->image_count);
+    if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
+    for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
+        scene->stats.distorted_cameras += b.ideal[i].width && camera_is_distorted(&c->camera[i]);
+    oxl_free(ctx, b.order);
+    oxl_free(ctx, b.camera);
+    oxl_free(ctx, b.ideal);
+    return rc;
+}
+
+/* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
+OXL_INTERNAL void scene_split(oxl_scene *scene, int test_every)
+{
+    for (int i = 0; i < scene->view_count && scene->view_count > 1 && test_every > 0; i++) {
+        scene->view[i].is_test = i % test_every == 0;
+        scene->stats.test_views += scene->view[i].is_test;
+    }
+}
