@@ -270,8 +270,8 @@ struct image_row_sum {
 
 SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s)
 {
-    uint32_t *restrict const      line = s->line;
-    const uint8_t *restrict const row  = s->row;
+    uint32_t *restrict const line     = s->line;
+    const uint8_t *restrict const row = s->row;
     (void)fused;
     for (size_t k = 0; k < s->samples; k++) line[k] += s->weight * row[k];
 }
