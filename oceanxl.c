@@ -62,15 +62,16 @@
 #include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
-#include "src/render/kernels.h"  /* types of the kernels */
-#include "src/render/project.c"  /* Gaussians to splats: forward and backward */
-#include "src/render/bin.c"      /* splats per tile, in depth order */
-#include "src/render/raster.c"   /* splats to pixels: forward and backward */
-#include "src/render/loss.c"     /* L1 + SSIM: value and gradient */
-#include "src/render/medium.c"   /* water between camera and Gaussians */
-#include "src/render/exposure.c" /* a gain per channel between the rendered image and the loss */
-#include "src/render/adam.c"     /* optimizer step */
-#include "src/render/renderer.c" /* chains the kernels above */
+#include "src/render/kernels.h"    /* types of the kernels */
+#include "src/render/project.c"    /* Gaussians to splats: forward and backward */
+#include "src/render/bin.c"        /* splats per tile, in depth order */
+#include "src/render/raster.c"     /* splats to pixels: forward and backward */
+#include "src/render/loss.c"       /* L1 + SSIM: value and gradient */
+#include "src/render/medium.c"     /* water between camera and Gaussians */
+#include "src/render/depth_loss.c" /* opacity in front of points of known depth */
+#include "src/render/exposure.c"   /* a gain per channel between the rendered image and the loss */
+#include "src/render/adam.c"       /* optimizer step */
+#include "src/render/renderer.c"   /* chains the kernels above */
 #ifdef OXL_VULKAN
 #include "backends/vulkan/passes.c"   /* commands, compute shaders */
 #include "backends/vulkan/memory.c"   /* buffers and memory limits */
@@ -92,6 +93,7 @@
 #include "src/train/lamp.c"            /* a light that moves with the camera */
 #include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
+#include "src/train/track_depth.c"     /* depths that the tracks give */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
 #include "src/train/schedule.c"        /* values that depend on options and step only */
 #include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */

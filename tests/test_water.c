@@ -651,6 +651,128 @@ TEST(medium_alone_shows_its_veil)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* ---------------------------------------------------------------- depths of tracks */
+
+static double depth_z(const oxl_camera *c, const oxl_model *model, size_t row)
+{
+    double z = c->translation[2];
+    for (int a = 0; a < 3; a++) z += c->rotation[6 + a] * (double)model->plane[OXL_MEAN + a][row];
+    return z;
+}
+
+/* The sum of 1 - T over the points' pixels: black Gaussians before a white background. */
+static double depth_hidden(struct renderer *r, const oxl_camera *camera, const oxl_model *front, const struct depth_point *point,
+                           int count)
+{
+    oxl_render_options o = oxl_render_options_default();
+    const float       *rgb;
+    double             sum = 0;
+    for (int k = 0; k < 3; k++) o.background[k] = 1;
+    CHECK_OK(renderer_forward(test_ctx, r, front, camera, &o));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    for (int i = 0; i < count; i++) sum += 1 - (double)rgb[(int)point[i].y * camera->width + (int)point[i].x];
+    return sum;
+}
+
+TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_changes_nothing_else)
+{
+    oxl_scene         *scene  = train_scene(3);
+    const oxl_camera  *camera = &oxl_scene_view(scene, 1)->camera;
+    const size_t       n      = 3 * (size_t)camera->width * (size_t)camera->height;
+    float             *drgb   = oxl_calloc(test_ctx, n, sizeof *drgb);
+    oxl_render_options o      = oxl_render_options_default();
+    struct depth_point point[3];
+    struct renderer   *r;
+    oxl_model          model, front, gradient;
+    uint8_t           *in_front;
+    double             largest = 0, elsewhere = 0, behind = 0, eye[3];
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
+    in_front = oxl_alloc(test_ctx, model.count, 1);
+    for (int i = 0; i < 3; i++)
+        point[i] = (struct depth_point){(float)(camera->width / 2 - 4 + 4 * i) + 0.5f, (float)(camera->height / 2) + 0.5f,
+                                        (float)scene_depth_quantile(scene, 0.5)};
+    camera_position(camera, eye);
+    for (size_t j = 0; j < model.count; j++) {
+        for (int a = 0; a < 3 && j % 16 == 0; a++) { /* half-way to the camera */
+            float *x = &model.plane[OXL_MEAN + a][j];
+            *x       = (float)(eye[a] + 0.5 * (*x - eye[a]));
+        }
+        in_front[j] = depth_z(camera, &model, j) < 0.8 * (double)point[0].z;
+        for (int k = 0; k < 3; k++) {
+            model.plane[OXL_SH + k][j] = -9; /* black */
+            model.plane[OXL_LOG_SCALE + k][j] += 1;
+            model.plane[OXL_OPACITY][j] = -0.5f;
+        }
+    }
+    CHECK_OK(model_copy(test_ctx, &model, &front));
+    model_keep_rows(&front, in_front);
+    CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o));
+    renderer_set_depths(r, point, 3, 1);
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
+    for (size_t j = 0, row = 0; j < model.count; j++) {
+        const double d = (double)gradient.plane[OXL_OPACITY][j];
+        for (int p = 0; p < OXL_SH; p++)
+            if (p != OXL_OPACITY) elsewhere += fabs((double)gradient.plane[p][j]);
+        if (!in_front[j]) behind += fabs(d);
+        if (!in_front[j] || d == 0) {
+            row += in_front[j];
+            continue;
+        }
+        if (fabs(d) > 0.02) {
+            float       *at = &front.plane[OXL_OPACITY][row];
+            const float  is = *at;
+            const double h  = 0.05;
+            double       plus, minus;
+            *at   = is + (float)h;
+            plus  = depth_hidden(r, camera, &front, point, 3);
+            *at   = is - (float)h;
+            minus = depth_hidden(r, camera, &front, point, 3);
+            *at   = is;
+            CHECK_CLOSE(d, (plus - minus) / (2 * h), 0.01 * fabs(d));
+        }
+        largest = fmax(largest, d);
+        row++;
+    }
+    CHECK(largest > 0.02 && elsewhere == 0 && behind == 0);
+    CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o)); /* of that step alone */
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
+    for (size_t j = 0; j < model.count; j++) CHECK(gradient.plane[OXL_OPACITY][j] == 0);
+    oxl_free(test_ctx, drgb);
+    oxl_free(test_ctx, in_front);
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &front);
+    oxl_model_free(test_ctx, &gradient);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
+{
+    oxl_scene         *scene = NULL;
+    struct track_depth d     = {0};
+    struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
+    int                count, same;
+    photometry_test_make("depth_tracks", "3C");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
+    CHECK_OK(track_depth_begin(test_ctx, &d, scene));
+    for (int v = 0; v < oxl_scene_view_count(scene); v++) {
+        const oxl_view *view = oxl_scene_view(scene, v);
+        const double    full = track_depth_of_step(&d, v, 7, 0, &count, point);
+        CHECK(view->is_test ? count == 0 && full == 0 : count > 10 && full > 0);
+        if (view->is_test) continue;
+        CHECK_CLOSE(track_depth_of_step(&d, v, 7, 0.75, &same, again), full / 4, 1e-9);
+        CHECK(same == count && memcmp(point, again, (size_t)count * sizeof *point) == 0);
+        CHECK(track_depth_of_step(&d, v, 7, 1, &same, again) == 0);
+        for (int i = 0; i < count; i++)
+            CHECK(point[i].z > 0 && point[i].x > -1 && point[i].x < view->camera.width + 1 && point[i].y > -1 &&
+                  point[i].y < view->camera.height + 1);
+    }
+    track_depth_free(test_ctx, &d);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
     static const int       stops[] = {37, 39, 40, 80};

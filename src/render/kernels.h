@@ -358,6 +358,14 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
                                        double sum[MEDIUM_SUMS]);
 #endif
 
+/* ---------------------------------------------------------------- depth_loss.c: in front of points of known depth */
+
+#ifndef OXL_REFERENCE
+/* Adds dL/d(opacity) to the sums (slots, SPLAT_SUMS) of raster_backward. */
+OXL_INTERNAL void depth_loss_backward(const struct bins *bins, const struct depth_point *point, int count, double weight,
+                                      float (*sums)[SPLAT_SUMS]);
+#endif
+
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */
 
 struct loss_job {

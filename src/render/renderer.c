@@ -46,6 +46,9 @@ struct renderer {
     size_t             exposed_capacity, lamp_capacity;
     float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
     int                masked;
+    struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
+    int                depth_points;
+    double             depth_weight;
     int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on */
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
@@ -580,6 +583,13 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     return rc;
 }
 
+OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight)
+{
+    memcpy(r->depth_point, point, (size_t)count * sizeof *point);
+    r->depth_points = count;
+    r->depth_weight = weight;
+}
+
 static void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out)
 {
     struct project_job job = render_project_job(r, task);
@@ -607,6 +617,8 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
+    depth_loss_backward(&r->bins, r->depth_point, r->depth_points, r->depth_weight, r->sums);
+    r->depth_points = 0;
     if (render_has_medium(r)) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
     r->unprojected = !gradient;
     if (!gradient) return OXL_OK;

@@ -194,6 +194,25 @@ static void step_note(struct train *t, const struct train_deferred *of, const st
     t->psnr += k * (psnr - t->psnr);
 }
 
+/* The tracks' depths of a view, at this step's window and resolution, for the backward pass. */
+static oxl_result step_set_depths(struct train *t, int view, double progress)
+{
+    const struct image_window *w    = step_window(t, view);
+    const float                side = t->halved ? 0.5f : 1;
+    struct depth_point         point[DEPTH_POINTS];
+    int                        count = 0;
+    double                     weight;
+    oxl_result                 rc = t->track_depth.begun ? OXL_OK : track_depth_begin(t->ctx, &t->track_depth, t->scene);
+    if (rc != OXL_OK) return rc;
+    weight = track_depth_of_step(&t->track_depth, view, t->step, progress, &count, point);
+    for (int i = 0; i < count; i++) {
+        point[i].x = side * (point[i].x - (float)(w ? w->x : 0));
+        point[i].y = side * (point[i].y - (float)(w ? w->y : 0));
+    }
+    renderer_set_depths(t->renderer, point, count, weight);
+    return OXL_OK;
+}
+
 /* Forward, loss, backward, step. */
 static oxl_result step_on_view(struct train *t, int view)
 {
@@ -210,7 +229,8 @@ static oxl_result step_on_view(struct train *t, int view)
     if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
     if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
         exposure_step(&t->exposure, view, progress, loss.dlog_gain);
-    rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
+    if (t->water.on) rc = step_set_depths(t, view, progress);
+    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
     if (t->lamp.on)

@@ -166,6 +166,7 @@ static void train_end(struct train *t)
     transients_free(ctx, &t->transients);
     exposure_free(ctx, &t->exposure);
     free_space_free(ctx, &t->free_space);
+    track_depth_free(ctx, &t->track_depth);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);

@@ -229,6 +229,23 @@ OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *ou
 /* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
 OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved);
 
+/* ---------------------------------------------------------------- track_depth.c: depths that the tracks give */
+
+struct track_depth_view {
+    int                 seen;  /* points; as many are kept, up to a limit */
+    struct depth_point *point; /* px of the view's camera */
+};
+struct track_depth {
+    int                      begun;
+    struct track_depth_view *view; /* (views); NULL: no tracks */
+    struct depth_point      *all;
+};
+OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene);
+OXL_INTERNAL void       track_depth_free(oxl_context *ctx, struct track_depth *d);
+/* Some points of the step's view; returns the weight of each in the loss. */
+OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int view, int step, double progress, int *count,
+                                            struct depth_point out[DEPTH_POINTS]);
+
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 
 struct exposure {

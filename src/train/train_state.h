@@ -29,6 +29,7 @@ struct train {
     struct water               water;
     struct lamp_fit            lamp;
     struct free_space          free_space;
+    struct track_depth         track_depth;
     int                        sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                        lobes;         /* enum train_lobes */
     int                        trial_is_next; /* enum train_trial: before the next step */

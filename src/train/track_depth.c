@@ -1,0 +1,89 @@
+/* track_depth.c - the depths that a survey's tracks give: for each training view, pixels and the camera z of the points that it saw there.
+ *
+ * Each step compares some of its view's with what is rendered (render/depth_loss.c), while the water is modelled: without it, Gaussians
+ * near the camera stand for haze, which the images need (docs/log/ROBUST.md).
+ *
+ * Invariant: a function of the scene, the seed and the step, so there is no state to archive.
+ */
+#include "train.h"
+
+#define TRACK_DEPTH_STREAM 0x4465707468 /* a random stream of its own */
+#define TRACK_DEPTH_WEIGHT 0.02         /* of the mean over the points, at the start of the run; 0 at its end */
+enum {
+    TRACK_DEPTH_TRACK  = 3,    /* views that a point must have been seen from: two rays almost always meet somewhere */
+    TRACK_DEPTH_MOST   = 1024, /* of a view, a random choice of more */
+    TRACK_DEPTH_STRIDE = 7919  /* a prime above it: neighbours in the list are often neighbours in the image */
+};
+
+/* Where a camera sees a position; z <= 0: nowhere. */
+static struct depth_point track_depth_see(const oxl_camera *c, const double p[3])
+{
+    const double *r = c->rotation, *t = c->translation;
+    const double  z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
+    if (!(z > 0)) return (struct depth_point){0, 0, 0};
+    return (struct depth_point){(float)(c->cx + c->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z),
+                                (float)(c->cy + c->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z), (float)z};
+}
+
+/* Keeps each of the points seen with equal probability (Vitter 1985, algorithm R). */
+static void track_depth_keep(struct track_depth_view *v, int view, struct depth_point p)
+{
+    const uint64_t seen  = (uint64_t)v->seen++;
+    const uint64_t place = seen < TRACK_DEPTH_MOST ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
+    if (place < TRACK_DEPTH_MOST) v->point[place] = p;
+}
+
+static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, const struct colmap_point *point)
+{
+    const double        *o = oxl_scene_origin(scene), *q = point->position;
+    const double         local[3] = {q[0] - o[0], q[1] - o[1], q[2] - o[2]};
+    const struct colmap *c        = scene_colmap(scene);
+    if (point->track_count < TRACK_DEPTH_TRACK || !scene_takes_point(point, o)) return;
+    for (uint32_t k = 0; k < point->track_count; k++) {
+        const int          view = view_of[c->track[point->first_track + k].image_row];
+        struct depth_point p;
+        if (view < 0) continue;
+        p = track_depth_see(&oxl_scene_view(scene, view)->camera, local);
+        if (p.z > 0) track_depth_keep(&d->view[view], view, p);
+    }
+}
+
+OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene)
+{
+    const struct colmap *c     = scene_colmap(scene);
+    const int            views = oxl_scene_view_count(scene);
+    int                 *view_of;
+    d->begun = 1;
+    if (!c || c->track_count == 0) return OXL_OK;
+    view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
+    d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
+    d->all  = oxl_alloc(ctx, (size_t)views + 1, TRACK_DEPTH_MOST * sizeof *d->all);
+    if (view_of && d->view && d->all) {
+        for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
+        for (int v = 0; v < views; v++) {
+            d->view[v].point = d->all + (size_t)v * TRACK_DEPTH_MOST;
+            if (!oxl_scene_view(scene, v)->is_test) view_of[scene_source_image(scene, v) - c->image] = v;
+        }
+        for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, &c->point[i]);
+    }
+    oxl_free(ctx, view_of);
+    return view_of && d->view && d->all ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+}
+
+OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d)
+{
+    oxl_free(ctx, d->view);
+    oxl_free(ctx, d->all);
+    *d = (struct track_depth){0};
+}
+
+OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, int step, double progress, int *count,
+                                        struct depth_point out[DEPTH_POINTS])
+{
+    const struct track_depth_view *v     = d->view ? &d->view[view] : NULL;
+    const int                      n     = v ? OXL_MIN(v->seen, TRACK_DEPTH_MOST) : 0;
+    const int                      first = n ? (int)(random_bits(TRACK_DEPTH_STREAM, (uint64_t)step, 0) % (uint64_t)n) : 0;
+    *count                               = OXL_MIN(n, DEPTH_POINTS);
+    for (int i = 0; i < *count; i++) out[i] = v->point[(first + i * TRACK_DEPTH_STRIDE) % n];
+    return *count ? TRACK_DEPTH_WEIGHT * OXL_MAX(0, 1 - progress) / *count : 0;
+}
