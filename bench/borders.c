@@ -56,8 +56,8 @@ static size_t borders_count(const struct borders *b, const oxl_model *m)
 {
     size_t near = 0;
     for (size_t i = 0; i < m->count; i++) {
-        double    frame[3];
-        int       block;
+        double frame[3];
+        int    block;
         merge_position(&b->partition, m, i, frame);
         block = seam_block(&b->partition, frame, 0);
         near += block >= 0 && seam_is_near(&b->partition.block[block], frame);
