@@ -1073,6 +1073,7 @@ static void vulkan_check_image_in_use(oxl_context *device)
     vulkan_allocations_left = 1;
     CHECK_OK(renderer_take_image(device, r, 0, NULL, NULL, 0));
     CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
+    CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
     v->AllocateMemory  = vulkan_real_allocate;
     v->image_bytes_max = 1 << 20;
     renderer_free(device, r);
@@ -1489,6 +1490,36 @@ static void vulkan_check_windows(oxl_context *device)
     for (int k = 0; k < 2; k++) oxl_model_free(ctx[k], &model[k]);
 }
 
+static int vulkan_said; /* lines about lamp and water */
+
+static void vulkan_hear(void *user, oxl_log_level level, const char *text)
+{
+    (void)user, (void)level;
+    vulkan_said += strstr(text, "lamp off: a device renders") || strstr(text, "medium off: a device renders");
+}
+
+/* auto: off and said, in the log and in run.json; on: refused. */
+static void vulkan_check_lamp_and_water(oxl_context *device)
+{
+    struct text               decisions = {.ctx = device};
+    const struct train_output place     = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
+    oxl_scene                *scene     = vulkan_survey(device, 0);
+    oxl_train_options         options   = train_options(2);
+    oxl_model                 model;
+    device->options.log = vulkan_hear;
+    vulkan_said         = 0;
+    options.lamp = options.medium = OXL_AUTO;
+    CHECK_OK(train_run(device, scene, &options, NULL, &place, &model));
+    CHECK(vulkan_said == 2);
+    CHECK_TEXT(decisions.data, "a device renders: it is fitted on the CPU alone");
+    oxl_model_free(device, &model);
+    options.medium = OXL_ON;
+    CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(device), "not rendered on a device\nfix: --backend cpu");
+    text_free(&decisions);
+    oxl_scene_free(device, scene);
+}
+
 static PFN_vkCmdPushConstants vulkan_real_push;
 static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
 
@@ -1751,6 +1782,11 @@ TEST(vulkan_density_control_moves_rows_as_the_host_does)
 TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_exposure);
+}
+
+TEST(vulkan_leaves_lamp_and_water_to_the_cpu_and_says_so)
+{
+    ON_DEVICE(vulkan_check_lamp_and_water);
 }
 
 TEST(vulkan_leaves_parts_of_views_to_the_cpu)
