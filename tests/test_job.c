@@ -259,6 +259,26 @@ TEST(job_in_blocks_trains_the_merged_model_last_in_one_part_where_memory_holds_i
     CHECK(!os_is_file(test_path("ample/blocks/whole/groups.txt")) && !os_is_file(test_path("ample/blocks/survey.oxl")));
 }
 
+TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_the_number_allowed)
+{
+    oxl_job_options options        = job_test_blocks();
+    size_t          blocks         = 0;
+    oxl_model       model          = {0};
+    options.train.iterations       = 40;
+    options.train.densify_every    = 1 << 20; /* none in a block */
+    options.train.densify_gradient = 1e-12f;
+    options.train.max_gaussians    = 67;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    for (int b = 0; b < 2; b++) {
+        CHECK_OK(oxl_model_read(test_ctx, PATH(test_path("out"), "blocks/%03d/model.ply", b), &model));
+        blocks += model.count;
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK(blocks <= 60 && model.count > blocks && model.count <= 67);
+    oxl_model_free(test_ctx, &model);
+}
+
 TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
 {
     oxl_job_options options = job_test_blocks();

@@ -139,6 +139,40 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     oxl_model_free(test_ctx, &m), oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
 }
 
+TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
+{
+    const oxl_camera     full  = rounds_test_camera(64, 48);
+    oxl_camera           part  = full;
+    oxl_model            m     = rounds_test_model(200, 4, 0);
+    oxl_render_options   o     = oxl_render_options_default();
+    float               *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), gradient[200] = {0}, views[2][200] = {{0}};
+    size_t               counted = 0, cut = 0;
+    struct renderer     *r[2] = {NULL, NULL};
+    struct renderer_loss loss;
+    part.width = 32, part.height = 32;
+    part.cx -= 16, part.cy -= 16;
+    for (int k = 0; k < 2; k++) { /* the whole image, the window */
+        const struct renderer_sums sums = {.count = m.count, .gradient = gradient, .views = views[k]};
+        CHECK_OK(renderer_create(test_ctx, &r[k]));
+        if (k == 1) renderer_set_window(r[k], 64, 48);
+        CHECK_OK(renderer_forward(test_ctx, r[k], &m, k ? &part : &full, &o));
+        CHECK_OK(renderer_loss(test_ctx, r[k], image, NULL, 0, &loss));
+        CHECK_OK(renderer_backward(test_ctx, r[k], NULL, NULL));
+        CHECK_OK(renderer_observe(test_ctx, r[k], &sums));
+    }
+    for (size_t i = 0; i < m.count; i++) {
+        const struct splat *s      = &r[1]->splat[i];
+        const int           inside = renderer_row_visible(r[1], i) && s->u >= 0 && s->v >= 0 && s->u < 32 && s->v < 32;
+        CHECK(views[0][i] == (float)renderer_row_visible(r[0], i) && views[1][i] == (float)inside);
+        counted += (size_t)inside;
+        cut += renderer_row_visible(r[1], i) && !inside;
+    }
+    CHECK(counted > 5 && cut > 5);
+    for (int k = 0; k < 2; k++) renderer_free(test_ctx, r[k]);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, image);
+}
+
 TEST(window_is_the_rectangle_that_is_worth_most)
 {
     const double        value[] = {-1, -1, -1, -1, -1, 3, 2, -1, -1, 2, -1, 4, -9, -9, -9, -9};

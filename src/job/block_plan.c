@@ -220,15 +220,6 @@ static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others,
     return rc;
 }
 
-/* A block that no view shows keeps the coarse model's Gaussians: nothing is learned in its one step, on one whole view. */
-static void plan_some_view(const oxl_scene *scene, struct image_window *window)
-{
-    int v = 0;
-    while (oxl_scene_view(scene, v)->is_test) v++; /* a run has a training view */
-    window[v] =
-        (struct image_window){.width = oxl_scene_view(scene, v)->camera.width, .height = oxl_scene_view(scene, v)->camera.height};
-}
-
 static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan,
                                 struct plan_sum *sum)
 {
@@ -241,7 +232,6 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
     rc              = plan->window && plan->shows && plan->neighbour ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);
     if (rc == OXL_OK) rc = plan_views(job, &own, &others, plan, sum);
-    if (rc == OXL_OK && sum->views == 0) plan_some_view(job->scene, plan->window);
     sum->rows = own.count;
     oxl_model_free(job->ctx, &own);
     oxl_model_free(job->ctx, &others);

@@ -67,15 +67,10 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     oxl_job_options fitted = *o;
     const double    most =
         (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train); /* images allow no more */
-    const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
-    double       gaussians;
     if (o->ram == 0) return 1;
-    fitted.scene.image_cache_bytes = budget_cache(o);
-    if (cost_estimate(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
-    gaussians = budget_gaussians(&fitted, load, most);
-    if (gaussians < needed || gaussians < 1) return 0;
-    fitted.train.max_gaussians = (int)gaussians;
-    *o                         = fitted;
+    if (!budget_thin(ctx, load, &fitted) || fitted.train.max_gaussians < OXL_MIN(BUDGET_GROWTH * (double)load->points, most))
+        return 0;
+    *o = fitted;
     return 1;
 }
 

@@ -90,6 +90,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     struct block_record *t = &job->total;
     t->there |= r->there;
     t->iterations += r->iterations;
+    t->gaussians += r->gaussians;
     t->seconds += r->seconds;
     t->peak              = OXL_MAX(t->peak, r->peak);
     t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);

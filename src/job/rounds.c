@@ -6,12 +6,15 @@
  * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with which it shares a view, as of
  *    this round if they precede it, else as of the round before: two neighbours never correct the same error at the same time. It sees
  *    other blocks in the coarse model.
- * 4. The last part of the run trains the merged model on all views, in blocks/whole; if memory does not hold it, in groups (groups.c).
+ * 4. The last part of the run trains the merged model on all views, in blocks/whole, and lets it grow once to the number allowed; if memory
+ *    does not hold it, in groups (groups.c).
  *
  * Invariant: the context of a round is a function of survey and options, not of the process or the order of training. A process with
  * --block K trains that block, and others while it waits for them.
  */
 #include "job_state.h"
+
+#define ROUNDS_GROWTH 0.25 /* of the merged model's part: Gaussians split once more (docs/log/SCALE.md) */
 
 struct rounds {
     struct job        *job;
@@ -357,19 +360,24 @@ static void rounds_end(struct rounds *r)
 /* ---------------------------------------------------------------- the merged model */
 
 /* 1: memory holds it. */
-static oxl_result rounds_merged_fits(struct job *job, int *fits)
+static int rounds_merged_fits(const struct job *job)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    double                 rows = 0;
-    oxl_result             rc   = OXL_OK;
-    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        const char         *folder = JOB_BLOCK(job, k);
-        struct block_record record = {0};
-        rc                         = block_read(job->ctx, folder, job->key.data, &record);
-        rows += (double)record.gaussians;
+    return budget_holds(&load, &job->options, (double)job->total.gaussians);
+}
+
+/* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs them. */
+static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
+{
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    const int              step = (int)ceil(ROUNDS_GROWTH * job->part_until);
+    oxl_job_options        o    = job->options;
+    o.train                     = block_refinement(&job->options.train, sh_degree, job->part_until);
+    if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 && budget_thin(job->ctx, &load, &o)) {
+        o.train.densify_every = step;
+        o.train.densify_until = (float)((step + 0.5) / job->part_until);
     }
-    *fits = budget_holds(&load, &job->options, rows);
-    return rc;
+    return o.train;
 }
 
 static oxl_result rounds_run_merged(struct job *job, const char *folder)
@@ -382,7 +390,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                                    .start    = &merged,
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
-    task.train                  = block_refinement(&job->options.train, merged.sh_degree, job->part_until);
+    task.train                  = rounds_merged_options(job, merged.sh_degree);
     task.predicted_seconds      = block_plan_merged_share(job) * job->survey.seconds;
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
@@ -396,15 +404,13 @@ OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
     struct block_record record = {0};
     oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
     const int           steps  = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
-    int                 fits   = 0;
     job->block                 = job->partition.block_count + 1;
     job->part                  = block_plan_merged_share(job);
     job->part_first = 0, job->part_until = steps;
     if (rc == OXL_OK && !record.finished) {
         if (!job->scene) rc = job_load(job);
-        if (rc == OXL_OK) rc = rounds_merged_fits(job, &fits);
         if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
-        if (rc == OXL_OK) rc = fits ? rounds_run_merged(job, folder) : groups_run(job, folder);
+        if (rc == OXL_OK) rc = rounds_merged_fits(job) ? rounds_run_merged(job, folder) : groups_run(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
@@ -436,7 +442,7 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
         const char         *folder = JOB_BLOCK(job, k);
         struct block_record record = {0};
         rc                         = block_read(job->ctx, folder, job->key.data, &record);
-        if (k == job->partition.block_count) record.predicted_seconds = JOB_COARSE * job->survey.seconds;
+        if (k == job->partition.block_count) record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
         else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
         record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);

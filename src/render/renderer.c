@@ -714,6 +714,14 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
     return OXL_OK;
 }
 
+/* 1: the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient is a part of what the image gives. */
+static int render_shows_centre(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    return r->full[0] == 0 ||
+           (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width && s->v < (float)r->kernel_camera.height);
+}
+
 /* Statistics for gradients at this depth. */
 static float *render_band(const struct renderer_sums *s, float depth)
 {
@@ -726,7 +734,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     if (r->device) return r->backend->observe(r->device, s);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)s->count; i++)
-        if (renderer_row_visible(r, (size_t)i)) {
+        if (renderer_row_visible(r, (size_t)i) && render_shows_centre(r, (size_t)i)) {
             render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
             s->views[i] += 1;
         }

@@ -7,6 +7,7 @@
  * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
 #include "survey.h"
+#include "../core/simd.h"
 
 #ifdef __GNUC__
 #pragma GCC diagnostic push
@@ -260,26 +261,43 @@ struct image_reduction {
     uint32_t                    *line;   /* (threads, in->width, 3) */
 };
 
+struct image_row_sum {
+    const uint8_t *row;
+    uint32_t      *line;
+    size_t         samples;
+    unsigned       weight;
+};
+
+SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s)
+{
+    uint32_t *restrict const line     = s->line;
+    const uint8_t *restrict const row = s->row;
+    (void)fused;
+    for (size_t k = 0; k < s->samples; k++) line[k] += s->weight * row[k];
+}
+
+SIMD_DISPATCH(static, image_add_row, struct image_row_sum)
+
 /* The weighted sum of the rows in the span. The weights sum to in->height, so 32 bits suffice. */
-static void image_add_rows(const struct image_reduction *r, const struct image_span *rows, uint32_t *restrict line)
+static void image_add_rows(int isa, const struct image_reduction *r, const struct image_span *rows, uint32_t *line)
 {
     const size_t samples = 3 * (size_t)r->in->width;
     memset(line, 0, samples * sizeof *line);
-    for (int i = rows->first; i <= rows->last; i++) {
-        const unsigned weight = image_span_weight(rows, i, r->out->height);
-        const uint8_t *row    = r->in->data + (size_t)i * samples;
-        for (size_t k = 0; k < samples; k++) line[k] += weight * row[k];
-    }
+    for (int i = rows->first; i <= rows->last; i++)
+        image_add_row(isa, &(struct image_row_sum){.row     = r->in->data + (size_t)i * samples,
+                                                   .line    = line,
+                                                   .samples = samples,
+                                                   .weight  = image_span_weight(rows, i, r->out->height)});
 }
 
 /* The mean of the image over each output pixel's area, exact before it is rounded. */
-static void image_reduce_row(const struct image_reduction *r, int y)
+static void image_reduce_row(int isa, const struct image_reduction *r, int y)
 {
     const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
     const uint64_t          total = (uint64_t)r->in->width * r->in->height;
     const size_t            plane = (size_t)r->out->width * r->out->height;
     uint32_t               *line  = r->line + 3 * (size_t)r->in->width * (size_t)context_thread();
-    image_add_rows(r, &rows, line);
+    image_add_rows(isa, r, &rows, line);
     for (int x = 0; x < r->out->width; x++) {
         const struct image_span *s      = &r->column[x];
         uint64_t                 sum[3] = {0, 0, 0};
@@ -302,7 +320,7 @@ static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const 
     }
     for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < out->height; y++) image_reduce_row(&r, y);
+    for (int y = 0; y < out->height; y++) image_reduce_row(ctx->isa, &r, y);
 done:
     oxl_free(ctx, r.column);
     oxl_free(ctx, r.line);

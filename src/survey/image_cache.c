@@ -5,7 +5,7 @@
 #include "survey.h"
 
 enum {
-    IMAGE_CACHE_AHEAD = 16, /* limit of images loaded in parallel */
+    IMAGE_CACHE_AHEAD = 4, /* limit of images loaded in parallel: memory for them is set aside on any number of threads */
     IMAGE_CACHE_DECODE_BYTES =
         6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
 };
