@@ -10,13 +10,13 @@
 #else
 
 /* Runs check(context with a device); complaints of the validation layer fail it. */
-#define ON_DEVICE(check)                            \
-    do {                                            \
-        oxl_context *device = vulkan_test_begin();  \
-        if (!device) SKIP("no Vulkan device here"); \
-        check(device);                              \
-        CHECK(device->vulkan->complaints == 0);     \
-        oxl_context_free(device);                   \
+#define ON_DEVICE(check)                                            \
+    do {                                                            \
+        oxl_context *device = vulkan_test_begin();                  \
+        if (!device) SKIP("no Vulkan device here");                 \
+        check(device);                                              \
+        if (device->vulkan) CHECK(device->vulkan->complaints == 0); \
+        oxl_context_free(device);                                   \
     } while (0)
 
 static void vulkan_test_log(void *user, oxl_log_level level, const char *text)
@@ -898,7 +898,13 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t c
     return VK_ERROR_DEVICE_LOST;
 }
 
-/* What the host has of the model, and so what the next checkpoint would hold, stays as it was. */
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_destroy(VkDevice device, const VkAllocationCallbacks *a)
+{
+    (void)device, (void)a;
+    vulkan_lost_calls++;
+}
+
+/* What the host has of the model, and so what the next checkpoint would hold, stays as it was. No other call goes to the device. */
 static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struct vulkan_run *run, const char *words)
 {
     const oxl_camera         camera  = vulkan_camera(64, 48);
@@ -911,8 +917,14 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
+    device->vulkan->QueueSubmit   = vulkan_play_loss;
+    device->vulkan->DestroyDevice = vulkan_play_destroy;
     CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
+    renderer_free(device, r);
+    CHECK(device->vulkan->complaints == 0);
+    vulkan_close(device->vulkan);
+    device->vulkan = NULL;
     CHECK(vulkan_lost_calls == 1);
     oxl_free(test_ctx, before);
 }
@@ -934,7 +946,6 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
     if (times_out) device->vulkan->WaitForFences = vulkan_play_timeout;
     else device->vulkan->QueueSubmit = vulkan_play_loss;
     vulkan_check_given_up(device, r, &run, times_out ? "did not answer in time" : "the device is lost");
-    renderer_free(device, r);
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
 }
@@ -956,7 +967,6 @@ static void vulkan_check_hang(oxl_context *device)
     device->vulkan->WaitForFences = vulkan_play_timeout;
     device->vulkan->rc            = OXL_ERR_MEMORY;
     vulkan_check_given_up(device, r, &run, "did not answer in time");
-    renderer_free(device, r);
     vulkan_run_free(&run);
 }
 
@@ -1043,6 +1053,32 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     return rc;
 }
 
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                            const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    return vulkan_allocations_left-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_allocate(device, info, a, out);
+}
+
+/* At half its sides, then whole: the target grows, where the first allocation fails. */
+static void vulkan_check_image_in_use(oxl_context *device)
+{
+    struct vulkan        *v = device->vulkan;
+    static uint8_t        rgb[3 * 64 * 48];
+    struct training_image image = {64, 48, rgb, NULL};
+    struct renderer      *r;
+    CHECK_OK(renderer_create(device, &r));
+    for (int view = 0; view < 2; view++) CHECK_OK(renderer_take_image(device, r, view, &image, NULL, 1));
+    vulkan_real_allocate    = v->AllocateMemory;
+    v->AllocateMemory       = vulkan_play_full_once;
+    vulkan_allocations_left = 1;
+    CHECK_OK(renderer_take_image(device, r, 0, NULL, NULL, 0));
+    CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
+    CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
+    v->AllocateMemory  = vulkan_real_allocate;
+    v->image_bytes_max = 1 << 20;
+    renderer_free(device, r);
+}
+
 /* Where memory runs out, images that are kept make room; the one that is worked on stays. */
 static void vulkan_check_full(oxl_context *device)
 {
@@ -1050,6 +1086,7 @@ static void vulkan_check_full(oxl_context *device)
     struct renderer_loss loss[2];
     oxl_model            m, larger;
     int                  tries = 0;
+    vulkan_check_image_in_use(device);
     vulkan_scene(300, 1, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
@@ -1453,6 +1490,36 @@ static void vulkan_check_windows(oxl_context *device)
     for (int k = 0; k < 2; k++) oxl_model_free(ctx[k], &model[k]);
 }
 
+static int vulkan_said; /* lines about lamp and water */
+
+static void vulkan_hear(void *user, oxl_log_level level, const char *text)
+{
+    (void)user, (void)level;
+    vulkan_said += strstr(text, "lamp off: a device renders") || strstr(text, "medium off: a device renders");
+}
+
+/* auto: off and said, in the log and in run.json; on: refused. */
+static void vulkan_check_lamp_and_water(oxl_context *device)
+{
+    struct text               decisions = {.ctx = device};
+    const struct train_output place     = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
+    oxl_scene                *scene     = vulkan_survey(device, 0);
+    oxl_train_options         options   = train_options(2);
+    oxl_model                 model;
+    device->options.log = vulkan_hear;
+    vulkan_said         = 0;
+    options.lamp = options.medium = OXL_AUTO;
+    CHECK_OK(train_run(device, scene, &options, NULL, &place, &model));
+    CHECK(vulkan_said == 2);
+    CHECK_TEXT(decisions.data, "a device renders: it is fitted on the CPU alone");
+    oxl_model_free(device, &model);
+    options.medium = OXL_ON;
+    CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(device), "not rendered on a device\nfix: --backend cpu");
+    text_free(&decisions);
+    oxl_scene_free(device, scene);
+}
+
 static PFN_vkCmdPushConstants vulkan_real_push;
 static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
 
@@ -1715,6 +1782,11 @@ TEST(vulkan_density_control_moves_rows_as_the_host_does)
 TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_exposure);
+}
+
+TEST(vulkan_leaves_lamp_and_water_to_the_cpu_and_says_so)
+{
+    ON_DEVICE(vulkan_check_lamp_and_water);
 }
 
 TEST(vulkan_leaves_parts_of_views_to_the_cpu)

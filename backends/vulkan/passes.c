@@ -199,7 +199,7 @@ static void vulkan_submit_frame(struct vulkan *v)
 {
     struct vulkan_frame *f = vulkan_frame(v);
     if (f->command_at > 0) vulkan_record(v);
-    if (v->recording && !v->lost) f->under_way = vulkan_submit(v, f->fence);
+    if (v->recording) f->under_way = vulkan_submit(v, f->fence);
 }
 
 /* Until the device is done with a frame. */

@@ -237,14 +237,13 @@ static oxl_result vulkan_image(void *device, int depths, float *rgb)
 static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
 {
     const float   *gain     = r->exposed ? r->gain : (const float[3]){1, 1, 1};
-    const uint32_t push[9]  = {r->view.width,       r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
-                               (uint32_t)masked,    (uint32_t)r->exposed, vulkan_bits(gain[0]), vulkan_bits(gain[1]),
-                               vulkan_bits(gain[2])};
+    const uint32_t push[8]  = {r->view.width,    r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
+                               (uint32_t)masked, vulkan_bits(gain[0]), vulkan_bits(gain[1]), vulkan_bits(gain[2])};
     const uint32_t total[3] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred};
     VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
     VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
-    VULKAN_RUN(r->v, LOSS_BACKWARD, 0, 3 * r->tiles, push,
+    VULKAN_RUN(r->v, LOSS_BACKWARD, (uint32_t)r->exposed, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb,
                               &r->partial));
     if (r->exposed) VULKAN_RUN(r->v, LOSS_TOTAL, 1, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));

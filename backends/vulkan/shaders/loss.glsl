@@ -4,8 +4,8 @@ layout(push_constant) uniform Push
 {
     uint  width, height, tiles;
     float ssim_weight;
-    uint  masked, exposed; /* exposed: the rendered image is compared times a gain per channel, and dL/d(log gain) is wanted */
-    float red, green, blue;
+    uint  masked;
+    float red, green, blue; /* gains that the rendered image is compared with */
 }
 push;
 

@@ -1,4 +1,4 @@
-/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part; of an exposed image also the tile's share of
+/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part; VARIANT 1: also the tile's share of
  * dL/d(log gain) = sum of dL/dy y, y = gain x.
  */
 #version 450
@@ -13,7 +13,7 @@ layout(std430, binding = 4) readonly buffer Slope1 { float slope1[]; };
 layout(std430, binding = 5) readonly buffer Slope2 { float slope2[]; };
 layout(std430, binding = 6) readonly buffer Totals { float totals[]; };
 layout(std430, binding = 7) writeonly buffer Drgb { float drgb[]; };
-layout(std430, binding = 8) writeonly buffer Partial { float partial[]; }; /* (3,tiles), when exposed */
+layout(std430, binding = 8) writeonly buffer Partial { float partial[]; }; /* (3,tiles), VARIANT 1 */
 
 shared float d[3][REACH * REACH];
 shared float along[3][REACH * 16];
@@ -52,7 +52,7 @@ void main()
         drgb[channel * plane + p] = loss_gain(channel) * dy;
         share = dy * a;
     }
-    if (push.exposed == 0u) return;
+    if (VARIANT == 0u) return;
     d[0][i] = share; /* the slopes in `d` were read before the last barrier */
     for (uint half_ = 128u; half_ > 0u; half_ /= 2u) {
         barrier();
