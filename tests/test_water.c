@@ -702,7 +702,7 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
         struct lamp lamp = {.view = -1};
         double      sum = 0, square = 0;
         lamp.shape[t] = 0.5f;
-        lamp_gain(lamp.shape, W, H, gain);
+        lamp_gain(lamp.shape, &(struct lamp_area){W, H, W, H, 0, 0}, gain);
         for (int i = 0; i < W * H; i++) sum += log(gain[i]) / (W * H), square += log(gain[i]) * log(gain[i]) / (W * H);
         CHECK_CLOSE(sum, 0, 1e-3);
         CHECK(square > 0.008);
