@@ -389,7 +389,7 @@ static oxl_result groups_bake(const struct groups *g, int block)
 {
     const struct imaging *imaging = scene_imaging(g->job->scene);
     oxl_model             model   = {0};
-    oxl_result rc = oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
+    oxl_result            rc      = oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
         model_drop_lobes(&model);
         medium_bake(g->job->scene, &(struct imaging){.medium = imaging->medium}, 0, &model);

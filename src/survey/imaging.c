@@ -298,6 +298,28 @@ OXL_INTERNAL void lamp_project(const float *by, const struct lamp_area *area, do
     }
 }
 
+/* The first view of the same camera; -1: the camera has too few training views for a lamp of its own, or all of them. */
+static int lamp_own_view(const oxl_scene *scene, int view)
+{
+    const uint64_t camera = imaging_camera(scene, view);
+    int            count = 0, all = 0, first = -1;
+    for (int i = oxl_scene_view_count(scene) - 1; i >= 0; i--) {
+        const int trains = !oxl_scene_view(scene, i)->is_test, own = imaging_camera(scene, i) == camera;
+        all += trains, count += trains && own;
+        if (own) first = i;
+    }
+    return count >= LAMP_VIEWS && count < all ? first : -1;
+}
+
+OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MOST])
+{
+    int count = 1;
+    lamp[0]   = (struct lamp){.view = -1};
+    for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MOST; i++)
+        if (lamp_own_view(scene, i) == i) lamp[count++] = (struct lamp){.view = i};
+    return count;
+}
+
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
 {
     const struct lamp *others = NULL;
