@@ -45,10 +45,15 @@ static double rounds_test_largest_difference(const float *a, const float *b, siz
     return most;
 }
 
+static const struct medium rounds_test_water = {
+    .on = 1, .direct = {0.4f, 0.3f, 0.2f}, .scatter = {0.3f, 0.2f, 0.1f}, .veil = {0.1f, 0.3f, 0.4f}};
+
 TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_rows)
 {
-    for (size_t lobes = 0; lobes < 2; lobes++) {
+    for (size_t kind = 0; kind < 4; kind++) { /* with lobes; in water */
+        const size_t       lobes  = kind % 2;
         const oxl_camera   camera = rounds_test_camera(64, 48);
+        struct medium      water  = rounds_test_water;
         oxl_render_options o      = oxl_render_options_default();
         oxl_model        own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes), all, g1, g2;
         float           *slope = rounds_test_slope(&camera);
@@ -63,11 +68,15 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         CHECK_OK(renderer_create(test_ctx, &a));
         CHECK_OK(renderer_create(test_ctx, &b));
         renderer_set_context(a, &context);
+        renderer_set_medium(a, kind > 1 ? &water : NULL);
+        renderer_set_medium(b, kind > 1 ? &water : NULL);
         CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
         CHECK_OK(renderer_forward(test_ctx, b, &all, &camera, &o));
         CHECK_OK(renderer_image(test_ctx, a, &x));
         CHECK_OK(renderer_image(test_ctx, b, &y));
         CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) == 0);
+        CHECK_OK(renderer_score(test_ctx, a, slope, s1)); /* as long as the model: the context has none */
+        CHECK_OK(renderer_score(test_ctx, b, slope, s2));
         CHECK_OK(renderer_backward(test_ctx, a, slope, &g1));
         CHECK_OK(renderer_backward(test_ctx, b, slope, &g2));
         for (size_t i = 0; i < own.count; i++) {
@@ -76,10 +85,18 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
             for (int k = 0; k < oxl_model_planes(&g1) && renderer_row_visible(a, i); k++)
                 CHECK(g1.plane[k][i] == g2.plane[k][row]);
         }
-        CHECK_OK(renderer_score(test_ctx, a, slope, s1)); /* as long as the model: the context has none */
-        CHECK_OK(renderer_score(test_ctx, b, slope, s2));
         for (size_t i = 0; i < own.count; i++) CHECK(s1[i] == s2[i < own.lobes ? i : i + context.lobes]);
         for (size_t i = own.count; i < 120; i++) CHECK(s1[i] == 0);
+        if (kind > 1) { /* the own colours as through half a unit of water, as in training */
+            double factor[3];
+            for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)water.direct[c]);
+            water.shift = 0.5f;
+            model_scale_colour(&own, factor);
+            renderer_set_medium(a, &water);
+            CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
+            CHECK_OK(renderer_image(test_ctx, a, &x));
+            CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) < 1e-5);
+        }
         renderer_free(test_ctx, a);
         renderer_free(test_ctx, b);
         oxl_free(test_ctx, slope);
@@ -94,6 +111,7 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     oxl_camera         part = full;
     oxl_model          m    = rounds_test_model(80, 3, 0), g1, g2;
     oxl_render_options o    = oxl_render_options_default();
+    const struct lamp  lamp = {.view = -1, .shape = {0.3f, -0.4f, 0.2f, 0.1f, -0.5f, 0.3f, 0.2f, 0.1f, -0.3f, 0.2f}};
     const int          x0 = 16, y0 = 16;
     float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
     struct renderer     *a = NULL, *b = NULL;
@@ -106,7 +124,9 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g2));
     CHECK_OK(renderer_create(test_ctx, &a));
     CHECK_OK(renderer_create(test_ctx, &b));
-    renderer_set_window(a, 64, 48);
+    renderer_set_window(a, (const float[2]){16, 16}, 64, 48);
+    renderer_set_lamp(a, &lamp);
+    renderer_set_lamp(b, &lamp);
     CHECK_OK(renderer_forward(test_ctx, a, &m, &part, &o));
     CHECK_OK(renderer_forward(test_ctx, b, &m, &full, &o));
     CHECK_OK(renderer_image(test_ctx, a, &x));
@@ -154,7 +174,7 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
     for (int k = 0; k < 2; k++) { /* the whole image, the window */
         const struct renderer_sums sums = {.count = m.count, .gradient = gradient, .views = views[k]};
         CHECK_OK(renderer_create(test_ctx, &r[k]));
-        if (k == 1) renderer_set_window(r[k], 64, 48);
+        if (k == 1) renderer_set_window(r[k], (const float[2]){0, 0}, 64, 48);
         CHECK_OK(renderer_forward(test_ctx, r[k], &m, k ? &part : &full, &o));
         CHECK_OK(renderer_loss(test_ctx, r[k], image, NULL, 0, &loss));
         CHECK_OK(renderer_backward(test_ctx, r[k], NULL, NULL));

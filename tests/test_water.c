@@ -393,6 +393,36 @@ TEST(photometry_of_tracks_in_air_finds_neither_water_nor_lamp_nor_gains)
     photometry_free(test_ctx, &p);
 }
 
+/* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
+TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
+{
+    synth_options     o      = synth_test_options("lamps");
+    struct colmap     survey = {0};
+    struct photometry p;
+    o.views = 28, o.width = 160, o.height = 104, o.water = "none", o.path = "forward", o.threads = 0;
+    o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    photometry_test_measure("lamps", &p);
+    CHECK(p.parts & PHOTOMETRY_LAMP);
+    CHECK(memcmp(p.shape[1], p.shape[2], sizeof p.shape[1]) == 0);
+    photometry_free(test_ctx, &p);
+    for (int v = 1; v < o.views; v += 2) {
+        char      name[32], path[64];
+        oxl_image image;
+        synth_image_name(&o, v, name);
+        snprintf(path, sizeof path, "lamps/images/%s", name);
+        CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
+        for (int i = 0; i < 3 * o.width * o.height; i++)
+            image.rgb[i] *= (float)exp(0.4 * (2.0 * (i % o.width + 0.5) / o.width - 1) - 0.4);
+        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+        oxl_image_free(test_ctx, &image);
+    }
+    photometry_test_measure("lamps", &p);
+    CHECK_CLOSE(p.shape[2][0] - p.shape[1][0], 0.4, 0.04);
+    photometry_free(test_ctx, &p);
+}
+
 static int photometry_test_warned;
 
 static void photometry_test_log(void *user, oxl_log_level level, const char *text)
@@ -823,7 +853,7 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
         struct lamp lamp = {.view = -1};
         double      sum = 0, square = 0;
         lamp.shape[t] = 0.5f;
-        lamp_gain(lamp.shape, W, H, gain);
+        lamp_gain(lamp.shape, &(struct lamp_area){W, H, W, H, 0, 0}, gain);
         for (int i = 0; i < W * H; i++) sum += log(gain[i]) / (W * H), square += log(gain[i]) * log(gain[i]) / (W * H);
         CHECK_CLOSE(sum, 0, 1e-3);
         CHECK(square > 0.008);

@@ -384,21 +384,53 @@ static oxl_result groups_read_gains(const struct groups *g)
     return imaging_read(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
 }
 
+/* A block's model with the water in its colours, for viewers; not refined. */
+static oxl_result groups_bake(const struct groups *g, int block)
+{
+    const struct imaging *imaging = scene_imaging(g->job->scene);
+    oxl_model             model   = {0};
+    oxl_result            rc      = oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
+    if (rc == OXL_OK) {
+        model_drop_lobes(&model);
+        medium_bake(g->job->scene, &(struct imaging){.medium = imaging->medium}, 0, &model);
+        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, "standard", 1), &model, model.sh_degree);
+    }
+    oxl_model_free(g->job->ctx, &model);
+    return rc;
+}
+
+/* The blocks' models side by side, or with `standard` those for viewers. */
+static oxl_result groups_merge(const struct groups *g, int standard)
+{
+    const int  blocks = g->job->partition.block_count;
+    char     **path   = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
+    oxl_result rc     = path ? OXL_OK : job_no_memory(g->job);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++) {
+        const char *from = GROUPS_PATH(g, b, standard ? "standard" : GROUPS_PART[0], standard ? 1 : g->version[b]);
+        if (standard) rc = groups_bake(g, b);
+        if (rc == OXL_OK && !(path[b] = oxl_strdup(g->job->ctx, from))) rc = job_no_memory(g->job);
+    }
+    if (rc == OXL_OK)
+        rc = merge_files(g->job->ctx, path, blocks, g->job->origin,
+                         PATH(g->folder, standard ? "model_standard.ply" : "model.ply"));
+    for (int b = 0; b < blocks && path; b++) {
+        if (standard && path[b]) os_remove(path[b]);
+        oxl_free(g->job->ctx, path[b]);
+    }
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
 /* model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
 static oxl_result groups_finish(struct groups *g)
 {
     const int           blocks = g->job->partition.block_count;
     struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
-    char              **path   = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
-    oxl_result          rc     = path ? OXL_OK : job_no_memory(g->job);
-    for (int b = 0; b < blocks && rc == OXL_OK; b++)
-        if (!(path[b] = oxl_strdup(g->job->ctx, GROUPS_PATH(g, b, GROUPS_PART[0], g->version[b])))) rc = job_no_memory(g->job);
-    if (rc == OXL_OK) rc = merge_files(g->job->ctx, path, blocks, g->job->origin, PATH(g->folder, "model.ply"));
+    oxl_result          rc     = groups_merge(g, 0);
+    if (rc == OXL_OK && imaging_hides_colours(scene_imaging(g->job->scene))) rc = groups_merge(g, 1);
     if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
     if (rc == OXL_OK) groups_remove(g, -1, g->gains);
-    for (int b = 0; b < blocks && path; b++) oxl_free(g->job->ctx, path[b]);
-    oxl_free(g->job->ctx, path);
     return rc;
 }
 

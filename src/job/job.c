@@ -224,13 +224,6 @@ static oxl_result job_cut(struct job *job)
     oxl_result rc = job_make_partition(job);
     if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
-    if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
-        job->partition.block_count > 1)
-        rc = oxl_fail(
-            job->ctx, OXL_ERR_USAGE,
-            "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a "
-            "larger --ram",
-            job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",
                       job->options.block, job->partition.block_count, job->partition.block_count - 1);

@@ -179,22 +179,17 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
              job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
-/* Lamp and water are fitted in one block alone. */
-static void job_add_imaging_refusal(const struct job *job, struct text *t, const char *part, oxl_switch mode)
-{
-    if (mode == OXL_AUTO && job->partition.block_count > 1)
-        text_add(t, ", \"%s\": {\"chosen\": \"off\", \"evidence\": \"%d blocks: it is fitted in one block alone\"}", part,
-                 job->partition.block_count);
-}
-
 /* What was decided, and on what evidence, block by block. */
 static oxl_result job_add_decisions(struct job *job, struct text *t)
 {
     oxl_result rc = OXL_OK;
     text_add(t, "  \"decisions\": {");
     job_add_partition_decision(job, t);
-    job_add_imaging_refusal(job, t, "lamp", job->options.train.lamp);
-    job_add_imaging_refusal(job, t, "medium", job->options.train.medium);
+    if (job->partition.block_count > 1) {
+        text_add(t, ", \"coarse\": {");
+        rc = block_read_decisions(job->ctx, JOB_BLOCK(job, job->partition.block_count), t);
+        text_add(t, "}");
+    }
     text_add(t, ", \"blocks\": [");
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         const char *folder = JOB_BLOCK(job, k);

@@ -143,7 +143,7 @@ OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
         struct imaging own  = {0};
         rc                  = OXL_OK;
         if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
-        if (rc == OXL_OK && own.on) imaging_join(out, count, &own);
+        if (rc == OXL_OK && imaging_is_needed(&own)) imaging_join(out, count, &own);
         imaging_free(job->ctx, &own);
     }
     if (rc == OXL_OK) imaging_centre(out, none);

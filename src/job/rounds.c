@@ -44,8 +44,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
         task.train          = o.train;
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
     }
-    task.train.lamp = task.train.medium = OXL_OFF; /* `auto`: for one block alone */
-    task.train.keep.kind                = OXL_KEEP_ALL;
+    task.train.keep.kind = OXL_KEEP_ALL;
     job_limit_time(job, &task.train);
     if (job->ctx->vulkan)
         oxl_log(job->ctx, OXL_LOG_WARNING, "%s renders whole images only: blocks are trained on the CPU",
@@ -163,12 +162,12 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     o.max_gaussians         = (int)OXL_MIN(plan->gaussians, INT_MAX);
     if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->share));
     if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->share;
-    o.lamp = o.medium = OXL_OFF; /* `auto`: for one block alone */
+    if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the coarse model has it */
     return o;
 }
 
-/* The gains that the coarse model has come to are those that the block begins with. */
-static oxl_result rounds_read_gains(struct job *job)
+/* The block begins with the coarse model's gains, and keeps its lamp and water. */
+static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, scene_imaging(job->scene));
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
@@ -231,7 +230,7 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     job->part              = plan->work / JOB_ROUNDS;
     job->part_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->part_until = task.until;
     job_limit_time(job, &task.train);
-    rc = rounds_read_gains(job);
+    rc = rounds_read_imaging(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
     oxl_model_free(job->ctx, &others);
     if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own)) rc = rounds_leave(job, block, &task, &own);

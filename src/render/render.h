@@ -166,11 +166,12 @@ struct archive; /* checkpoint.c */
 
 enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, the falloff */
 
-/* From the next forward on cameras are windows of images of this size; 0, 0: they are whole. On the CPU: renderer_use_cpu. */
-OXL_INTERNAL void renderer_set_window(struct renderer *r, int full_width, int full_height);
+/* From the next forward on cameras are windows, from x, y on, of images of this size; 0, 0: they are whole. On the CPU:
+ * renderer_use_cpu. */
+OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
+OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
 /* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU renders from
  * then on. */
-OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
 /* For the next backward: it adds weight x the sum of 1 - T in front of these points to the loss (depth_loss.c). On the CPU; copied. */
 struct depth_point {

@@ -24,7 +24,8 @@ struct renderer {
     struct kernel_camera kernel_camera;
     float                background[3];
     struct gaussians     in;
-    int                  full[2]; /* of renderer_set_window */
+    int                  full[2]; /* of renderer_set_window, */
+    float                at[2];   /* too */
     const oxl_model     *context; /* rendered behind the model's rows and left alone; or NULL */
     size_t               packs;   /* of the model: those of the context follow */
     struct splat        *splat;   /* (count) */
@@ -145,10 +146,18 @@ static void render_set_full_size(struct kernel_camera *l, const oxl_camera *c, c
     l->limit_y     = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
 }
 
-OXL_INTERNAL void renderer_set_window(struct renderer *r, int full_width, int full_height)
+OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height)
 {
     r->full[0] = full_width;
     r->full[1] = full_height;
+    memcpy(r->at, at, sizeof r->at);
+}
+
+static struct lamp_area render_lamp_area(const struct renderer *r)
+{
+    const int width = r->kernel_camera.width, height = r->kernel_camera.height;
+    if (r->full[0] == 0) return (struct lamp_area){width, height, width, height, 0, 0};
+    return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
 }
 
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *l, float alpha_min)
@@ -279,17 +288,34 @@ static struct medium_job render_medium_job(struct renderer *r, int64_t task)
                                .sums          = r->sums};
 }
 
+/* The context's colours are as files have them: without a shift. */
+static struct medium_job render_context_medium_job(struct renderer *r, const struct medium *medium, int64_t task)
+{
+    const struct project_job job = render_context_job(r, task);
+    return (struct medium_job){.medium        = medium,
+                               .in            = job.in,
+                               .kernel_camera = &r->kernel_camera,
+                               .first_pack    = job.first_pack,
+                               .end_pack      = job.end_pack,
+                               .visible       = job.visible,
+                               .splat         = job.splat,
+                               .pack          = r->medium_pack + r->packs};
+}
+
 static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
 {
-    const int64_t tasks = render_tasks(r);
+    const int64_t own = render_tasks(r), tasks = own + render_tasks_of(r->bins.packs - r->packs);
+    struct medium unshifted = r->medium;
     oxl_result    rc =
         oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)tasks + 1, sizeof *r->medium_sum);
+        rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)own + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
+    unshifted.shift = 0;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
-        const struct medium_job job = render_medium_job(r, task);
+        const struct medium_job job =
+            task < own ? render_medium_job(r, task) : render_context_medium_job(r, &unshifted, task - own);
         medium_forward(ctx->isa, &job);
     }
     if (r->medium.on) memcpy(r->background, r->medium.veil, sizeof r->background);
@@ -436,8 +462,6 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
 {
     oxl_result rc;
     if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
-    if (r->context && render_has_medium(r))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered with context Gaussians");
     if (r->device && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
@@ -514,7 +538,8 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
 /* y (3,n) times the lamp's gain, which lamp_map keeps. */
 static void render_lamp_forward(struct renderer *r, size_t pixels, float *y)
 {
-    lamp_gain(r->lamp->shape, r->kernel_camera.width, r->kernel_camera.height, r->lamp_map);
+    const struct lamp_area area = render_lamp_area(r);
+    lamp_gain(r->lamp->shape, &area, r->lamp_map);
     for (size_t c = 0; c < 3; c++)
 #pragma omp simd
         for (size_t i = 0; i < pixels; i++) y[c * pixels + i] *= r->lamp_map[i];
@@ -523,7 +548,8 @@ static void render_lamp_forward(struct renderer *r, size_t pixels, float *y)
 /* dx (3,n): gain (3) times dL/dy -> dL/d(rendered image); y is after the lamp. */
 static void render_lamp_backward(struct renderer *r, const float gain[3], size_t pixels, const float *y, float *dx)
 {
-    const float red = 1 / gain[0], green = 1 / gain[1], blue = 1 / gain[2];
+    const float            red = 1 / gain[0], green = 1 / gain[1], blue = 1 / gain[2];
+    const struct lamp_area area = render_lamp_area(r);
 #pragma omp simd
     for (size_t i = 0; i < pixels; i++) {
         const size_t g = i + pixels, b = i + 2 * pixels;
@@ -531,7 +557,7 @@ static void render_lamp_backward(struct renderer *r, const float gain[3], size_t
         dx[i] *= r->lamp_map[i], dx[g] *= r->lamp_map[i], dx[b] *= r->lamp_map[i];
         r->lamp_map[i] = slope;
     }
-    lamp_project(r->lamp_map, r->kernel_camera.width, r->kernel_camera.height, r->dlamp);
+    lamp_project(r->lamp_map, &area, r->dlamp);
 }
 
 /* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the gradient uploaded. */

@@ -244,9 +244,9 @@ static void lamp_evaluate(float x, float out[LAMP_DEGREE + 1])
     }
 }
 
-static float lamp_place(int i, int count)
+static float lamp_place(float at, int count)
 {
-    return (float)(2 * i + 1) / (float)count - 1;
+    return (2 * at + 1) / (float)count - 1;
 }
 
 OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS])
@@ -265,37 +265,59 @@ OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float 
     return sum;
 }
 
-OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain)
+OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain)
 {
-    for (int y = 0; y < height; y++) {
+    for (int y = 0; y < area->height; y++) {
         float py[LAMP_DEGREE + 1], a[LAMP_DEGREE + 1] = {0}; /* of this row: sum over k of a[k] x^k */
-        lamp_evaluate(lamp_place(y, height), py);
+        lamp_evaluate(lamp_place(area->y + (float)y, area->full_height), py);
         for (int t = 0; t < LAMP_TERMS; t++)
             for (int k = 0; k <= LAMP_DEGREE; k++) a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
-        for (int i = 0; i < width; i++) {
-            const float x = lamp_place(i, width);
-            gain[(size_t)y * (size_t)width + (size_t)i] =
+        for (int i = 0; i < area->width; i++) {
+            const float x = lamp_place(area->x + (float)i, area->full_width);
+            gain[(size_t)y * (size_t)area->width + (size_t)i] =
                 (float)vecmath_exp(a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4]))));
         }
     }
 }
 
-OXL_INTERNAL void lamp_project(const float *by, int width, int height, double sum[LAMP_TERMS])
+OXL_INTERNAL void lamp_project(const float *by, const struct lamp_area *area, double sum[LAMP_TERMS])
 {
     for (int t = 0; t < LAMP_TERMS; t++) sum[t] = 0;
-    for (int y = 0; y < height; y++) {
-        const float *row = by + (size_t)y * (size_t)width;
+    for (int y = 0; y < area->height; y++) {
+        const float *row = by + (size_t)y * (size_t)area->width;
         float        py[LAMP_DEGREE + 1];
         double       power[LAMP_DEGREE + 1] = {0}; /* sum over the row of by x^k */
-        lamp_evaluate(lamp_place(y, height), py);
-        for (int i = 0; i < width; i++) {
-            const double x = lamp_place(i, width), q = row[i];
+        lamp_evaluate(lamp_place(area->y + (float)y, area->full_height), py);
+        for (int i = 0; i < area->width; i++) {
+            const double x = lamp_place(area->x + (float)i, area->full_width), q = row[i];
             power[0] += q, power[1] += q * x, power[2] += q * x * x, power[3] += q * x * x * x, power[4] += q * x * x * x * x;
         }
         for (int t = 0; t < LAMP_TERMS; t++)
             for (int k = 0; k <= LAMP_DEGREE; k++)
                 sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
     }
+}
+
+/* The first view of the same camera; -1: the camera has too few training views for a lamp of its own, or all of them. */
+static int lamp_own_view(const oxl_scene *scene, int view)
+{
+    const uint64_t camera = imaging_camera(scene, view);
+    int            count = 0, all = 0, first = -1;
+    for (int i = oxl_scene_view_count(scene) - 1; i >= 0; i--) {
+        const int trains = !oxl_scene_view(scene, i)->is_test, own = imaging_camera(scene, i) == camera;
+        all += trains, count += trains && own;
+        if (own) first = i;
+    }
+    return count >= LAMP_VIEWS && count < all ? first : -1;
+}
+
+OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MOST])
+{
+    int count = 1;
+    lamp[0]   = (struct lamp){.view = -1};
+    for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MOST; i++)
+        if (lamp_own_view(scene, i) == i) lamp[count++] = (struct lamp){.view = i};
+    return count;
 }
 
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
@@ -318,7 +340,7 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
     if (!lamp) return OXL_OK;
     gain = oxl_alloc(ctx, plane, sizeof *gain);
     if (!gain) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the lamp on %d x %d px", image->width, image->height);
-    lamp_gain(lamp->shape, image->width, image->height, gain);
+    lamp_gain(lamp->shape, &(struct lamp_area){image->width, image->height, image->width, image->height, 0, 0}, gain);
     for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i % plane];
     oxl_free(ctx, gain);
     return OXL_OK;
@@ -563,5 +585,6 @@ OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct ima
         }
     }
     all->on |= block->on;
-    if (block->medium.on || block->medium.lit) all->medium = block->medium;
+    if (imaging_hides_colours(block)) all->medium = block->medium;
+    if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
 }

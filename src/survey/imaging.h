@@ -17,7 +17,7 @@ struct medium {
     float falloff, reference;             /* 0..2, units of the scene */
     float shift;                          /* in training: J is as seen through this range; 0 elsewhere */
 };
-enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MOST = 8 };
+enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MOST = 8, LAMP_VIEWS = 8 };
 /* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
  * Legendre polynomials in x and y, each -1..1 across the image, so that the mean over the image is 0: by degree in y, then in x. */
 struct lamp {
@@ -59,10 +59,17 @@ OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
 /* The polynomial at a place, -1..1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 OXL_INTERNAL void   lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
+/* Pixels, width x height from x, y on, of an image of full_width x full_height. */
+struct lamp_area {
+    int   width, height, full_width, full_height;
+    float x, y;
+};
 /* gain (H,W): exp of the polynomial. */
-OXL_INTERNAL void   lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain);
+OXL_INTERNAL void               lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
 /* sum (14): of by (H,W) x each term. */
-OXL_INTERNAL void   lamp_project(const float *by, int width, int height, double sum[LAMP_TERMS]);
+OXL_INTERNAL void               lamp_project(const float *by, const struct lamp_area *area, double sum[LAMP_TERMS]);
+/* One for each camera with LAMP_VIEWS training views, and the first for all others; flat. Their number. */
+OXL_INTERNAL int                imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MOST]);
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */
@@ -73,7 +80,7 @@ OXL_INTERNAL int imaging_hides_colours(
 OXL_INTERNAL oxl_result      imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
-/* Adds a block's gains to the mean over blocks; count (views): how many there were. */
+/* Adds a block's gains to the mean over blocks, and takes its lamp and water; count (views): how many there were. */
 OXL_INTERNAL void            imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
 
@@ -93,7 +100,7 @@ struct photometry {
     int      parts;                          /* of those asked for, the ones that the residuals are evidence for */
     double   direct[3], scatter[3], veil[3]; /* as of struct medium */
     double   error[9];                       /* standard errors of their logarithms */
-    float    shape[LAMP_TERMS];              /* of a lamp */
+    float    shape[LAMP_MOST][LAMP_TERMS];   /* of the lamps, as imaging_set_lamps has them */
     float   *log_gain;                       /* (views,3) of zero mean */
     uint8_t *known;                          /* (views) 1: log_gain is fitted */
     double   colour[3];                      /* mean of the images over that of the points' own colours; 0: these are black */

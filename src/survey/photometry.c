@@ -2,7 +2,7 @@
  *
  * A point seen from several ranges r identifies attenuation and backscatter without a model of the scene:
  *     I = exp(a + s(x, y)) (J exp(-bD r) + Binf (1 - exp(-bB r)))          (Akkaynak & Treibitz 2018)
- * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of a lamp or of vignetting. J
+ * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of the camera's lamp or vignetting. J
  * is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and Binf, by their logarithms, s and a are found by damped
  * Gauss-Newton steps on squared residuals with Huber's weights. On a straight path a drift of gains, and on flat ground s, do what
  * attenuation does: priors of zero mean on a and s decide then. A lamp's falloff with range counts as attenuation.
@@ -15,14 +15,13 @@
 #include "../core/vecmath.h"
 
 enum {
-    PHOTOMETRY_VIEWS  = 64,             /* limit of images */
-    PHOTOMETRY_SAMPLE = 8000,           /* limit of observations */
-    PHOTOMETRY_TRACK  = 32,             /* observations of a point, at most; */
-    PHOTOMETRY_FEWEST = 3,              /* and at least */
-    PHOTOMETRY_ENOUGH = 500,            /* observations */
-    PHOTOMETRY_STEPS  = 12,             /* of Gauss-Newton, at most */
-    PHOTOMETRY_COMMON = 9 + LAMP_TERMS, /* parameters without the gains */
-    PHOTOMETRY_MOST   = PHOTOMETRY_COMMON + 3 * PHOTOMETRY_VIEWS
+    PHOTOMETRY_VIEWS  = 128,  /* limit of images */
+    PHOTOMETRY_SAMPLE = 8000, /* limit of observations */
+    PHOTOMETRY_TRACK  = 32,   /* observations of a point, at most; */
+    PHOTOMETRY_FEWEST = 3,    /* and at least */
+    PHOTOMETRY_ENOUGH = 500,  /* observations */
+    PHOTOMETRY_STEPS  = 12,   /* of Gauss-Newton, at most */
+    PHOTOMETRY_MOST   = 9 + LAMP_MOST * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
 };
 #define PHOTOMETRY_DARK   0.02 /* of white: darker and brighter patches are left out */
 #define PHOTOMETRY_BRIGHT 0.98
@@ -33,15 +32,20 @@ enum {
 #define PHOTOMETRY_HUBER  1.5  /* times sigma */
 #define PHOTOMETRY_RADIUS 1.0  /* px: half the side of a patch in the point's farthest view; */
 #define PHOTOMETRY_WIDE   5.0  /* nearer ones up to this */
-/* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; lamp and gains. */
-static const double photometry_prior[5] = {1.5, 0.5, 1.5, 0.3, 0.2};
+/* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains; the lamps' common shape, and
+ * how far a camera's is off it. */
+static const double photometry_prior[6] = {1.5, 0.5, 1.5, 0.2, 0.3, 0.1};
 /* By how much larger residuals must be without water, lamp, gains: with water they are 2 to 4 times as large, in surveys without it 1.01
  * times (docs/log/WATER.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
 
+#define PHOTOMETRY_APART \
+    0.1 /* the same for shapes of each camera: where points cover a part of the images, they are ill determined */
+
 struct photometry_sample { /* a point in an image */
     size_t point;
     int    view, valid; /* view: index in `chosen` */
+    int    lamp;        /* of the view's camera */
     float  x, y, size;  /* px; half the patch's side */
     double range, z;    /* range: in medians; z: over the focal length */
     float  value[3], weight[3];
@@ -55,6 +59,9 @@ struct photometry_work {
     double                   *normal;  /* (PHOTOMETRY_MOST^2) lower triangle */
     double                   *scratch; /* (3 PHOTOMETRY_SAMPLE) */
     double                    right[PHOTOMETRY_MOST], at[PHOTOMETRY_MOST], sigma;
+    struct lamp               lamp[LAMP_MOST];
+    int                       lamps, gains;     /* the first parameter that is a gain */
+    int                       apart;            /* 1: cameras have shapes of their own */
     int                       parameters, free; /* parts */
 };
 
@@ -93,6 +100,14 @@ static void photometry_project(const oxl_scene *scene, const struct photometry_w
     lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, s->term);
 }
 
+static int photometry_lamp(const oxl_scene *scene, const struct photometry_work *w, int view)
+{
+    const uint64_t camera = w->lamps > 1 ? imaging_camera(scene, w->chosen[view]) : 0;
+    for (int i = 1; i < w->lamps; i++)
+        if (imaging_camera(scene, w->lamp[i].view) == camera) return i;
+    return 0;
+}
+
 /* Points with all their chosen views; every k-th point if there are too many. */
 static void photometry_choose_samples(const oxl_scene *scene, double median, struct photometry_work *w)
 {
@@ -109,7 +124,7 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
             struct photometry_sample *s    = &w->sample[w->samples];
             const int                 view = w->view[c->track[c->point[i].first_track + k].image_row];
             if (view < 0 || w->samples - first == PHOTOMETRY_TRACK) continue;
-            *s = (struct photometry_sample){.point = i, .view = view};
+            *s = (struct photometry_sample){.point = i, .view = view, .lamp = photometry_lamp(scene, w, view)};
             photometry_project(scene, w, median, s);
             if (s->valid) w->samples++, farthest = OXL_MAX(farthest, s->z);
         }
@@ -190,8 +205,9 @@ static void photometry_evaluate(const struct photometry_work *w, const double *a
     double       ab      = 0;
     p->aa                = 0;
     for (int k = 0; k < p->count; k++) {
-        double gain = at[PHOTOMETRY_COMMON + 3 * s[k].view + c], left;
-        for (int t = 0; t < LAMP_TERMS; t++) gain += at[9 + t] * (double)s[k].term[t];
+        double gain = at[w->gains + 3 * s[k].view + c], left;
+        for (int t = 0; t < LAMP_TERMS; t++)
+            gain += (at[9 + t] + (s[k].lamp ? at[9 + LAMP_TERMS * s[k].lamp + t] : 0)) * (double)s[k].term[t];
         gain          = vecmath_exp(OXL_CLAMP(gain, -5, 5));
         left          = vecmath_exp(-scatter * s[k].range);
         p->a[k]       = gain * vecmath_exp(-direct * s[k].range);
@@ -261,46 +277,52 @@ static void photometry_add(struct photometry_work *w, int row, int column, doubl
 static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p)
 {
-    enum { OWN = 3 + LAMP_TERMS };
-    int    index[OWN];
-    double u[OWN] = {0}, block[OWN][OWN] = {{0}}, gains[PHOTOMETRY_TRACK];
-    for (int i = 0; i < OWN; i++) index[i] = i < 3 ? 3 * i + c : 6 + i;
+    enum { OWN = 3 + 2 * LAMP_TERMS, MOST = 3 + LAMP_MOST * LAMP_TERMS }; /* of an observation, of a point */
+    const int shared = 3 + w->lamps * LAMP_TERMS;
+    int       index[MOST];
+    double    u[MOST] = {0}, gains[PHOTOMETRY_TRACK];
+    for (int i = 0; i < shared; i++) index[i] = i < 3 ? 3 * i + c : 6 + i;
     if (!(p->aa > 0)) return;
     for (int k = 0; k < p->count; k++) {
         const double seen = p->a[k] * p->j + p->b[k], weight = p->weight[k];
-        const int    own = PHOTOMETRY_COMMON + 3 * s[k].view + c;
+        const int    own = w->gains + 3 * s[k].view + c, count = s[k].lamp ? OWN : 3 + LAMP_TERMS;
+        int          at[OWN] = {0, 1, 2};
         double       d[OWN];
         d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
-        for (int t = 0; t < LAMP_TERMS; t++) d[3 + t] = seen * (double)s[k].term[t];
+        for (int i = 3; i < count; i++) { /* the common shape, the camera's own */
+            const int term = (i - 3) % LAMP_TERMS;
+            d[i]           = seen * (double)s[k].term[term];
+            at[i]          = 3 + term + (i < 3 + LAMP_TERMS ? 0 : LAMP_TERMS * s[k].lamp);
+        }
         gains[k] = weight * p->a[k] * seen;
-        for (int i = 0; i < OWN; i++) {
-            u[i] += weight * p->a[k] * d[i];
-            for (int j = 0; j <= i; j++) block[i][j] += weight * d[i] * d[j];
-            photometry_add(w, own, index[i], weight * d[i] * seen);
-            w->right[index[i]] += weight * d[i] * p->rest[k];
+        for (int i = 0; i < count; i++) {
+            const int row = index[at[i]];
+            u[at[i]] += weight * p->a[k] * d[i];
+            for (int j = 0; j <= i; j++) photometry_add(w, row, index[at[j]], weight * d[i] * d[j]);
+            photometry_add(w, own, row, weight * d[i] * seen);
+            w->right[row] += weight * d[i] * p->rest[k];
         }
         photometry_add(w, own, own, weight * seen * seen);
         w->right[own] += weight * seen * p->rest[k];
     }
-    for (int i = 0; i < OWN; i++) { /* what J takes */
-        for (int j = 0; j <= i; j++) photometry_add(w, index[i], index[j], block[i][j] - u[i] * u[j] / p->aa);
-        for (int k = 0; k < p->count; k++)
-            photometry_add(w, PHOTOMETRY_COMMON + 3 * s[k].view + c, index[i], -u[i] * gains[k] / p->aa);
+    for (int i = 0; i < shared; i++) { /* what J takes */
+        for (int j = 0; j <= i; j++) photometry_add(w, index[i], index[j], -u[i] * u[j] / p->aa);
+        for (int k = 0; k < p->count; k++) photometry_add(w, w->gains + 3 * s[k].view + c, index[i], -u[i] * gains[k] / p->aa);
     }
     for (int k = 0; k < p->count; k++)
         for (int l = 0; l <= k; l++)
-            photometry_add(w, PHOTOMETRY_COMMON + 3 * s[k].view + c, PHOTOMETRY_COMMON + 3 * s[l].view + c,
-                           -gains[k] * gains[l] / p->aa);
+            photometry_add(w, w->gains + 3 * s[k].view + c, w->gains + 3 * s[l].view + c, -gains[k] * gains[l] / p->aa);
 }
 
 static int photometry_is_free(const struct photometry_work *w, int index)
 {
-    return w->free & (index < 9 ? PHOTOMETRY_WATER : index < PHOTOMETRY_COMMON ? PHOTOMETRY_LAMP : PHOTOMETRY_GAINS);
+    if (index >= 9 + LAMP_TERMS && index < w->gains && !w->apart) return 0;
+    return w->free & (index < 9 ? PHOTOMETRY_WATER : index < w->gains ? PHOTOMETRY_LAMP : PHOTOMETRY_GAINS);
 }
 
-static double photometry_of_prior(int index)
+static double photometry_of_prior(const struct photometry_work *w, int index)
 {
-    return photometry_prior[index < 9 ? index / 3 : index < PHOTOMETRY_COMMON ? 3 : 4];
+    return photometry_prior[index < 9 ? index / 3 : index >= w->gains ? 3 : index < 9 + LAMP_TERMS ? 4 : 5];
 }
 
 /* Mean of the prior; that of bB is bD. */
@@ -313,7 +335,7 @@ static double photometry_prior_cost(const struct photometry_work *w, const doubl
 {
     double sum = 0;
     for (int i = 0; i < w->parameters; i++) {
-        const double e = (at[i] - photometry_before(at, i)) / photometry_of_prior(i);
+        const double e = (at[i] - photometry_before(at, i)) / photometry_of_prior(w, i);
         if (photometry_is_free(w, i)) sum += e * e;
     }
     return sum;
@@ -332,7 +354,7 @@ static void photometry_normal(struct photometry_work *w)
         }
     }
     for (int i = 0; i < w->parameters; i++) {
-        const double of = w->sigma * w->sigma / (photometry_of_prior(i) * photometry_of_prior(i));
+        const double of = w->sigma * w->sigma / (photometry_of_prior(w, i) * photometry_of_prior(w, i));
         const double e  = photometry_before(w->at, i) - w->at[i];
         photometry_add(w, i, i, of);
         w->right[i] += of * e;
@@ -343,8 +365,7 @@ static void photometry_normal(struct photometry_work *w)
     }
     for (int v = 0; v < w->views; v++) /* the gains' mean is 0 */
         for (int k = 0; k <= v; k++)
-            for (int c = 0; c < 3; c++)
-                photometry_add(w, PHOTOMETRY_COMMON + 3 * v + c, PHOTOMETRY_COMMON + 3 * k + c, PHOTOMETRY_CENTRE);
+            for (int c = 0; c < 3; c++) photometry_add(w, w->gains + 3 * v + c, w->gains + 3 * k + c, PHOTOMETRY_CENTRE);
     for (int i = 0; i < w->parameters; i++) { /* fixed */
         if (photometry_is_free(w, i)) continue;
         for (int k = 0; k < w->parameters; k++)
@@ -434,15 +455,29 @@ static double photometry_fit(struct photometry_work *w, int parts, double *scrat
     return w->sigma;
 }
 
+/* Whether the cameras' lamps differ, from the fit of one. */
+static void photometry_set_apart(struct photometry_work *w, int asked, double *scratch, struct photometry *out)
+{
+    double one[PHOTOMETRY_MOST], apart;
+    if (w->lamps == 1 || !(asked & PHOTOMETRY_LAMP)) return;
+    memcpy(one, w->at, sizeof one);
+    w->apart = 1;
+    apart    = photometry_fit(w, asked, scratch);
+    w->apart = out->residual > (1 + PHOTOMETRY_APART) * apart;
+    if (w->apart) out->residual = apart;
+    else memcpy(w->at, one, sizeof one);
+}
+
 /* All parts, then each left out, then those that the residuals are evidence for. */
 static void photometry_choose_parts(struct photometry_work *w, int asked, double *scratch, struct photometry *out)
 {
     double all[PHOTOMETRY_MOST];
-    w->parameters = PHOTOMETRY_COMMON + 3 * w->views;
+    w->parameters = w->gains + 3 * w->views;
     memset(w->at, 0, sizeof w->at);
     for (int i = 0; i < 9; i++) w->at[i] = i < 6 ? PHOTOMETRY_START : PHOTOMETRY_VEIL;
     out->parts    = asked;
     out->residual = photometry_fit(w, asked, scratch);
+    photometry_set_apart(w, asked, scratch, out);
     memcpy(all, w->at, sizeof all);
     for (int k = 0; k < 3; k++) {
         if (!(asked >> k & 1)) continue;
@@ -496,10 +531,11 @@ static void photometry_report(struct photometry_work *w, double median, int aske
         out->scatter[c] = vecmath_exp(w->at[3 + c]) / median;
         out->veil[c]    = vecmath_exp(w->at[6 + c]);
     }
-    for (int t = 0; t < LAMP_TERMS; t++) out->shape[t] = (float)w->at[9 + t];
+    for (int t = 0; t < LAMP_TERMS * w->lamps; t++)
+        out->shape[t / LAMP_TERMS][t % LAMP_TERMS] = (float)(w->at[9 + t % LAMP_TERMS] + (t < LAMP_TERMS ? 0 : w->at[9 + t]));
     for (int v = 0; v < w->views; v++) {
         out->known[w->chosen[v]] = 1;
-        for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[PHOTOMETRY_COMMON + 3 * v + c];
+        for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[w->gains + 3 * v + c];
     }
     out->drift = photometry_drift(w, out);
 }
@@ -529,6 +565,8 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     if (!parts || !c || c->track_count == 0 || !(median > 0)) return OXL_OK;
     rc = photometry_begin(ctx, scene, &w, out);
     if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
+    w.lamps = imaging_set_lamps(scene, w.lamp);
+    w.gains = 9 + w.lamps * LAMP_TERMS;
     if (rc == OXL_OK) photometry_choose_samples(scene, median, &w);
     if (rc == OXL_OK) rc = photometry_look_at_all(ctx, scene, &w);
     if (rc == OXL_OK) photometry_compact(&w);

@@ -14,33 +14,16 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define LAMP_FROM  0.11 /* of the run: Gaussians are rough before */
-#define LAMP_RATE  0.01 /* of the first step, in log units, */
-#define LAMP_LAST  0.05 /* and of that at the end of the run */
-#define LAMP_VIEWS 8    /* training views of a camera that has a lamp of its own */
-
-/* The first view of the same camera; -1: the camera has too few training views for a lamp of its own, or all of them. */
-static int lamp_own_view(const oxl_scene *scene, int view)
-{
-    const uint64_t camera = imaging_camera(scene, view);
-    int            count = 0, all = 0, first = -1;
-    for (int i = oxl_scene_view_count(scene) - 1; i >= 0; i--) {
-        const int trains = !oxl_scene_view(scene, i)->is_test, own = imaging_camera(scene, i) == camera;
-        all += trains, count += trains && own;
-        if (own) first = i;
-    }
-    return count >= LAMP_VIEWS && count < all ? first : -1;
-}
+#define LAMP_FROM 0.11 /* of the run: Gaussians are rough before */
+#define LAMP_RATE 0.01 /* of the first step, in log units, */
+#define LAMP_LAST 0.05 /* and of that at the end of the run */
 
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *goes_on)
 {
-    *l = (struct lamp_fit){.groups    = 1,
-                           .reference = scene_depth_quantile(scene, 0.5),
+    *l = (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
                            .falls     = medium != OXL_AUTO && water_span(scene) >= WATER_SPAN_LEAST};
     if (!(l->reference > 0)) l->reference = 1;
-    l->group[0].view = -1;
-    for (int i = 0; i < oxl_scene_view_count(scene) && l->groups < LAMP_MOST; i++)
-        if (lamp_own_view(scene, i) == i) l->group[l->groups++].view = i;
+    l->groups = imaging_set_lamps(scene, l->group);
     if (!goes_on || goes_on->lamps == 0) return;
     l->on     = 1;
     l->groups = goes_on->lamps;
@@ -54,7 +37,7 @@ OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct ph
 {
     const int fits = (p->parts & PHOTOMETRY_LAMP) != 0;
     l->on          = fits || mode == OXL_ON;
-    for (int g = 0; g < l->groups && fits; g++) memcpy(l->group[g].shape, p->shape, sizeof p->shape);
+    for (int g = 0; g < l->groups && fits; g++) memcpy(l->group[g].shape, p->shape[g], sizeof p->shape[g]);
     snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image",
              p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");

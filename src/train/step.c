@@ -34,7 +34,8 @@ static oxl_camera step_camera(struct train *t, int view)
     const struct image_window *w      = step_window(t, view);
     oxl_camera                 camera = oxl_scene_view(t->scene, view)->camera;
     const int                  by     = t->halved ? 2 : 1;
-    renderer_set_window(t->renderer, w ? camera.width / by : 0, w ? camera.height / by : 0);
+    const float                at[2]  = {w ? (float)w->x / (float)by : 0, w ? (float)w->y / (float)by : 0};
+    renderer_set_window(t->renderer, at, w ? camera.width / by : 0, w ? camera.height / by : 0);
     if (w) {
         camera.width = w->width, camera.height = w->height;
         camera.cx -= w->x, camera.cy -= w->y;

@@ -147,8 +147,8 @@ static oxl_result train_begin(struct train *t)
         water_begin(&t->water, t->scene, goes_on ? &scene_imaging(t->scene)->medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)
         lamp_begin(&t->lamp, t->scene, t->options->medium, goes_on ? scene_imaging(t->scene) : NULL);
-    t->lamp.held = t->place && t->place->holds;
-    if (t->lamp.held) t->exposure.hold = 2;
+    t->lamp.held = t->place && (t->place->holds || t->place->context); /* a block sees a part of each image */
+    if (t->place && t->place->holds) t->exposure.hold = 2;
     if (rc == OXL_OK && !goes_on) rc = selection_begin_imaging(t);
     if (rc == OXL_OK && goes_on) water_scale(&t->water, 0, t->model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
