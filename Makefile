@@ -43,7 +43,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -143,6 +143,8 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
 floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/ROBUST.md)
+borders: $(BUILD)/borders ## build/borders MAX_SIDE SURVEY PARTITION OUT...: PSNR near borders between blocks at the same pixels (docs/SCALE.md)
+$(BUILD)/borders: SOURCE = bench/borders.c
 $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/bench: SOURCE = bench/bench.c
@@ -150,8 +152,8 @@ $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
 $(BUILD)/vulkan_compile: SOURCE = tests/vulkan_compile.c
 $(BUILD)/extremes: $(WIDE)
-$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/vulkan_compile: \
-  bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c tests/vulkan_compile.c $(BUILD)/flags
+$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/borders $(BUILD)/vulkan_compile: \
+  bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c bench/borders.c tests/vulkan_compile.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) $(filter %.o,$^) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
