@@ -33,8 +33,8 @@ enum {
 #define PHOTOMETRY_RADIUS 1.0  /* px: half the side of a patch in the point's farthest view; */
 #define PHOTOMETRY_WIDE   5.0  /* nearer ones up to this */
 /* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains; the lamps' common shape, and
- * how far a camera's is off it. */
-static const double photometry_prior[6] = {1.5, 0.5, 1.5, 0.2, 0.3, 0.1};
+ * how far a camera's is off it. Where water is clear the tracks hardly hold bB, and a wrong one costs 2 dB (docs/log/WATER.md). */
+static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
 /* By how much larger residuals must be without water, lamp, gains: with water they are 2 to 4 times as large, in surveys without it 1.01
  * times (docs/log/WATER.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
