@@ -62,16 +62,20 @@
 #include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
-#include "src/render/kernels.h"    /* types of the kernels */
-#include "src/render/project.c"    /* Gaussians to splats: forward and backward */
-#include "src/render/bin.c"        /* splats per tile, in depth order */
-#include "src/render/raster.c"     /* splats to pixels: forward and backward */
-#include "src/render/loss.c"       /* L1 + SSIM: value and gradient */
-#include "src/render/medium.c"     /* water between camera and Gaussians */
-#include "src/render/depth_loss.c" /* opacity in front of points of known depth */
-#include "src/render/exposure.c"   /* a gain per channel between the rendered image and the loss */
-#include "src/render/adam.c"       /* optimizer step */
-#include "src/render/renderer.c"   /* chains the kernels above */
+#include "src/render/kernels.h"        /* types of the kernels */
+#include "src/render/project.c"        /* Gaussians to splats: forward and backward */
+#include "src/render/bin.c"            /* splats per tile, in depth order */
+#include "src/render/raster.c"         /* splats to pixels: forward and backward */
+#include "src/render/loss.c"           /* L1 + SSIM: value and gradient */
+#include "src/render/medium.c"         /* water between camera and Gaussians */
+#include "src/render/depth_loss.c"     /* opacity in front of points of known depth */
+#include "src/render/exposure.c"       /* a gain per channel between the rendered image and the loss */
+#include "src/render/adam.c"           /* optimizer step */
+#include "src/render/renderer_state.h" /* the renderer's state */
+#include "src/render/renderer.c"       /* chains the kernels above: the forward pass */
+#include "src/render/renderer_loss.c"  /* exposure, lamp, loss, backward pass */
+#include "src/render/renderer_step.c"  /* optimizer step, statistics */
+#include "src/render/render.c"         /* the public functions */
 #ifdef OXL_VULKAN
 #include "backends/vulkan/passes.c"   /* commands, compute shaders */
 #include "backends/vulkan/memory.c"   /* buffers and memory limits */

@@ -10,7 +10,7 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 work=build/mutate
-kernels=$(find src -name project.c -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name density.c | sort)
+kernels=$(find src -name project.c -o -name colour.h -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name density.c | sort)
 constants=$(find src -name kernels.h)
 # How much room there is, how the work is cut up, and the last of some names: a larger number changes no result, by the invariants at the top
 # of their files.

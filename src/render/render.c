@@ -1,0 +1,84 @@
+/* render.c - the public functions: an image of a model, and the gradient of a scalar of it. */
+#include "renderer_state.h"
+
+/* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */
+static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
+{
+    for (size_t i = 0; i < r->bins.visible_count; i++) {
+        struct splat *s = &r->splat[r->bins.order[i]];
+        s->colour[0]    = s->depth;
+        s->colour[1]    = 1;
+        s->colour[2]    = 0;
+    }
+    memset(r->background, 0, sizeof r->background);
+    render_each_tile(ctx, r, NULL, raster_forward);
+}
+
+static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
+{
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    oxl_result   rc     = OXL_OK;
+    if (r->device) rc = r->backend->image(r->device, 1, r->rgb);
+    else render_depth_tiles(ctx, r);
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                      const oxl_render_options *options, oxl_image *out, float *depth)
+{
+    const float *rgb = NULL;
+    oxl_result   rc;
+    *out = (oxl_image){0};
+    if (camera->width < 1 || camera->height < 1) {
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    }
+    if (model->pages) {
+        oxl_model shown;
+        rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
+        if (rc == OXL_OK) rc = renderer_draw(ctx, r, &shown, camera, options, out, depth);
+        oxl_model_free(ctx, &shown);
+        return rc;
+    }
+    rc = renderer_forward(ctx, r, model, camera, options);
+    if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
+    if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
+    if (rc == OXL_OK) {
+        memcpy(out->rgb, rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
+        if (depth) rc = render_depth(ctx, r, depth);
+    }
+    if (rc != OXL_OK) oxl_image_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                      oxl_image *out, float *depth)
+{
+    const oxl_render_options o  = options ? *options : oxl_render_options_default();
+    struct renderer         *r  = NULL;
+    oxl_result               rc = renderer_create(ctx, &r);
+    *out                        = (oxl_image){0};
+    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, camera, &o, out, depth);
+    renderer_free(ctx, r);
+    return rc;
+}
+
+oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                               const oxl_render_options *options, const float *drgb, oxl_model *gradient)
+{
+    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    struct renderer         *r = NULL;
+    oxl_result               rc;
+    *gradient = (oxl_model){0};
+    rc        = renderer_create(ctx, &r);
+    if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, gradient);
+    if (rc == OXL_OK) {
+        memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof *gradient->plane[0]);
+        rc = renderer_backward(ctx, r, drgb, gradient);
+        if (rc == OXL_OK) rc = renderer_gradient(ctx, r, gradient);
+    }
+    if (rc != OXL_OK) oxl_model_free(ctx, gradient);
+    renderer_free(ctx, r);
+    return rc;
+}

@@ -1,0 +1,205 @@
+/* renderer_loss.c - a view's image against the rendered one: exposure and lamp, loss, backward pass, scores of pruning. */
+#include "renderer_state.h"
+
+/* ---------------------------------------------------------------- loss and backward */
+
+OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
+{
+    return r->device && r->backend->has_image(r->device, view);
+}
+
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
+                                            const struct image_window *window, int halved)
+{
+    size_t     pixels;
+    oxl_result rc;
+    if (r->device) {
+        rc = r->backend->take_image(r->device, view, image, halved);
+        if (image) rc = render_leave_device(ctx, r, rc);
+        if (rc != OXL_OK || r->device) return rc;
+    }
+    pixels    = (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
+    rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    r->masked = image->mask != NULL;
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc != OXL_OK) return rc;
+    image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
+    if (halved)
+        image_halve(window ? window->width : image->width, window ? window->height : image->height, r->target,
+                    r->masked ? r->weight : NULL);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
+{
+    r->has_gain = gain != NULL;
+    if (gain) memcpy(r->gain, gain, sizeof r->gain);
+}
+
+/* Something lies between the rendered image and the loss. */
+static int render_exposes(const struct renderer *r)
+{
+    return r->has_gain || r->lamp;
+}
+
+OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp)
+{
+    r->lamp = lamp;
+}
+
+OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
+{
+    return r->dlamp;
+}
+
+static struct lamp_area render_lamp_area(const struct renderer *r)
+{
+    const int width = r->kernel_camera.width, height = r->kernel_camera.height;
+    if (r->full[0] == 0) return (struct lamp_area){width, height, width, height, 0, 0};
+    return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
+}
+
+/* y (3,n) times the lamp's gain, which lamp_map keeps. */
+static void render_lamp_forward(struct renderer *r, size_t pixels, float *y)
+{
+    const struct lamp_area area = render_lamp_area(r);
+    lamp_gain(r->lamp->shape, &area, r->lamp_map);
+    for (size_t c = 0; c < 3; c++)
+#pragma omp simd
+        for (size_t i = 0; i < pixels; i++) y[c * pixels + i] *= r->lamp_map[i];
+}
+
+/* dx (3,n): gain (3) times dL/dy -> dL/d(rendered image); y is after the lamp. */
+static void render_lamp_backward(struct renderer *r, const float gain[3], size_t pixels, const float *y, float *dx)
+{
+    const float            red = 1 / gain[0], green = 1 / gain[1], blue = 1 / gain[2];
+    const struct lamp_area area = render_lamp_area(r);
+#pragma omp simd
+    for (size_t i = 0; i < pixels; i++) {
+        const size_t g = i + pixels, b = i + 2 * pixels;
+        const float  slope = red * (dx[i] * y[i]) + green * (dx[g] * y[g]) + blue * (dx[b] * y[b]);
+        dx[i] *= r->lamp_map[i], dx[g] *= r->lamp_map[i], dx[b] *= r->lamp_map[i];
+        r->lamp_map[i] = slope;
+    }
+    lamp_project(r->lamp_map, &area, r->dlamp);
+}
+
+/* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the gradient uploaded. */
+static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, double dlog_gain[3], struct loss_value *out)
+{
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *rendered = NULL;
+    oxl_result   rc = renderer_image(ctx, r, &rendered);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
+    if (rc == OXL_OK && r->lamp) rc = oxl_reserve(ctx, (void **)&r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
+    if (rc != OXL_OK) return rc;
+    exposure_forward(gain, rendered, pixels, r->exposed);
+    if (r->lamp) render_lamp_forward(r, pixels, r->exposed);
+    rc = loss_forward_backward(
+        ctx, &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->exposed, rgb, weight, r->drgb},
+        &r->loss, out);
+    if (rc == OXL_OK) exposure_backward(gain, r->exposed, r->drgb, pixels, r->drgb, dlog_gain);
+    if (rc == OXL_OK && r->lamp) render_lamp_backward(r, gain, pixels, r->exposed, r->drgb);
+    return rc;
+}
+
+/* A pixel of a window counts as one of the full image does: the loss is a mean. */
+static void render_weigh_window(struct renderer *r, size_t pixels)
+{
+    const float share = (float)pixels / (4 * r->kernel_camera.half_width * r->kernel_camera.half_height);
+    if (share == 1) return;
+#pragma omp simd
+    for (size_t i = 0; i < 3 * pixels; i++) r->drgb[i] *= share;
+}
+
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct renderer_loss *out)
+{
+    const size_t      pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    struct loss_value value;
+    oxl_result        rc;
+    *out = (struct renderer_loss){0};
+    if (r->device && !r->lamp) return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
+    if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
+    rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
+    if (rc == OXL_OK && render_exposes(r)) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
+    else if (rc == OXL_OK) {
+        const struct loss_job job = {r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
+        rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
+    }
+    if (rc == OXL_OK) out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
+    if (rc == OXL_OK) render_weigh_window(r, pixels);
+    return rc;
+}
+
+OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight)
+{
+    memcpy(r->depth_point, point, (size_t)count * sizeof *point);
+    r->depth_points = count;
+    r->depth_weight = weight;
+}
+
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out)
+{
+    struct project_job job = render_project_job(r, task);
+    job.out                = *out;
+    project_backward(ctx->isa, &job);
+    if (render_has_medium(r)) {
+        const struct medium_job medium = render_medium_job(r, task);
+        medium_backward_centres(&medium, out);
+    }
+}
+
+static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
+{
+    oxl_result rc = oxl_reserve(ctx, (void **)&r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
+{
+    const int64_t    tasks = render_tasks(r);
+    struct gaussians out;
+    oxl_result       rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
+    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !r->lamp ? drgb : r->drgb);
+    if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
+    if (rc != OXL_OK) return rc;
+    render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
+    depth_loss_backward(&r->bins, r->depth_point, r->depth_points, r->depth_weight, r->sums);
+    r->depth_points = 0;
+    if (render_has_medium(r)) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
+    r->unprojected = !gradient;
+    if (!gradient) return OXL_OK;
+    out = render_gaussians(gradient, r->in.sh_degree);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) render_project_backward(ctx, r, task, &out);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
+{
+    (void)ctx;
+    return r->device ? r->backend->gradient(r->device, gradient) : OXL_OK;
+}
+
+/* ---------------------------------------------------------------- score */
+
+OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
+{
+    oxl_result rc;
+    if (r->device) return r->backend->score(r->device, drgb, score);
+    rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
+    if (rc != OXL_OK) return rc;
+    render_each_tile(ctx, r, drgb, raster_score);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* in slot order, which fixes the rounding */
+        const struct splat *s   = &r->splat[r->bins.order[i]];
+        float               sum = 0;
+        if (r->bins.order[i] >= r->packs * PACK) continue; /* of the context */
+        for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
+        score[r->bins.order[i]] += sum;
+    }
+    return OXL_OK;
+}

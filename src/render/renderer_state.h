@@ -1,0 +1,74 @@
+/* renderer_state.h - shared by the files of the renderer: its state, and what turns it into jobs of the kernels. */
+#ifndef OXL_RENDERER_STATE_H
+#define OXL_RENDERER_STATE_H
+#include "kernels.h"
+#include "../core/vecmath.h"
+
+#define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
+#define RENDER_TILE_COST 16 /* cost of an empty tile, in pairs */
+
+/* Consecutive tiles that a thread starts with. */
+struct render_share {
+    int  next, end;
+    char apart[64 - 2 * sizeof(int)]; /* on a cache line of its own */
+};
+
+struct renderer {
+    const struct renderer_device *backend; /* of `device` */
+    void                         *device;  /* NULL: the CPU renders, with the members below */
+    int                           deferred;
+
+    struct kernel_camera kernel_camera;
+    float                background[3];
+    struct gaussians     in;
+    int                  full[2]; /* of renderer_set_window, */
+    float                at[2];   /* too */
+    const oxl_model     *context; /* rendered behind the model's rows and left alone; or NULL */
+    size_t               packs;   /* of the model: those of the context follow */
+    struct splat        *splat;   /* (count) */
+    struct lobe         *lobe;    /* (lobes) */
+    uint16_t            *visible; /* (packs) */
+    float               *dmean2d; /* (count) */
+    float               *rgb, *drgb, *transmittance;
+    struct medium        medium;
+    struct medium_pack  *medium_pack;  /* (packs) with a medium */
+    double (*medium_sum)[MEDIUM_SUMS]; /* (tasks) */
+    double             dmedium[MEDIUM_SUMS];
+    size_t             medium_pack_capacity, medium_sum_capacity;
+    float              gain[3]; /* of renderer_set_gain */
+    int                has_gain;
+    const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
+    float             *exposed;  /* (3,H,W) rgb times gain and lamp */
+    float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
+    double             dlamp[LAMP_TERMS];
+    size_t             exposed_capacity, lamp_capacity;
+    float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
+    int                masked;
+    struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
+    int                depth_points;
+    double             depth_weight;
+    int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on */
+    float (*sums)[SPLAT_SUMS];
+    float               *score; /* (slots) */
+    struct bins          bins;
+    struct loss_scratch  loss;
+    struct render_share *share; /* (threads) */
+    size_t share_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity,
+        transmittance_capacity, sums_capacity, score_capacity, target_capacity, weight_capacity;
+};
+
+typedef void render_tile_fn(int isa, const struct raster_job *job);
+
+/* sh_degree below 0: the model's. */
+OXL_INTERNAL struct gaussians   render_gaussians(const oxl_model *m, int sh_degree);
+OXL_INTERNAL size_t             render_packs(size_t count);
+OXL_INTERNAL int64_t            render_tasks(const struct renderer *r);
+OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task);
+OXL_INTERNAL int                render_has_medium(const struct renderer *r);
+OXL_INTERNAL struct medium_job  render_medium_job(struct renderer *r, int64_t task);
+OXL_INTERNAL void               render_medium_backward(oxl_context *ctx, struct renderer *r, const float *drgb);
+OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work);
+OXL_INTERNAL oxl_result         render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc);
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out);
+
+#endif

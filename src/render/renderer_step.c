@@ -1,0 +1,192 @@
+/* renderer_step.c - the optimizer step, and what a step leaves of each Gaussian: visibility, depth, gradient. */
+#include "renderer_state.h"
+
+struct render_step {
+    oxl_model   *model, *first, *second, *gradient;
+    const float *rates;
+    double       correction; /* of the first moment's bias */
+};
+
+/* Assigns the model's planes from first_plane on to those of the job from `at` on. */
+static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
+{
+    for (int k = first_plane; k < first_plane + planes; k++, at++) {
+        out->parameter[at] = s->model->plane[k];
+        out->gradient[at]  = s->gradient->plane[k];
+        out->first[at]     = s->first->plane[k];
+        out->second[at]    = s->second->plane[k];
+        out->rate[at]      = (float)(s->rates[k] / s->correction);
+    }
+}
+
+/* Rows of a pack whose visibility bit the step cleared: values that were not finite. */
+static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
+{
+    for (unsigned l = 0; before != after && l < PACK; l++)
+        if ((before & ~after) >> l & 1) {
+            out->first = OXL_MIN(out->first, pack * PACK + l);
+            out->rows++;
+        }
+}
+
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *gradient,
+                                      oxl_model *first, oxl_model *second, const struct adam_params *adam,
+                                      struct renderer_nonfinite *out)
+{
+    const struct render_step s       = {model,    first,      second,
+                                        gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
+    const int64_t            tasks   = render_tasks(r);
+    size_t                   skipped = 0, first_skipped = SIZE_MAX;
+    struct adam_job          rows = {.visible            = r->visible,
+                                     .beta1              = (float)adam->beta[0],
+                                     .beta2              = (float)adam->beta[1],
+                                     .lobe_packs         = render_packs(r->in.lobes),
+                                     .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
+    struct gaussians         pulled;
+    oxl_result               rc;
+    if (r->device) return r->backend->step(r->device, model, first, second, adam, out);
+    rc = r->unprojected ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
+    if (rc != OXL_OK) return rc;
+    pulled           = render_gaussians(gradient, r->in.sh_degree);
+    rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
+    rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
+    render_step_planes(&s, 0, rows.planes, 0, &rows);
+    render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
+    for (int64_t task = 0; task < tasks; task++) {
+        struct adam_job           job  = rows;
+        struct renderer_nonfinite here = {0, SIZE_MAX, 0};
+        uint16_t                  seen[RENDER_TASK];
+        job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->packs);
+        if (r->unprojected) render_project_backward(ctx, r, task, &pulled);
+        memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
+        adam_step(ctx->isa, &job);
+        for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
+            render_count_aside(seen[pack - job.first_pack], r->visible[pack], pack, &here);
+        skipped += here.rows;
+        first_skipped = OXL_MIN(first_skipped, here.first);
+    }
+    r->unprojected = 0;
+    *out           = (struct renderer_nonfinite){skipped, first_skipped, 0};
+    return OXL_OK;
+}
+
+/* 1: the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient is a part of what the image gives. */
+static int render_shows_centre(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    return r->full[0] == 0 ||
+           (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width && s->v < (float)r->kernel_camera.height);
+}
+
+/* Statistics for gradients at this depth. */
+static float *render_band(const struct renderer_sums *s, float depth)
+{
+    return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
+}
+
+OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *s)
+{
+    (void)ctx; /* without OpenMP */
+    if (r->device) return r->backend->observe(r->device, s);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)s->count; i++)
+        if (renderer_row_visible(r, (size_t)i) && render_shows_centre(r, (size_t)i)) {
+            render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
+            s->views[i] += 1;
+        }
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what)
+{
+    (void)ctx;
+    return r->device ? r->backend->download(r->device, what) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved)
+{
+    oxl_result rc = OXL_OK;
+    (void)ctx;
+    *moved = 0;
+    if (r->device) rc = r->backend->move_rows(r->device, move, moved);
+    if (rc == OXL_OK && r->device && !*moved) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity)
+{
+    (void)ctx;
+    return r->device ? r->backend->send_shape(r->device, model, reset_opacity) : OXL_OK;
+}
+
+OXL_INTERNAL int renderer_defer(struct renderer *r, int on)
+{
+    r->deferred = r->device && r->backend->defer(r->device, on);
+    return r->deferred;
+}
+
+OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait, struct renderer_report *out)
+{
+    (void)ctx;
+    *out = (struct renderer_report){0};
+    return r->device ? r->backend->report(r->device, wait, out) : OXL_OK;
+}
+
+OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
+{
+    return r->visible[row / PACK] >> (row % PACK) & 1;
+}
+
+OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer *r)
+{
+    (void)ctx;
+    if (r->device) return r->backend->clear_visible(r->device);
+    memset(r->visible, 0, r->packs * sizeof *r->visible);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r)
+{
+    const size_t rows = r->bins.packs * PACK;
+    oxl_result   rc;
+    if (!r->device) return OXL_OK;
+    rc = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
+    return rc == OXL_OK ? r->backend->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
+}
+
+OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    if (!renderer_row_visible(r, row)) return 1;
+    return 0 * (s->u + s->v + s->a + s->k + s->e + s->peak + s->colour[0] + s->colour[1] + s->colour[2]) == 0;
+}
+
+OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)
+{
+    return r->dmean2d[row];
+}
+
+OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row)
+{
+    return r->splat[row].depth;
+}
+
+OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
+{
+    struct renderer_counts c = {.visible = r->bins.visible_count, .pairs = r->bins.pair_count};
+    for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++) {
+        const int left  = r->kernel_camera.width - tile % r->bins.tiles_x * TILE,
+                  below = r->kernel_camera.height - tile / r->bins.tiles_x * TILE;
+        for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
+            for (uint32_t blocks = r->bins.pair[i].blocks; blocks; blocks &= blocks - 1) {
+                const int block = simd_lowest_bit(blocks);
+                const int w = OXL_CLAMP(left - block % 4 * 4, 0, 4), h = OXL_CLAMP(below - block / 4 * 4, 0, 4);
+                c.blocks++;
+                c.pixels += (size_t)(w * h);
+            }
+    }
+    return c;
+}
