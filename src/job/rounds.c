@@ -24,6 +24,14 @@ struct rounds {
 
 /* ---------------------------------------------------------------- the coarse model */
 
+/* Water that the tracks do not give is trained from WATER_FROM of a run on; the coarse model ends before. */
+static void rounds_warn_of_water(const struct job *job)
+{
+    if (job->options.train.medium != OXL_ON || scene_imaging(job->scene)->medium.on) return;
+    oxl_log(job->ctx, OXL_LOG_WARNING,
+            "--medium on: the tracks do not show water, and several blocks do not train it: it stays off\nfix: --partition none");
+}
+
 static oxl_result rounds_train_coarse(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
@@ -50,7 +58,9 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
         oxl_log(job->ctx, OXL_LOG_WARNING, "%s renders whole images only: blocks are trained on the CPU",
                 oxl_backend_name(job->ctx));
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
-    return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
+    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    if (rc == OXL_OK) rounds_warn_of_water(job);
+    return rc;
 }
 
 static int rounds_coarse_is_done(const struct job *job, const struct block_record *record)
@@ -373,6 +383,7 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     oxl_job_options        o    = job->options;
     o.train                     = block_refinement(&job->options.train, sh_degree, job->part_until);
     if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 && budget_thin(job->ctx, &load, &o)) {
+        scene_set_cache(job->scene, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
         o.train.densify_every = step;
         o.train.densify_until = (float)((step + 0.5) / job->part_until);
     }

@@ -1,4 +1,4 @@
-/* renderer.c - chains the kernels: forward pass of a view, loss, backward pass, optimizer step.
+/* renderer.c - chains the kernels: the forward pass of a view (renderer_loss.c: loss and backward pass; renderer_step.c: optimizer step).
  *
  * The functions run on the CPU, or call those of a device (backends/vulkan/renderer.c).
  *

@@ -298,17 +298,20 @@ OXL_INTERNAL void lamp_project(const float *by, const struct lamp_area *area, do
     }
 }
 
-/* The first view of the same camera; -1: the camera has too few training views for a lamp of its own, or all of them. */
-static int lamp_own_view(const oxl_scene *scene, int view)
+/* 1: the view is the first of its camera, which has enough of the training views for a lamp of its own, but not all. */
+static int lamp_is_own(const oxl_scene *scene, int view)
 {
     const uint64_t camera = imaging_camera(scene, view);
-    int            count = 0, all = 0, first = -1;
-    for (int i = oxl_scene_view_count(scene) - 1; i >= 0; i--) {
+    int            count = 0, others = 0;
+    for (int i = 0; i < view; i++)
+        if (imaging_camera(scene, i) == camera) return 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const int trains = !oxl_scene_view(scene, i)->is_test, own = imaging_camera(scene, i) == camera;
-        all += trains, count += trains && own;
-        if (own) first = i;
+        count += trains && own;
+        others += trains && !own;
+        if (count >= LAMP_VIEWS && others > 0) return 1;
     }
-    return count >= LAMP_VIEWS && count < all ? first : -1;
+    return 0;
 }
 
 OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MOST])
@@ -316,7 +319,7 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
     int count = 1;
     lamp[0]   = (struct lamp){.view = -1};
     for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MOST; i++)
-        if (lamp_own_view(scene, i) == i) lamp[count++] = (struct lamp){.view = i};
+        if (lamp_is_own(scene, i)) lamp[count++] = (struct lamp){.view = i};
     return count;
 }
 

@@ -23,7 +23,9 @@ OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch me
     *l = (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
                            .falls     = medium != OXL_AUTO && water_span(scene) >= WATER_SPAN_LEAST};
     if (!(l->reference > 0)) l->reference = 1;
-    l->groups = imaging_set_lamps(scene, l->group);
+    l->groups        = 1;
+    l->group[0].view = -1;
+    if (!goes_on) l->groups = imaging_set_lamps(scene, l->group);
     if (!goes_on || goes_on->lamps == 0) return;
     l->on     = 1;
     l->groups = goes_on->lamps;

@@ -3,7 +3,7 @@
  * Each step compares some of its view's with what is rendered (render/depth_loss.c), while the water is modelled: without it, Gaussians
  * near the camera stand for haze, which the images need (docs/log/ROBUST.md).
  *
- * Invariant: a function of the scene, the seed and the step, so there is no state to archive.
+ * Invariant: a function of the scene and the step, so there is no state to archive.
  */
 #include "train.h"
 
@@ -30,7 +30,7 @@ static void track_depth_keep(struct track_depth_view *v, int view, struct depth_
 {
     const uint64_t seen  = (uint64_t)v->seen++;
     const uint64_t place = seen < TRACK_DEPTH_MOST ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
-    if (place < TRACK_DEPTH_MOST) v->point[place] = p;
+    if (v->point && place < TRACK_DEPTH_MOST) v->point[place] = p; /* else it is counted only */
 }
 
 static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, const struct colmap_point *point)
@@ -48,26 +48,49 @@ static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const
     }
 }
 
+static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, const int *view_of)
+{
+    const struct colmap *c = scene_colmap(scene);
+    for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, &c->point[i]);
+}
+
+/* Of each view as many as it keeps. */
+static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, int views)
+{
+    size_t count = 0;
+    for (int v = 0; v < views; v++) count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MOST);
+    d->all = oxl_alloc(ctx, count + 1, sizeof *d->all);
+    if (!d->all) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu depths of tracks", count);
+    count = 0;
+    for (int v = 0; v < views; v++) {
+        d->view[v].point = d->all + count;
+        count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MOST);
+        d->view[v].seen = 0;
+    }
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene)
 {
     const struct colmap *c     = scene_colmap(scene);
     const int            views = oxl_scene_view_count(scene);
     int                 *view_of;
-    d->begun = 1;
+    oxl_result           rc = OXL_OK;
+    d->begun                = 1;
     if (!c || c->track_count == 0) return OXL_OK;
     view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
     d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
-    d->all  = oxl_alloc(ctx, (size_t)views + 1, TRACK_DEPTH_MOST * sizeof *d->all);
-    if (view_of && d->view && d->all) {
+    if (!view_of || !d->view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    if (rc == OXL_OK) {
         for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
-        for (int v = 0; v < views; v++) {
-            d->view[v].point = d->all + (size_t)v * TRACK_DEPTH_MOST;
+        for (int v = 0; v < views; v++)
             if (!oxl_scene_view(scene, v)->is_test) view_of[scene_source_image(scene, v) - c->image] = v;
-        }
-        for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, &c->point[i]);
+        track_depth_add_all(d, scene, view_of); /* counts */
+        rc = track_depth_allocate(ctx, d, views);
     }
+    if (rc == OXL_OK) track_depth_add_all(d, scene, view_of);
     oxl_free(ctx, view_of);
-    return view_of && d->view && d->all ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    return rc;
 }
 
 OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d)

@@ -37,7 +37,7 @@ struct train {
     int                        views, step;
     int                       *held; /* (held_views) validation views for decisions */
     int                        held_views;
-    float                     *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
+    float                     *target, *weight; /* of step_compares_on_host: the image of this step: (3,H,W), (H,W) */
     int                        masked;          /* whether weight holds its mask */
     size_t                     target_capacity, weight_capacity;
     int                        halved;     /* whether the image of this step is reduced to half the sides */
