@@ -38,9 +38,8 @@ static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
 /* By how much larger residuals must be without water, lamp, gains: with water they are 2 to 4 times as large, in surveys without it 1.01
  * times (docs/log/WATER.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
-
-#define PHOTOMETRY_APART \
-    0.1 /* the same for shapes of each camera: where points cover a part of the images, they are ill determined */
+/* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill determined. */
+#define PHOTOMETRY_APART 0.1
 
 struct photometry_sample { /* a point in an image */
     size_t point;

@@ -1,8 +1,8 @@
-/* scene.c - views, points and images of a survey.
+/* scene.c - points, origin, extent and images of a survey; its views: scene_views.c.
  *
  * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m)
- * lose no precision:  x_local = x_world - origin,  t_local = t + R origin. The test split and the extent are those of 3DGS (Kerbl
- * 2023, reference code), made robust against an outlier camera.
+ * lose no precision:  x_local = x_world - origin,  t_local = t + R origin. The extent is that of 3DGS (Kerbl 2023, reference code), made
+ * robust against an outlier camera.
  */
 #include "scene.h"
 

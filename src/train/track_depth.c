@@ -15,16 +15,6 @@ enum {
     TRACK_DEPTH_STRIDE = 7919  /* a prime above it: neighbours in the list are often neighbours in the image */
 };
 
-/* Where a camera sees a position; z <= 0: nowhere. */
-static struct depth_point track_depth_see(const oxl_camera *c, const double p[3])
-{
-    const double *r = c->rotation, *t = c->translation;
-    const double  z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
-    if (!(z > 0)) return (struct depth_point){0, 0, 0};
-    return (struct depth_point){(float)(c->cx + c->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z),
-                                (float)(c->cy + c->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z), (float)z};
-}
-
 /* Keeps each of the points seen with equal probability (Vitter 1985, algorithm R). */
 static void track_depth_keep(struct track_depth_view *v, int view, struct depth_point p)
 {
@@ -33,25 +23,23 @@ static void track_depth_keep(struct track_depth_view *v, int view, struct depth_
     if (v->point && place < TRACK_DEPTH_MOST) v->point[place] = p; /* else it is counted only */
 }
 
-static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, const struct colmap_point *point)
+static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, size_t index)
 {
-    const double        *o = oxl_scene_origin(scene), *q = point->position;
-    const double         local[3] = {q[0] - o[0], q[1] - o[1], q[2] - o[2]};
-    const struct colmap *c        = scene_colmap(scene);
-    if (point->track_count < TRACK_DEPTH_TRACK || !scene_takes_point(point, o)) return;
+    const struct colmap       *c     = scene_colmap(scene);
+    const struct colmap_point *point = &c->point[index];
+    if (point->track_count < TRACK_DEPTH_TRACK || !scene_takes_point(point, oxl_scene_origin(scene))) return;
     for (uint32_t k = 0; k < point->track_count; k++) {
-        const int          view = view_of[c->track[point->first_track + k].image_row];
-        struct depth_point p;
-        if (view < 0) continue;
-        p = track_depth_see(&oxl_scene_view(scene, view)->camera, local);
-        if (p.z > 0) track_depth_keep(&d->view[view], view, p);
+        const int view = view_of[c->track[point->first_track + k].image_row];
+        double    x[3], pixel[2];
+        if (view >= 0 && scene_project_point(scene, view, index, x, pixel))
+            track_depth_keep(&d->view[view], view, (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
     }
 }
 
 static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, const int *view_of)
 {
     const struct colmap *c = scene_colmap(scene);
-    for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, &c->point[i]);
+    for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, i);
 }
 
 /* Of each view as many as it keeps. */
