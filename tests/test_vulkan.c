@@ -1450,26 +1450,79 @@ static void vulkan_check_training(oxl_context *device)
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
-/* Gains of images are learned on a device as on the CPU. */
+/* Once at each iteration that it is due. user: the last one. */
+static int vulkan_stops(void *user, const oxl_progress *p)
+{
+    int *last = user, stops = p->iteration % 7 == 3 && p->iteration != *last;
+    if (stops) *last = p->iteration;
+    return stops;
+}
+
+static PFN_vkCmdPushConstants vulkan_real_push;
+static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
+
+/* Room for one pair in every third deferred step. */
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
+                                                   uint32_t offset, uint32_t size, const void *push)
+{
+    uint32_t word[32];
+    memcpy(word, push, size);
+    if (size == SPIRV_SCAN_PUSH && word[1] == COUNT_PAIRS && word[2] != UINT32_MAX && vulkan_counted++ % 3 == 2)
+        word[2] = 1, vulkan_halted++;
+    vulkan_real_push(commands, layout, stages, offset, size, word);
+}
+
+enum { VULKAN_STRAIGHT, VULKAN_WITHOUT_ROOM, VULKAN_STOPPED }; /* a run: to its end; steps repeated; from checkpoint to checkpoint */
+
+static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, double gain[18])
+{
+    int                       last     = 0, stops = 0;
+    const oxl_callback        callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
+    struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const struct train_output place    = {.folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
+    oxl_scene                *scene    = vulkan_survey(ctx, 0.3);
+    oxl_train_options         options  = train_options(80);
+    oxl_result                rc;
+    options.exposure           = OXL_ON;
+    options.short_run_exponent = 0;
+    do {
+        rc = train_run(ctx, scene, &options, &callback, how == VULKAN_STOPPED ? &place : NULL, out);
+        if (rc == OXL_ERR_INTERRUPTED) oxl_model_free(ctx, out);
+    } while (rc == OXL_ERR_INTERRUPTED && stops++ < 20);
+    CHECK_OK(rc);
+    CHECK(stops == (how == VULKAN_STOPPED ? 12 : 0));
+    CHECK(scene_imaging(scene)->on);
+    for (int i = 0; i < 18; i++) gain[i] = (double)scene_imaging(scene)->log_gain[i];
+    text_free(&log);
+    text_free(&notes);
+    oxl_scene_free(ctx, scene);
+}
+
+/* Gains of images are learned on a device as on the CPU, in deferred steps; what the run is interrupted by does not show. */
 static void vulkan_check_exposure(oxl_context *device)
 {
-    oxl_context *ctx[3] = {test_ctx, device, device};
-    double       gain[3][18];
-    for (int k = 0; k < 3; k++) {
-        oxl_scene        *scene   = vulkan_survey(ctx[k], 0.3);
-        oxl_train_options options = train_options(80);
-        oxl_model         model;
-        options.exposure           = OXL_ON;
-        options.short_run_exponent = 0;
-        CHECK_OK(oxl_train(ctx[k], scene, &options, NULL, &model));
-        CHECK(scene_imaging(scene)->on);
-        for (int i = 0; i < 18; i++) gain[k][i] = (double)scene_imaging(scene)->log_gain[i];
-        oxl_model_free(ctx[k], &model);
-        oxl_scene_free(ctx[k], scene);
+    oxl_model model[3];
+    double    cpu[18], gain[3][18];
+    size_t    waits;
+    vulkan_train_exposed(test_ctx, VULKAN_STRAIGHT, &model[0], cpu);
+    oxl_model_free(test_ctx, &model[0]);
+    waits = device->vulkan->waits;
+    vulkan_train_exposed(device, VULKAN_STRAIGHT, &model[0], gain[0]);
+    CHECK(device->vulkan->waits - waits < 80);
+    vulkan_real_push                 = device->vulkan->CmdPushConstants;
+    device->vulkan->CmdPushConstants = vulkan_play_push;
+    vulkan_counted = vulkan_halted = 0;
+    vulkan_train_exposed(device, VULKAN_WITHOUT_ROOM, &model[1], gain[1]);
+    device->vulkan->CmdPushConstants = vulkan_real_push;
+    CHECK(vulkan_counted > 20 && vulkan_halted > 6);
+    vulkan_train_exposed(device, VULKAN_STOPPED, &model[2], gain[2]);
+    CHECK(cpu[0] - cpu[3] > 0.03);
+    for (int i = 0; i < 18; i++) CHECK_CLOSE(gain[0][i], cpu[i], 0.002);
+    for (int k = 1; k < 3; k++) {
+        CHECK(memcmp(gain[0], gain[k], sizeof gain[0]) == 0);
+        vulkan_check_same_model(&model[0], &model[k]);
     }
-    CHECK(gain[0][0] - gain[0][3] > 0.03);
-    for (int i = 0; i < 18; i++) CHECK_CLOSE(gain[1][i], gain[0][i], 0.002);
-    CHECK(memcmp(gain[1], gain[2], sizeof gain[1]) == 0);
+    for (int k = 0; k < 3; k++) oxl_model_free(device, &model[k]);
 }
 
 /* Parts of views, as blocks train them, are the CPU's. */
@@ -1520,20 +1573,6 @@ static void vulkan_check_lamp_and_water(oxl_context *device)
     oxl_scene_free(device, scene);
 }
 
-static PFN_vkCmdPushConstants vulkan_real_push;
-static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
-
-/* Room for one pair in every third deferred step. */
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
-                                                   uint32_t offset, uint32_t size, const void *push)
-{
-    uint32_t word[32];
-    memcpy(word, push, size);
-    if (size == SPIRV_SCAN_PUSH && word[1] == COUNT_PAIRS && word[2] != UINT32_MAX && vulkan_counted++ % 3 == 2)
-        word[2] = 1, vulkan_halted++;
-    vulkan_real_push(commands, layout, stages, offset, size, word);
-}
-
 static void vulkan_check_repeated(oxl_context *device)
 {
     oxl_model model[2];
@@ -1541,6 +1580,7 @@ static void vulkan_check_repeated(oxl_context *device)
     vulkan_train(device, 60, &model[0], &psnr[0]);
     vulkan_real_push                 = device->vulkan->CmdPushConstants;
     device->vulkan->CmdPushConstants = vulkan_play_push;
+    vulkan_counted = vulkan_halted = 0;
     vulkan_train(device, 60, &model[1], &psnr[1]);
     device->vulkan->CmdPushConstants = vulkan_real_push;
     CHECK(vulkan_counted > 20 && vulkan_halted > 6);

@@ -122,11 +122,18 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
     return rc;
 }
 
-static void step_set_gain(struct train *t, int view)
+static void step_gain(const struct train *t, int view, float gain[3])
 {
-    float gain[3];
     if (t->exposure.of.on) imaging_gain(&t->exposure.of, view, gain);
-    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
+}
+
+/* The step that comes, on a view. */
+static struct train_deferred step_begin(struct train *t, int view)
+{
+    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
+    exposure_catch_up(&t->exposure, t->step - 2);
+    step_gain(t, view, step.gain);
+    return step;
 }
 
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
@@ -147,16 +154,17 @@ static const struct lamp *step_lamp(const struct train *t, int view)
     return group;
 }
 
-/* The model rendered from a view, against its image as step_load_image has left it. */
-static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
+/* The model rendered from a view, times its gain, against its image as step_load_image has left it. */
+static oxl_result step_compare(struct train *t, int view, const float gain[3], int learns, struct renderer_loss *loss)
 {
+    const float          ssim_weight = t->options->ssim_weight;
     const oxl_camera     camera = step_camera(t, view);
     const struct imaging m      = step_imaging(t);
     oxl_result           rc;
     renderer_set_medium(t->renderer, &m.medium);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
     rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
-    step_set_gain(t, view);
+    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
     if (rc != OXL_OK) return rc;
     if (step_compares_on_host(t))
@@ -167,7 +175,9 @@ static oxl_result step_compare(struct train *t, int view, int learns, float ssim
 /* Evaluation with the full loss. */
 OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss)
 {
-    return step_compare(t, view, 0, t->options->ssim_weight, loss);
+    float gain[3];
+    step_gain(t, view, gain);
+    return step_compare(t, view, gain, 0, loss);
 }
 
 /* A loss that is not finite: the step is left out. */
@@ -187,6 +197,12 @@ static void step_note(struct train *t, const struct train_deferred *of, const st
 {
     const double psnr = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
     const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->place ? t->place->first : 0)));
+    const struct exposure_gradient gradient = {.step      = of->step,
+                                               .view      = of->view,
+                                               .progress  = (double)of->step / t->options->iterations,
+                                               .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
+    exposure_note(&t->exposure, &gradient);
+    if (!renderer_has_device(t->renderer)) exposure_catch_up(&t->exposure, of->step);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
                       renderer_has_device(t->renderer) ? NULL : t->model, &t->first, &t->second);
     t->last_loss = loss->total;
@@ -215,21 +231,19 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
 }
 
 /* Forward, loss, backward, step. */
-static oxl_result step_on_view(struct train *t, int view)
+static oxl_result step_on_view(struct train *t, const struct train_deferred *here)
 {
-    const double                progress = (double)t->step / t->options->iterations;
-    const struct train_deferred here     = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
-    struct adam_params          adam;
-    struct renderer_loss        loss;
-    struct renderer_nonfinite   skipped;
-    oxl_result                  rc;
+    const double              progress = (double)t->step / t->options->iterations;
+    const int                 view     = here->view;
+    struct adam_params        adam;
+    struct renderer_loss      loss;
+    struct renderer_nonfinite skipped;
+    oxl_result                rc;
     t->last_loss        = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
+    rc                  = step_compare(t, view, here->gain, 1, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
-    if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
-        exposure_step(&t->exposure, view, progress, loss.dlog_gain);
     if (t->water.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
@@ -239,7 +253,7 @@ static oxl_result step_on_view(struct train *t, int view)
                   t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
-    if (rc == OXL_OK) step_note(t, &here, &loss, skipped);
+    if (rc == OXL_OK) step_note(t, here, &loss, skipped);
     return rc;
 }
 
@@ -248,7 +262,7 @@ static oxl_result step_on_view(struct train *t, int view)
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !step_compares_on_host(t) && !t->water.on && !t->exposure.of.on;
+    return renderer_has_device(t->renderer) && !step_compares_on_host(t) && !t->water.on;
 }
 
 /* A deferred step that halted, or came behind one. */
@@ -259,7 +273,7 @@ static oxl_result step_repeat(struct train *t, const struct train_deferred *whic
     t->step          = which->step;
     t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
     rc               = step_load_image(t, which->view);
-    if (rc == OXL_OK) rc = step_on_view(t, which->view);
+    if (rc == OXL_OK) rc = step_on_view(t, which);
     if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     t->step          = step;
     t->trial_is_next = trial;
@@ -313,14 +327,14 @@ OXL_INTERNAL oxl_result step_observe(struct train *t)
     return density_observe(t->ctx, t->density, t->renderer, t->model->count);
 }
 
-static oxl_result step_record(struct train *t, int view)
+static oxl_result step_record(struct train *t, const struct train_deferred *here)
 {
     struct adam_params        adam;
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
     oxl_result                rc;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
+    rc                  = step_compare(t, here->view, here->gain, 1, &loss);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
@@ -328,29 +342,32 @@ static oxl_result step_record(struct train *t, int view)
 }
 
 /* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
-static oxl_result step_after_all(struct train *t, int view)
+static oxl_result step_after_all(struct train *t, const struct train_deferred *here)
 {
     oxl_result rc = step_settle(t);
-    if (rc == OXL_OK) rc = step_load_image(t, view);
-    return rc == OXL_OK ? step_on_view(t, view) : rc;
+    if (rc == OXL_OK) rc = step_load_image(t, here->view);
+    return rc == OXL_OK ? step_on_view(t, here) : rc;
 }
 
-static oxl_result step_deferred(struct train *t, int view)
+static oxl_result step_deferred(struct train *t, const struct train_deferred *here)
 {
-    const oxl_result rc = step_record(t, view);
+    const oxl_result rc = step_record(t, here);
     if (rc != OXL_OK) return rc;
-    t->deferred[t->deferred_steps++] = (struct train_deferred){.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
+    t->deferred[t->deferred_steps++] = *here;
     return step_read_reports(t, 0);
 }
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    const int  deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
-    int        view     = -1;
-    oxl_result rc       = deferred ? OXL_OK : step_settle(t);
+    const int             deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
+    int                   view     = -1;
+    struct train_deferred here;
+    oxl_result            rc = deferred ? OXL_OK : step_settle(t);
     if (rc == OXL_OK) rc = step_next_image(t, &view);
-    if (rc == OXL_OK) rc = deferred ? step_deferred(t, view) : step_on_view(t, view);
-    return rc == OXL_ERR_MEMORY && deferred && view >= 0 ? step_after_all(t, view) : rc;
+    if (rc != OXL_OK && view < 0) return rc;
+    here = step_begin(t, view);
+    if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here);
+    return rc == OXL_ERR_MEMORY && deferred ? step_after_all(t, &here) : rc;
 }
 
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
