@@ -834,6 +834,7 @@ static void vulkan_check_halt(oxl_context *device)
         vulkan_step_of(device, &d[1], 4, &none);
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
         CHECK(report.there && (int)report.halt == halt);
+        if (halt == HALT_PAIRS) CHECK(r->report[0].counts[COUNT_PAIRS] == 0 && r->report[0].counts[COUNT_PAIRS_FOUND] > 100);
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
         CHECK(!report.there);
         renderer_defer(d[1].r, 0);
@@ -1150,10 +1151,11 @@ static void vulkan_check_fallback(oxl_context *device)
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
     CHECK_TEXT(oxl_error_text(device), "fix: ");
     device->options.backend = OXL_BACKEND_AUTO;
+    vulkan_play_full(device->vulkan, 1); /* again: the image had left for the model */
     CHECK_OK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]));
     CHECK(t.r[1]->device == NULL);
     CHECK_OK(vulkan_take_and_draw(&t, 0, &m, 0, &loss[0]));
-    CHECK(loss[0].total == loss[1].total);
+    CHECK_CLOSE(loss[0].total, loss[1].total, 1e-6); /* its bytes made floats on the device */
     oxl_model_free(test_ctx, &m);
     vulkan_twins_free(&t);
 }
@@ -1275,17 +1277,19 @@ static void vulkan_check_parts(oxl_context *device)
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         const float     *image;
-        const size_t     before = device->vulkan->submissions;
+        size_t           before = device->vulkan->submissions;
         device->vulkan->part    = k ? 500 : 0;
         CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
         memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
         CHECK_OK(renderer_create(device, &r));
         CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+        CHECK((device->vulkan->submissions - before > 5) == k); /* two rows of tiles each */
         CHECK_OK(renderer_image(device, r, &image));
         memcpy(rgb + 3 * pixels * (size_t)k, image, 3 * pixels * sizeof *rgb);
+        before = device->vulkan->submissions;
         CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
+        CHECK((device->vulkan->submissions - before > 5) == k);
         CHECK_OK(renderer_gradient(device, r, &gradient[k]));
-        if (k) CHECK(device->vulkan->submissions - before >= 2 * 8);
         renderer_free(device, r);
     }
     CHECK(memcmp(rgb, rgb + 3 * pixels, 3 * pixels * sizeof *rgb) == 0);
