@@ -1184,8 +1184,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     CHECK_OK(renderer_download(device, d->r, moves ? DOWNLOAD_SHAPE : DOWNLOAD_TO_CHANGE));
     if (moves) CHECK(v->read_bytes - read == 300 * (OXL_SH * 4 + 16));
     CHECK_OK(density_decide(test_ctx, density, &d->run.model, &rules, &change));
-    move.lobes = density_sources(density, &d->run.model, from);
-    move.count = 300 - change.removed + change.split;
+    move.lobes     = density_sources(density, &d->run.model, from);
+    move.sh_degree = 1;
+    move.count     = 300 - change.removed + change.split;
     CHECK(change.removed > 40 && (change.split > 100) == !lobes && move.lobes == (lobes ? 85 : 0));
     if (moves == 2) vulkan_play_full(device->vulkan, 3);
     if (moves) CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
@@ -1454,6 +1455,73 @@ static void vulkan_check_training(oxl_context *device)
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
+/* Two steps of a run, without density control. */
+static void vulkan_two_steps(struct train *t)
+{
+    for (int k = 0; k < 2; k++) {
+        t->step++;
+        CHECK_OK(step_on_next_view(t));
+        CHECK_OK(step_observe(t));
+    }
+}
+
+/* Pruning, then more bands; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took. */
+static size_t vulkan_prune_and_raise(struct train *t, int moves)
+{
+    struct vulkan_renderer *d = t->renderer->device;
+    size_t                  bytes;
+    vulkan_two_steps(t);
+    CHECK_OK(step_settle(t));
+    if (!moves) d->moments_here = 0;
+    CHECK_OK(step_remove_rows(t, 80));
+    vulkan_two_steps(t);
+    CHECK_OK(step_settle(t));
+    if (!moves) d->moments_here = 0;
+    bytes = d->v->sent + d->v->read_bytes;
+    CHECK_OK(step_raise_sh_degree(t));
+    vulkan_two_steps(t);
+    CHECK_OK(step_settle(t));
+    bytes = d->v->sent + d->v->read_bytes - bytes;
+    CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
+    CHECK(t->model->count == 120 && t->model->lobes > 20 && t->model->lobes < 60 && t->model->sh_degree == 1);
+    return bytes;
+}
+
+static void vulkan_check_kept_rows(oxl_context *device)
+{
+    oxl_train_options options = train_options(60);
+    oxl_model         model[2];
+    struct train      t[2];
+    size_t            bytes[2];
+    options.sh_degree_interval = 0.001;
+    device->vulkan->slab_rows  = 64; /* several slabs */
+    for (int k = 0; k < 2; k++) {
+        t[k] = (struct train){.ctx       = device,
+                              .scene     = vulkan_survey(device, 0),
+                              .options   = &options,
+                              .model     = &model[k],
+                              .decisions = {.ctx = device}};
+        CHECK_OK(train_begin(&t[k]));
+        CHECK_OK(model_set_lobes(device, &model[k], 60));
+        CHECK_OK(model_set_lobes(device, &t[k].first, 60));
+        CHECK_OK(model_set_lobes(device, &t[k].second, 60));
+        for (int i = 0; i < 60; i++) model[k].plane[OXL_LOBE][i] = -1;
+        CHECK_OK(step_resize_gradient(&t[k]));
+        bytes[k] = vulkan_prune_and_raise(&t[k], k);
+    }
+    CHECK(bytes[1] < bytes[0] / 2);
+    vulkan_check_same_model(&model[0], &model[1]);
+    vulkan_check_same_model(&t[0].first, &t[1].first);
+    vulkan_check_same_model(&t[0].second, &t[1].second);
+    CHECK(memcmp(t[0].density->gradient, t[1].density->gradient, 120 * sizeof(float)) == 0);
+    for (int k = 0; k < 2; k++) {
+        oxl_scene *scene = t[k].scene;
+        train_end(&t[k]);
+        oxl_model_free(device, &model[k]);
+        oxl_scene_free(device, scene);
+    }
+}
+
 /* Once at each iteration that it is due. user: the last one. */
 static int vulkan_stops(void *user, const oxl_progress *p)
 {
@@ -1476,16 +1544,20 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkP
     vulkan_real_push(commands, layout, stages, offset, size, word);
 }
 
-enum { VULKAN_STRAIGHT, VULKAN_WITHOUT_ROOM, VULKAN_STOPPED }; /* a run: to its end; steps repeated; from checkpoint to checkpoint */
+enum {
+    VULKAN_STRAIGHT,
+    VULKAN_WITHOUT_ROOM,
+    VULKAN_STOPPED
+}; /* a run: to its end; steps repeated; from checkpoint to checkpoint */
 
 static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, double gain[18])
 {
-    int                       last     = 0, stops = 0;
+    int                       last = 0, stops = 0;
     const oxl_callback        callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
     struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place    = {.folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
-    oxl_scene                *scene    = vulkan_survey(ctx, 0.3);
-    oxl_train_options         options  = train_options(80);
+    const struct train_output place   = {.folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
+    oxl_scene                *scene   = vulkan_survey(ctx, 0.3);
+    oxl_train_options         options = train_options(80);
     oxl_result                rc;
     options.exposure           = OXL_ON;
     options.short_run_exponent = 0;
@@ -1816,6 +1888,11 @@ TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing)
 TEST(vulkan_training_repeats_steps_that_found_no_room)
 {
     ON_DEVICE(vulkan_check_repeated);
+}
+
+TEST(vulkan_pruning_and_bands_move_rows_as_the_host_does)
+{
+    ON_DEVICE(vulkan_check_kept_rows);
 }
 
 TEST(vulkan_density_control_moves_rows_as_the_host_does)

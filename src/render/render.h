@@ -104,12 +104,13 @@ enum renderer_download {
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
 
 /* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
- * RENDERER_FRESH is set; the order stays. The host does the same with the model and calls renderer_send_shape. *moved 0: on the CPU, or there was no room on
+ * RENDERER_FRESH is set; the order stays. Bands that the model had not are 0. The host does the same with the model and calls renderer_send_shape. *moved 0: on the CPU, or there was no room on
  * the device; everything is on the host then, as after DOWNLOAD_TO_CHANGE. */
 #define RENDERER_FRESH 0x80000000u
 struct renderer_move {
     const uint32_t *from; /* (count) */
     size_t          count, lobes;
+    int             sh_degree; /* not below the model's */
 };
 OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved);
 /* Uploads the planes before OXL_SH of a model of which the device holds the rest; reset_opacity: the moments of its opacity become 0. */

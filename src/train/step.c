@@ -158,8 +158,8 @@ static const struct lamp *step_lamp(const struct train *t, int view)
 static oxl_result step_compare(struct train *t, int view, const float gain[3], int learns, struct renderer_loss *loss)
 {
     const float          ssim_weight = t->options->ssim_weight;
-    const oxl_camera     camera = step_camera(t, view);
-    const struct imaging m      = step_imaging(t);
+    const oxl_camera     camera      = step_camera(t, view);
+    const struct imaging m           = step_imaging(t);
     oxl_result           rc;
     renderer_set_medium(t->renderer, &m.medium);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
@@ -195,8 +195,8 @@ static oxl_result step_leave_out(struct train *t, int step, int view)
 static void step_note(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                       struct renderer_nonfinite skipped)
 {
-    const double psnr = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
-    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->place ? t->place->first : 0)));
+    const double                   psnr     = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->place ? t->place->first : 0)));
     const struct exposure_gradient gradient = {.step      = of->step,
                                                .view      = of->view,
                                                .progress  = (double)of->step / t->options->iterations,
@@ -378,16 +378,19 @@ OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
     return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
 }
 
-/* On a device: the rows that density control has decided on. */
-static oxl_result step_move_rows(struct train *t, const struct density_change *change, int *moved)
+/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this degree. */
+static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep, int sh_degree,
+                                 int *moved)
 {
-    const size_t         count = t->model->count - change->removed + change->split;
+    const size_t         count = t->model->count + (change ? change->split - change->removed : 0);
     uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
-    struct renderer_move move  = {.from = from, .count = count};
+    struct renderer_move move  = {.from = from, .sh_degree = sh_degree};
     oxl_result           rc;
     if (renderer_has_device(t->renderer) && !from)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
-    if (from) move.lobes = density_sources(t->density, t->model, from);
+    if (from && change) move.count = count, move.lobes = density_sources(t->density, t->model, from);
+    for (size_t i = 0; from && !change && i < count; i++)
+        if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->model->lobes;
     rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
     oxl_free(t->ctx, from);
     return rc;
@@ -410,7 +413,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     rules.carved = carved;
     if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, t->model, &rules, &change);
     oxl_free(t->ctx, carved);
-    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, &moved);
+    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, NULL, t->model->sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, t->model, &t->first, &t->second, &change, moved);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
@@ -429,10 +432,12 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
 {
     const size_t count = t->model->count;
     uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
+    int          moved = 0;
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_settle(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
-    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->model->sh_degree, &moved);
     if (rc == OXL_OK) {
         model_keep_rows(t->model, keep);
         model_keep_rows(&t->first, keep);
@@ -440,6 +445,7 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
         density_keep_rows(t->density, keep, count);
         rc = step_resize_gradient(t);
     }
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     oxl_free(t->ctx, keep);
     return rc;
 }
@@ -463,12 +469,15 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double held)
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 {
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
+    int        moved  = 0;
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
 

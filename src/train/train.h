@@ -249,18 +249,18 @@ OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int vie
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 
 struct exposure_gradient {
-    int    step, view; /* step 0: none */
+    int    step, view;             /* step 0: none */
     double progress, dlog_gain[3]; /* share of the run; dL/da */
 };
 
 struct exposure {
-    oxl_switch     mode;
-    double         hold;           /* share of the run up to which known gains stay */
-    struct imaging of;             /* the gains; on: they are applied */
-    float         *first, *second; /* (views,3) Adam's moments */
-    int           *visits;         /* (views) steps of a view's gains */
-    double         mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
-    struct exposure_gradient pending; /* of the last step, not applied yet */
+    oxl_switch               mode;
+    double                   hold;           /* share of the run up to which known gains stay */
+    struct imaging           of;             /* the gains; on: they are applied */
+    float                   *first, *second; /* (views,3) Adam's moments */
+    int                     *visits;         /* (views) steps of a view's gains */
+    double                   mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
+    struct exposure_gradient pending;        /* of the last step, not applied yet */
 };
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
