@@ -151,6 +151,7 @@ static struct vulkan_distance vulkan_distance(const float *a, const float *b, si
 static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
 {
     struct vulkan          *v    = device->vulkan;
+    const size_t            most = n == 1 << 16 ? n : n + 9000; /* more groups than keys, or all of 32 are full */
     uint32_t               *host = oxl_alloc(test_ctx, 2 * n + 2, sizeof *host), *got = host + n + 1, count = (uint32_t)n;
     struct vulkan_renderer *r;
     void                   *made;
@@ -163,12 +164,12 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
         vulkan_reserve(v, &r->row_key[k], n + 1, 4, "keys");
         vulkan_reserve(v, &r->row_value[k], n + 1, 4, "keys");
     }
-    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(n + 9000), 4, "keys");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(most), 4, "keys");
     if (n) vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
     for (size_t i = 0; i < n; i++) got[i] = (uint32_t)i;
     if (n) vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
     vulkan_update(v, &r->counts, COUNT_VISIBLE * 4, &count, 4);
-    end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, n + 9000, 32); /* more groups than keys */
+    end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, most, 32);
     if (n) vulkan_download(v, &r->row_value[end], 0, got, 4 * n);
     for (size_t i = 1; i < n; i++)
         wrong += host[got[i - 1]] > host[got[i]] || (host[got[i - 1]] == host[got[i]] && got[i - 1] >= got[i]);
@@ -179,7 +180,7 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
 
 static void vulkan_check_sorts(oxl_context *device)
 {
-    static const size_t sizes[] = {0, 1, 2047, 2048, 2049, 70001};
+    static const size_t sizes[] = {0, 1, 2047, 2048, 2049, 1 << 16, 70001};
     for (size_t k = 0; k < OXL_COUNT(sizes); k++) vulkan_check_sort(device, sizes[k], k % 2 ? 0xFFFFFFFF : 0x00F0000F);
 }
 
