@@ -1466,15 +1466,19 @@ static void vulkan_two_steps(struct train *t)
     }
 }
 
-/* Pruning, then more bands; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took. */
-static size_t vulkan_prune_and_raise(struct train *t, int moves)
+/* Pruning, then more bands; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took; moment: of
+ * the opacities, as a checkpoint right behind the pruning has it. */
+static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
 {
     struct vulkan_renderer *d = t->renderer->device;
     size_t                  bytes;
     vulkan_two_steps(t);
-    CHECK_OK(step_settle(t));
+    CHECK_OK(step_download(t, DOWNLOAD_TO_READ)); /* a checkpoint */
     if (!moves) d->moments_here = 0;
     CHECK_OK(step_remove_rows(t, 80));
+    if (moves) memset(t->first.plane[OXL_OPACITY], 0, 120 * sizeof *moment);
+    CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
+    memcpy(moment, t->first.plane[OXL_OPACITY], 120 * sizeof *moment);
     vulkan_two_steps(t);
     CHECK_OK(step_settle(t));
     if (!moves) d->moments_here = 0;
@@ -1494,6 +1498,7 @@ static void vulkan_check_kept_rows(oxl_context *device)
     oxl_model         model[2];
     struct train      t[2];
     size_t            bytes[2];
+    float             moment[2][120];
     options.sh_degree_interval = 0.001;
     device->vulkan->slab_rows  = 64; /* several slabs */
     for (int k = 0; k < 2; k++) {
@@ -1508,9 +1513,10 @@ static void vulkan_check_kept_rows(oxl_context *device)
         CHECK_OK(model_set_lobes(device, &t[k].second, 60));
         for (int i = 0; i < 60; i++) model[k].plane[OXL_LOBE][i] = -1;
         CHECK_OK(step_resize_gradient(&t[k]));
-        bytes[k] = vulkan_prune_and_raise(&t[k], k);
+        bytes[k] = vulkan_prune_and_raise(&t[k], k, moment[k]);
     }
     CHECK(bytes[1] < bytes[0] / 2);
+    CHECK(memcmp(moment[0], moment[1], sizeof moment[0]) == 0 && moment[0][0] != 0);
     vulkan_check_same_model(&model[0], &model[1]);
     vulkan_check_same_model(&t[0].first, &t[1].first);
     vulkan_check_same_model(&t[0].second, &t[1].second);
