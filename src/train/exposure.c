@@ -11,7 +11,7 @@
  * auto: on where the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's neighbours predict its gain better than none.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while the device works on the step
- * (exposure_catch_up). On the CPU they do.
+ * (exposure_apply_pending). On the CPU they do.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
@@ -26,12 +26,12 @@
 #define EXPOSURE_HOLD   0.1  /* of the run: the tracks' gains are kept */
 #define EXPOSURE_DIFFER 0.04 /* rms of the log */
 
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued)
 {
     const int    views = oxl_scene_view_count(scene);
     const size_t n     = 3 * (size_t)views;
     oxl_result   rc    = OXL_OK;
-    if (goes_on) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
+    if (continued) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(ctx, views, &e->of);
@@ -43,7 +43,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
     if (rc != OXL_OK) return rc;
     e->of.on = mode == OXL_ON;
-    if (goes_on) imaging_copy(scene_imaging(scene), &e->of);
+    if (continued) imaging_copy(scene_imaging(scene), &e->of);
     for (int c = 0; c < 3; c++) e->mean[c] = imaging_mean(&e->of, c);
     return OXL_OK;
 }
@@ -89,7 +89,7 @@ static void exposure_step(struct exposure *e, int view, double progress, const d
     const int    n        = ++e->visits[view];
     const double correct1 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA1));
     const double correct2 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA2));
-    imaging_between(&e->of, view, between);
+    imaging_interpolate(&e->of, view, between);
     if (!e->of.known[view]) memcpy(a, between, sizeof between);
     e->of.known[view] = 1;
     for (int c = 0; c < 3; c++) {
@@ -99,22 +99,22 @@ static void exposure_step(struct exposure *e, int view, double progress, const d
         *m = (float)(EXPOSURE_BETA1 * *m + (1 - EXPOSURE_BETA1) * g);
         *v = (float)(EXPOSURE_BETA2 * *v + (1 - EXPOSURE_BETA2) * g * g);
         a[c] -= (float)(rate * (*m / correct1) / (sqrt(*v / correct2) + 1e-12));
-        a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_LEAST), -vecmath_log(EXPOSURE_LEAST));
+        a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_MIN), -vecmath_log(EXPOSURE_MIN));
     }
     imaging_centre(&e->of, e->mean);
 }
 
-OXL_INTERNAL void exposure_catch_up(struct exposure *e, int last)
+OXL_INTERNAL void exposure_apply_pending(struct exposure *e, int last)
 {
     if (e->pending.step == 0 || e->pending.step > last) return;
     exposure_step(e, e->pending.view, e->pending.progress, e->pending.dlog_gain);
     e->pending.step = 0;
 }
 
-OXL_INTERNAL void exposure_note(struct exposure *e, const struct exposure_gradient *of)
+OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure_gradient *of)
 {
-    exposure_catch_up(e, INT_MAX);
-    if (e->of.on && (of->progress >= e->hold || !e->of.known[of->view])) e->pending = *of;
+    exposure_apply_pending(e, INT_MAX);
+    if (e->of.on && (of->progress >= e->known_until || !e->of.known[of->view])) e->pending = *of;
 }
 
 /* The root of the mean square of the known gains, in log units, and of what their neighbours leave of them. */
@@ -135,7 +135,7 @@ static void exposure_spread(const struct imaging *m, double *differ, double *lef
     *left   = sqrt(known ? rest / known : 0);
 }
 
-OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size)
+OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size)
 {
     double    differ = 0, left = 0;
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
@@ -145,7 +145,7 @@ OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, 
         memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
         imaging_centre(&e->of, e->mean);
         exposure_spread(&e->of, &differ, &left);
-        e->hold = EXPOSURE_HOLD;
+        e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
             "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours predict them to %.1f %%; on from "
