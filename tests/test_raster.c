@@ -263,6 +263,64 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     wide_free(&r);
 }
 
+/* ---------------------------------------------------------------- dropout */
+
+enum { DROP_SIDE = 64, DROP_COUNT = 400 };
+
+/* The sum of all channels with dropout. */
+static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const oxl_camera *camera, double share)
+{
+    const oxl_render_options options = oxl_render_options_default();
+    const float             *rgb;
+    double                   sum = 0;
+    renderer_set_dropout(r, share, 7);
+    CHECK_OK(renderer_forward(test_ctx, r, m, camera, &options));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) sum += (double)rgb[i];
+    return sum;
+}
+
+TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_with_the_gradient_of_that)
+{
+    const oxl_camera         camera  = {DROP_SIDE, DROP_SIDE, 50, 50, 32, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const oxl_render_options options = oxl_render_options_default();
+    static float             ones[3 * DROP_SIDE * DROP_SIDE];
+    struct renderer         *r;
+    struct wide              w;
+    oxl_model                m, gradient;
+    float                    peak[DROP_COUNT];
+    int                      shown[DROP_COUNT], before = 0, after = 0;
+    size_t                   only = 0;
+    double                   sum;
+    raster_scene(&w, DROP_COUNT, 0, DROP_SIDE, DROP_SIDE);
+    raster_to_model(&w, &m);
+    for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) ones[i] = 1;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    renderer_use_cpu(r);
+    CHECK_OK(renderer_forward(test_ctx, r, &m, &camera, &options));
+    for (size_t i = 0; i < DROP_COUNT; i++)
+        shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
+    (void)raster_dropped_sum(r, &m, &camera, 0.5);
+    for (size_t i = 0; i < DROP_COUNT; i++) {
+        if (!renderer_row_visible(r, i)) continue;
+        CHECK(shown[i]);
+        CHECK_CLOSE(r->splat[i].peak, peak[i] + 1, 1e-5); /* log2: twice the opacity */
+        after++;
+    }
+    CHECK(after > 0.4 * before && after < 0.6 * before);
+    while (only < DROP_COUNT && !renderer_row_visible(r, only)) only++;
+    for (size_t i = 0; i < DROP_COUNT; i++) m.plane[OXL_OPACITY][i] = i == only ? -1 : -20;
+    sum = raster_dropped_sum(r, &m, &camera, 0.5); /* alone, of alpha = 2 o G: dL / dlogit = (1 - o) L */
+    CHECK_OK(oxl_model_create(test_ctx, m.count, m.sh_degree, &gradient));
+    CHECK_OK(renderer_backward(test_ctx, r, ones, &gradient));
+    CHECK(sum > 1);
+    CHECK_CLOSE(gradient.plane[OXL_OPACITY][only], sum * vecmath_sigmoid(1), 1e-4 * sum);
+    oxl_model_free(test_ctx, &gradient);
+    oxl_model_free(test_ctx, &m);
+    renderer_free(test_ctx, r);
+    wide_free(&w);
+}
+
 /* ---------------------------------------------------------------- what else it draws */
 
 TEST(raster_shows_the_background_where_there_is_nothing)

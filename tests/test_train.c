@@ -541,6 +541,26 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     oxl_scene_free(test_ctx, scene);
 }
 
+TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
+{
+    oxl_train_options o     = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene         scene = {.view_count = 40};
+    oxl_view          view[40];
+    memset(view, 0, sizeof view);
+    scene.view             = view;
+    scene.stats.mean_track = 4.9;
+    for (int i = 0; i < 11; i++) view[i].is_test = 1;
+    CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.4, 0);
+    scene.stats.mean_track = 5;
+    CHECK(schedule_dropout_rate(&o, &scene) == 0);
+    scene.stats.mean_track = 0;
+    CHECK(schedule_dropout_rate(&o, &scene) == 0);
+    scene.stats.mean_track = 4.9, view[10].is_test = 0;
+    CHECK(schedule_dropout_rate(&o, &scene) == 0);
+    o.dropout = 0.25f;
+    CHECK(schedule_dropout_rate(&o, &scene) == 0.25);
+}
+
 TEST(train_auto_halves_large_images_only)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);

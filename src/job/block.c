@@ -248,6 +248,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     o.keep.kind                          = OXL_KEEP_ALL;
     o.dog                                = OXL_DOG_OFF;
     o.alpha_min                          = 0;
+    o.dropout                            = 0;
     if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the model has it */
     return o;
 }

@@ -35,6 +35,8 @@ struct renderer {
     double (*medium_sum)[MEDIUM_SUMS]; /* (tasks) */
     double             dmedium[MEDIUM_SUMS];
     size_t             medium_pack_capacity, medium_sum_capacity;
+    double             dropout; /* of renderer_set_dropout */
+    uint64_t           dropout_draw;
     float              gain[3]; /* of renderer_set_gain */
     int                has_gain;
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */

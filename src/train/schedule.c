@@ -17,6 +17,9 @@
 #define SCHEDULE_SHORTEST_RUN         500     /* iterations: shorter runs have the rates of this one; larger ones diverge */
 #define SCHEDULE_EARLY_EXPONENT       0.5 /* of a short run's factor: by this power of it, rates other than of positions begin larger */
 #define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: from then on they are not */
+#define SCHEDULE_DROPOUT_AUTO         0.4 /* TRADEOFF.md */
+#define SCHEDULE_DROPOUT_IMAGES       5   /* that see a point, on average; with more, dropout costs detail, */
+#define SCHEDULE_DROPOUT_VIEWS        30  /* and with more training views */
 #define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
 #define SCHEDULE_COOLDOWN_END         0.1 /* factor on the learning rates at the end of a run */
 
@@ -65,6 +68,14 @@ static double schedule_cooldown(const struct train *t)
 OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 {
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
+}
+
+OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_scene *scene)
+{
+    const double images = scene_stats_of(scene)->mean_track;
+    if (o->dropout >= 0) return o->dropout;
+    if (images <= 0 || images >= SCHEDULE_DROPOUT_IMAGES || schedule_training_views(scene) >= SCHEDULE_DROPOUT_VIEWS) return 0;
+    return SCHEDULE_DROPOUT_AUTO;
 }
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
