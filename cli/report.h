@@ -27,7 +27,7 @@ enum report_column { /* of log.csv */
 struct report_block {
     char   *json; /* block.json, or NULL: not trained yet */
     int     rows; /* of log.csv */
-    double *log;  /* (rows,REPORT_COLUMNS); not a number: not said */
+    double *log;  /* (rows,REPORT_COLUMNS); NaN: missing */
 };
 
 struct report {

@@ -28,7 +28,7 @@ static const struct image_window *step_window(const struct train *t, int view)
     return t->output && t->output->window ? &t->output->window[view] : NULL;
 }
 
-/* Of that part, at this step's resolution; the renderer is told of the whole. */
+/* Of that part, at this step's resolution; the renderer gets the full image's size, too. */
 static oxl_camera step_camera(struct train *t, int view)
 {
     const struct image_window *w      = step_window(t, view);
