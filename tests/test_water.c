@@ -423,6 +423,34 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     photometry_free(test_ctx, &p);
 }
 
+/* 260 training views, L and R in turn: every other one of all would be those of one camera. */
+TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_stereo_pair)
+{
+    synth_options          o      = synth_test_options("pairs");
+    struct colmap          survey = {0};
+    struct photometry_work w      = {0};
+    struct photometry      out    = {0};
+    oxl_scene_options      all    = oxl_scene_options_default();
+    oxl_scene             *scene;
+    int                    of[2] = {0, 0}, last = -1;
+    o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = "none";
+    all.test_every = 0;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("pairs"), &all, &scene));
+    CHECK_OK(photometry_begin(test_ctx, scene, &w, &out));
+    CHECK((w.lamps = imaging_set_lamps(scene, w.lamp)) == 3);
+    photometry_choose_views(scene, scene_colmap(scene), &w);
+    for (int i = 0; i < w.views; last = w.chosen[i++]) {
+        CHECK(w.chosen[i] > last && w.view[scene_source_image(scene, w.chosen[i]) - scene_colmap(scene)->image] == i);
+        of[w.lamp_of[i] - 1]++;
+    }
+    CHECK(of[0] == 64 && of[1] == 64 && last >= 256);
+    photometry_end(test_ctx, &w);
+    photometry_free(test_ctx, &out);
+    oxl_scene_free(test_ctx, scene);
+}
+
 static int photometry_test_warned;
 
 static void photometry_test_log(void *user, oxl_log_level level, const char *text)
@@ -784,12 +812,14 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
     struct track_depth d     = {0};
     struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
     int                count, same;
+    size_t             kept = 0;
     photometry_test_make("depth_tracks", "3C");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
     CHECK_OK(track_depth_begin(test_ctx, &d, scene));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const oxl_view *view = oxl_scene_view(scene, v);
         const double    full = track_depth_of_step(&d, v, 7, 0, &count, point);
+        kept += (size_t)OXL_MIN(d.view[v].seen, 1024);
         CHECK(view->is_test ? count == 0 && full == 0 : count > 10 && full > 0);
         if (view->is_test) continue;
         CHECK_CLOSE(track_depth_of_step(&d, v, 7, 0.75, &same, again), full / 4, 1e-9);
@@ -798,6 +828,10 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
         for (int i = 0; i < count; i++)
             CHECK(point[i].z > 0 && point[i].x > -1 && point[i].x < view->camera.width + 1 && point[i].y > -1 &&
                   point[i].y < view->camera.height + 1);
+    }
+    { /* what the prediction of memory says */
+        const double bytes = track_depth_bytes((double)scene_stats_of(scene)->observations, oxl_scene_view_count(scene));
+        CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
     }
     track_depth_free(test_ctx, &d);
     oxl_scene_free(test_ctx, scene);
