@@ -117,8 +117,8 @@ TEST(budget_is_what_partition_predicts_with)
 TEST(budget_counts_of_lamp_and_water_the_depths_of_tracks_alone)
 {
     struct cost_load load = budget_test_load();
-    oxl_job_options        o    = budget_test_options(4e8), off;
-    o.train.sh_degree           = 3;
+    oxl_job_options  o    = budget_test_options(4e8), off;
+    o.train.sh_degree     = 3;
     o.train.lamp = o.train.medium = OXL_AUTO;
     off                           = o;
     off.train.lamp = off.train.medium = OXL_OFF;

@@ -70,7 +70,8 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const int    sets   = schedule_may_try(&o->train) ? 10 : 4;
     /* planes of 4 bytes: parameters, gradient, two moments; all but the gradient two more times during a trial */
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES + gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
-           gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track) + depths;
+           gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
+           (double)load->observations * sizeof(struct colmap_track) + depths;
 }
 
 OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *o, const struct cost_load *load)

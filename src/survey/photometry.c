@@ -51,7 +51,7 @@ struct photometry_sample { /* a point in an image */
     float  term[LAMP_TERMS];
 };
 struct photometry_work {
-    int                      *view, *chosen; /* as in contrast.c */
+    int                      *view, *chosen;                    /* as in contrast.c */
     int                       views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
     struct photometry_sample *sample;
     size_t                    samples;
@@ -69,8 +69,8 @@ struct photometry_work {
 /* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo pair. */
 static void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w)
 {
-    const int views = oxl_scene_view_count(scene);
-    int       train = 0;
+    const int views           = oxl_scene_view_count(scene);
+    int       train           = 0;
     int64_t   seen[LAMP_MOST] = {0};
     for (int i = 0; i < views; i++) train += !oxl_scene_view(scene, i)->is_test;
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
@@ -563,7 +563,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     oxl_result             rc;
     *out = (struct photometry){0};
     if (!parts || !c || c->track_count == 0 || !(median > 0)) return OXL_OK;
-    rc = photometry_begin(ctx, scene, &w, out);
+    rc      = photometry_begin(ctx, scene, &w, out);
     w.lamps = imaging_set_lamps(scene, w.lamp);
     w.gains = 9 + w.lamps * LAMP_TERMS;
     if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
