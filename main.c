@@ -34,23 +34,23 @@ struct console {
     char   error[1200]; /* of a tool, which may quote the library; the library's own is in the context */
 };
 
-static volatile sig_atomic_t stop_asked;
+static volatile sig_atomic_t stop_requested;
 static time_t                stop_time;
 
 /* A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals the program and then its group. */
 static void on_signal(int number)
 {
     const time_t now = time(NULL);
-    if (!stop_asked) stop_time = now;
+    if (!stop_requested) stop_time = now;
     signal(number, now > stop_time + 1 ? SIG_DFL : on_signal);
     if (now > stop_time + 1) raise(number);
-    stop_asked = 1;
+    stop_requested = 1;
 }
 
 static int is_stopped(void *user)
 {
     (void)user;
-    return stop_asked;
+    return stop_requested;
 }
 
 static void catch_signals(void)
@@ -168,7 +168,7 @@ static int on_progress(void *user, const oxl_progress *p)
         c->twentieth = twentieth;
         print_progress(c, p);
     }
-    return stop_asked;
+    return stop_requested;
 }
 
 static void print_error(const char *text)
@@ -325,7 +325,7 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
-static int is_there(const char *path)
+static int file_exists(const char *path)
 {
     FILE *file = fopen(path, "rb");
     if (file) fclose(file);
@@ -340,9 +340,9 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
     const int   is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
     const int   length   = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
     snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
-    if ((a->clear || (!a->ortho && !a->flight)) && is_there(path)) return path;
+    if ((a->clear || (!a->ortho && !a->flight)) && file_exists(path)) return path;
     snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
-    return is_there(path) ? path : a->path[0];
+    return file_exists(path) ? path : a->path[0];
 }
 
 /* The model in the survey's own frame and unit. */
@@ -377,7 +377,7 @@ static int on_synth(void *user, const char *what, long done, long total)
         fflush(stderr);
     }
     c->twentieth = twentieth;
-    return stop_asked;
+    return stop_requested;
 }
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)

@@ -191,10 +191,10 @@ OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
 OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [Kerbl 2023] */
 
-/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start` and unit direction `way`,
+/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start` and unit `direction`,
  * local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside the domain of the distortion model. */
 OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
-                                 double way[3]);
+                                 double direction[3]);
 
 /* Reads imaging.txt beside the model file, if it exists: exposure gains and medium, which evaluation and renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);

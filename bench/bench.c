@@ -187,7 +187,8 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     render_each_tile(ctx, r, r->drgb, raster_backward);
     t[5] = os_seconds();
     out  = render_gaussians(&in->gradient, r->in.sh_degree);
-    render_project_backward(ctx, r, &out);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < render_tasks(r); task++) render_project_backward(ctx, r, task, &out);
     t[6] = os_seconds();
     bench_check(ctx, renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, &still, &skipped));
     t[7] = os_seconds();

@@ -124,7 +124,7 @@ static void device_step(oxl_context *ctx, struct device_run *r)
     struct renderer_sums      sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
     options.near_plane             = 0.01f;
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
-    device_check(ctx, renderer_take_image(ctx, r->renderer, 0, &r->image, NULL, 0));
+    device_check(ctx, renderer_set_image(ctx, r->renderer, 0, &r->image, NULL, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
     device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &skipped));

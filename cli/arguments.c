@@ -29,13 +29,13 @@ static int distance(const char *a, const char *b)
     return row[nb];
 }
 
-static void offer(const char *word, const char *name, const char **best, int *least)
+static void suggest(const char *word, const char *name, const char **best, int *least)
 {
     const int d = distance(word, name);
     if (d < *least) *least = d, *best = name;
 }
 
-static int unknown(const char *what, const char *word, const char *best, const char *command, char *error, size_t size)
+static int fail_unknown(const char *what, const char *word, const char *best, const char *command, char *error, size_t size)
 {
     snprintf(error, size, "%s '%s' is not known%s%s%s\nfix: oceanxl %s%s--help%s lists them", what, word,
              best ? "; did you mean " : "", best ? best : "", best ? "?" : "", command, command[0] ? " " : "",
@@ -65,7 +65,7 @@ static int unknown_option(const char *word, const struct arguments *a, char *err
     const char *name = word + strspn(word, "-"), *nearest = NULL;
     char        other[40], best[40];
     int         least = 4; /* more edits: no suggestion */
-    if (a->command == COMMAND_ABLATE && cli_is_set_by_rows(name)) {
+    if (a->command == COMMAND_ABLATE && cli_is_study_variable(name)) {
         snprintf(error, size, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
                  word);
         return 1;
@@ -76,10 +76,10 @@ static int unknown_option(const char *word, const struct arguments *a, char *err
     }
     for (int i = 0; i < cli_option_count(); i++) {
         const int before = least;
-        if (cli_option_is_of(i, a->command)) offer(word, cli_option_word(cli_option_at(i), other), &nearest, &least);
+        if (cli_option_is_of(i, a->command)) suggest(word, cli_option_word(cli_option_at(i), other), &nearest, &least);
         if (least < before) memcpy(best, other, sizeof best);
     }
-    return unknown("option", word, nearest ? best : NULL, command_of(a->command)->name, error, size);
+    return fail_unknown("option", word, nearest ? best : NULL, command_of(a->command)->name, error, size);
 }
 
 static int find_command(const char *word, struct arguments *a, char *error, size_t size)
@@ -91,9 +91,9 @@ static int find_command(const char *word, struct arguments *a, char *error, size
             a->command = cli_command_at(i)->command;
             return 0;
         }
-        offer(word, cli_command_at(i)->name, &best, &least);
+        suggest(word, cli_command_at(i)->name, &best, &least);
     }
-    return unknown("command", word, best, "", error, size);
+    return fail_unknown("command", word, best, "", error, size);
 }
 
 /* ---------------------------------------------------------------- parsing */

@@ -227,7 +227,7 @@ int               cli_option_count(void);
 const oxl_option *cli_option_at(int index);
 int               cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
 int               cli_option_is_of(int index, enum command command);
-int               cli_is_set_by_rows(const char *name);               /* options that differ between the rows of ablate */
+int               cli_is_study_variable(const char *name);            /* options that differ between the rows of ablate */
 const char       *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
 
 /* ---------------------------------------------------------------- arguments.c: parsing of the command line */

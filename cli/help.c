@@ -56,7 +56,7 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
 }
 
 /* "--name VALUE" */
-static const char *help_left(const oxl_option *o, char out[100])
+static const char *help_option_text(const oxl_option *o, char out[100])
 {
     char word[40];
     snprintf(out, 100, "%s%s%s", cli_option_word(o, word), o->value ? " " : "", o->value ? o->value : "");
@@ -92,7 +92,8 @@ static void help_option(FILE *to, int index)
     const oxl_option *o = cli_option_at(index);
     char              left[100], standard[HELP_DEFAULT];
     help_default(index, standard);
-    fprintf(to, "  %-31s %s%s%s%s\n", help_left(o, left), o->help, standard[0] ? " (" : "", standard, standard[0] ? ")" : "");
+    fprintf(to, "  %-31s %s%s%s%s\n", help_option_text(o, left), o->help, standard[0] ? " (" : "", standard,
+            standard[0] ? ")" : "");
 }
 
 /* The options of a command, or of all commands that have any, group by group. Returns how many were left out. */
@@ -233,7 +234,7 @@ static void page_option(FILE *to, int index)
     static const char *const tiers[] = {"", " Advanced.", " Expert."};
     const oxl_option        *o       = cli_option_at(index);
     char                     left[100], standard[HELP_DEFAULT];
-    fprintf(to, "- `%s`: %s", help_left(o, left), o->help);
+    fprintf(to, "- `%s`: %s", help_option_text(o, left), o->help);
     help_default(index, standard);
     if (standard[0]) {
         fprintf(to, " (%s", standard);

@@ -173,7 +173,7 @@ static unsigned cli_commands_of(unsigned use)
 }
 
 /* What the rows of an ablation differ by. */
-int cli_is_set_by_rows(const char *name)
+int cli_is_study_variable(const char *name)
 {
     static const char *const names[] = {"ucd", "keep", "dog", "split"};
     for (int i = 0; i < CLI_COUNT(names); i++)
@@ -185,7 +185,7 @@ int cli_option_is_of(int index, enum command command)
 {
     const oxl_option *o        = cli_option_at(index);
     const unsigned    commands = cli_option_of_job(index) < 0 ? o->use : cli_commands_of(o->use);
-    if (command == COMMAND_ABLATE && cli_option_of_job(index) >= 0 && cli_is_set_by_rows(o->name)) return 0;
+    if (command == COMMAND_ABLATE && cli_option_of_job(index) >= 0 && cli_is_study_variable(o->name)) return 0;
     return (commands >> command & 1) != 0;
 }
 

@@ -106,7 +106,7 @@ static void report_term(struct output *t, const char *term)
     output_add(t, "<dt>%s</dt><dd>", term);
 }
 
-static void report_found(struct report *r)
+static void report_survey(struct report *r)
 {
     struct output *t       = &r->page;
     const char    *origin  = json_first(json_member(r->run, "origin"));
@@ -160,7 +160,7 @@ static void report_decision(struct report *r, const char *term, const char *chos
 }
 
 /* What an option of the job was set to, and the lines that say what came of it. */
-static void report_chosen(struct report *r, const char *term, const char *member, const char *evidence)
+static void report_choice(struct report *r, const char *term, const char *member, const char *evidence)
 {
     char *value = report_value(r->job, member);
     report_decision(r, term, value ? value : "unknown", &evidence, 1);
@@ -180,15 +180,15 @@ static void report_decisions(struct report *r)
     page_text(t, preset ? preset : "");
     output_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
                OUTPUT_FIXED(json_number(r->job, "seed"), 0));
-    report_chosen(r, "SH degree (--sh-degree)", "sh_degree", "SH degree");
+    report_choice(r, "SH degree (--sh-degree)", "sh_degree", "SH degree");
     snprintf(words, sizeof words, "%d, %s cuts", r->blocks, split ? split : "unknown");
     report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
-    report_chosen(r, "Depth weights of densification (--ucd)", "ucd", "depth weights");
-    report_chosen(r, "Pruning (--keep)", "keep", "are dropped");
-    report_chosen(r, "Exposure (--exposure)", "exposure", "exposure o");
-    report_chosen(r, "Lamp (--lamp)", "lamp", "lamp o");
-    report_chosen(r, "Water (--medium)", "medium", "medium o");
-    report_chosen(r, "Second lobes (--dog)", "dog", "second lobe");
+    report_choice(r, "Depth weights of densification (--ucd)", "ucd", "depth weights");
+    report_choice(r, "Pruning (--keep)", "keep", "are dropped");
+    report_choice(r, "Exposure (--exposure)", "exposure", "exposure o");
+    report_choice(r, "Lamp (--lamp)", "lamp", "lamp o");
+    report_choice(r, "Water (--medium)", "medium", "medium o");
+    report_choice(r, "Second lobes (--dog)", "dog", "second lobe");
     output_add(t, "</dl>\n</section>\n");
     free(preset);
     free(split);
@@ -208,7 +208,7 @@ static void report_warning(void *user, int block, const char *text)
 }
 
 /* What the figures say by themselves. */
-static void report_own_warnings(struct report *r, struct report_list *list)
+static void report_figure_warnings(struct report *r, struct report_list *list)
 {
     const double predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");
     char         words[160];
@@ -229,7 +229,7 @@ static void report_warnings(struct report *r)
 {
     struct report_list list = {r, NULL, 0};
     page_section(&r->page, "Warnings");
-    report_own_warnings(r, &list);
+    report_figure_warnings(r, &list);
     report_each_note(r, "warning", report_warning, &list);
     output_add(&r->page, list.count > 0 ? "</ul>\n" : "<p>None.</p>\n");
     if (list.count > REPORT_NOTES) output_add(&r->page, "<p>And %d more.</p>\n", list.count - REPORT_NOTES);
@@ -329,7 +329,7 @@ static void report_command(struct report *r)
     free(preset);
 }
 
-static void report_repeat(struct report *r)
+static void report_reproduction(struct report *r)
 {
     struct output *t           = &r->page;
     char          *version     = json_string(json_member(r->run, "oceanxl"));
@@ -360,12 +360,12 @@ static void report_compose(struct report *r)
     views_training_section(r);
     page_section(&r->page, "Survey");
     map_section(r);
-    report_found(r);
+    report_survey(r);
     output_add(&r->page, "</section>\n");
     report_decisions(r);
     chart_section(r);
     report_sizes(r);
-    report_repeat(r);
+    report_reproduction(r);
     page_close(&r->page, OXL_VERSION);
 }
 

@@ -16,11 +16,11 @@ struct scale_end {
     int    rays;
 };
 
-static void scale_add_ray(struct scale_end *e, const double origin[3], const double way[3])
+static void scale_add_ray(struct scale_end *e, const double origin[3], const double direction[3])
 {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
-            const double across = (i == j) - way[i] * way[j];
+            const double across = (i == j) - direction[i] * direction[j];
             e->sum[i][j] += across;
             e->right[i] += across * origin[j];
         }

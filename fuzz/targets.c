@@ -301,7 +301,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     const struct train_output place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
     oxl_model                 model = {0};
     struct train              t     = {
-                         .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place, .decisions = {.ctx = ctx}};
+                         .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .output = &place, .decisions = {.ctx = ctx}};
     oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");

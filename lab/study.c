@@ -10,16 +10,16 @@
 #include <string.h>
 #include <time.h>
 
-#define STUDY_LEAST_SIDE 240  /* px: images are not reduced below this to fit the budget */
-#define STUDY_LONG       3.0  /* times the base: rows of more steps are not counted when the image size is chosen */
-#define STUDY_ALIKE      0.03 /* log of the accepted ratio of counts */
-#define STUDY_GUESS      0.75 /* of the base's densify threshold: where the search for an equal count starts */
-#define STUDY_SLOPE      -0.8 /* of log count over log threshold, until two trials measure it */
+#define STUDY_SIDE_MIN 240  /* px: images are not reduced below this to fit the budget */
+#define STUDY_LONG     3.0  /* times the base: rows of more steps are not counted when the image size is chosen */
+#define STUDY_ALIKE    0.03 /* log of the accepted ratio of counts */
+#define STUDY_GUESS    0.75 /* of the base's densify threshold: where the search for an equal count starts */
+#define STUDY_SLOPE    -0.8 /* of log count over log threshold, until two trials measure it */
 enum { STUDY_TRIALS = 4 };
 
 /* ---------------------------------------------------------------- rows */
 
-static const struct study_row *study_find(const struct study_kind *kind, const char *name, size_t length)
+static const struct study_row *study_find_row(const struct study_kind *kind, const char *name, size_t length)
 {
     for (int i = 0; i < kind->rows; i++)
         if (strlen(kind->row[i].name) == length && strncmp(kind->row[i].name, name, length) == 0) return &kind->row[i];
@@ -40,7 +40,7 @@ static oxl_result study_wrong_row(struct study *s, const char *name, size_t leng
     size_t room  = s->meter.error_size, size;
     size         = (size_t)snprintf(error, room,
                                     "--rows: '%.*s' seen, each of these at most once wanted:", length > 40 ? 40 : (int)length, name);
-    for (int i = s->kind->base_first; i < s->kind->rows && size < room; i++)
+    for (int i = s->kind->has_baseline; i < s->kind->rows && size < room; i++)
         size += (size_t)snprintf(error + size, room - size, " %s", s->kind->row[i].name);
     if (size < room) snprintf(error + size, room - size, "\nfix: --rows with some of them, joined by commas");
     return OXL_ERR_USAGE;
@@ -48,8 +48,8 @@ static oxl_result study_wrong_row(struct study *s, const char *name, size_t leng
 
 static oxl_result study_choose_row(struct study *s, const char *name, size_t length)
 {
-    const struct study_row *row = study_find(s->kind, name, length);
-    if (!row || study_row_index(s, row->name) >= s->kind->base_first) return study_wrong_row(s, name, length);
+    const struct study_row *row = study_find_row(s->kind, name, length);
+    if (!row || study_row_index(s, row->name) >= s->kind->has_baseline) return study_wrong_row(s, name, length);
     if (study_row_index(s, row->name) >= 0) return OXL_OK;
     if (row->like && study_row_index(s, row->like) < 0) {
         snprintf(s->meter.error, s->meter.error_size,
@@ -69,7 +69,7 @@ static oxl_result study_choose_rows(struct study *s)
         snprintf(s->meter.error, s->meter.error_size, "--seeds: %d seen, 1 to %d wanted", s->options->seeds, STUDY_SEEDS);
         return OXL_ERR_USAGE;
     }
-    if (!rows || s->kind->base_first) s->row[s->rows++] = &s->kind->row[0];
+    if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)
         rc = study_choose_row(s, rows, strcspn(rows, ","));
@@ -145,7 +145,7 @@ static oxl_result study_choose_side(struct study *s)
     else {
         const int side = survey.width > survey.height ? survey.width : survey.height;
         const int fits = (int)(side * sqrt(s->options->budget / (survey.seconds * steps))) / 16 * 16;
-        if (fits < side) s->base.scene.max_side = fits < STUDY_LEAST_SIDE ? STUDY_LEAST_SIDE : fits;
+        if (fits < side) s->base.scene.max_side = fits < STUDY_SIDE_MIN ? STUDY_SIDE_MIN : fits;
     }
     output_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
     return study_write(&s->meter, s->options->out, "study.json", &t);
@@ -203,9 +203,9 @@ static oxl_result study_train_equal(struct study *s, int row, int seed, struct s
     return rc;
 }
 
-static oxl_result study_train_row(struct study *s, int row, int seed, time_t begun)
+static oxl_result study_train_row(struct study *s, int row, int seed, time_t started)
 {
-    const double        left = s->options->budget > 0 ? s->options->budget - difftime(time(NULL), begun) : HUGE_VAL;
+    const double        left = s->options->budget > 0 ? s->options->budget - difftime(time(NULL), started) : HUGE_VAL;
     struct study_result got;
     char                folder[1000];
     oxl_result          rc;
@@ -242,14 +242,14 @@ static oxl_result study_write_all(struct study *s, FILE *to)
     return rc;
 }
 
-static oxl_result study_go(struct study *s, FILE *to)
+static oxl_result study_train_rows(struct study *s, FILE *to)
 {
-    const time_t begun = time(NULL);
-    oxl_result   rc    = study_choose_rows(s);
+    const time_t started = time(NULL);
+    oxl_result   rc      = study_choose_rows(s);
     if (rc == OXL_OK) rc = study_open(&s->meter, s->options->out);
     if (rc == OXL_OK) rc = study_choose_side(s);
     for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
-        for (int row = 0; row < s->rows && rc == OXL_OK; row++) rc = study_train_row(s, row, seed, begun);
+        for (int row = 0; row < s->rows && rc == OXL_OK; row++) rc = study_train_row(s, row, seed, started);
     return rc == OXL_OK ? study_write_all(s, to) : rc;
 }
 
@@ -264,7 +264,7 @@ oxl_result study_run(const struct study_kind *kind, const study_options *options
     s->base    = options->job;
     s->meter   = (struct study_meter){
           .options = &options->context, .callback = &options->callback, .error = error, .error_size = error_size};
-    rc = study_go(s, to);
+    rc = study_train_rows(s, to);
     oxl_context_free(s->meter.ctx);
     free(s);
     return rc;

@@ -66,7 +66,7 @@ struct study_kind {
     const char             *file, *title; /* "ablation": of FILE.md, FILE.csv, FILE.svg */
     const struct study_row *row;
     int                     rows, by_default; /* of them by default, the first ones */
-    int                     base_first;       /* 1: the first row is always trained, all others are compared with it */
+    int                     has_baseline;     /* 1: the first row is always trained, all others are compared with it */
     const char             *notes;            /* below the tables */
 };
 
@@ -77,7 +77,7 @@ struct study_meter {
     const oxl_context_options *options;    /* of the caller, whose log is passed on */
     const oxl_callback        *callback;   /* likewise its progress */
     size_t                     held, peak; /* bytes that the library holds, and held at its peak in this training */
-    int                        begun; /* this training, by this process: 0 not at all, 1 from its start, 2 from a checkpoint */
+    int                        started; /* this training, by this process: 0 not at all, 1 from its start, 2 from a checkpoint */
     double                     cpu_at, cpu; /* s of processor time: at its first step, and from there to its last */
     char                      *error;
     size_t                     error_size;
@@ -125,10 +125,10 @@ struct study_figure {    /* over the seeds; NaN: not known */
 };
 struct study_figure study_mean(const struct study *s, int row, enum study_measure m);
 /* Seed by seed: PSNR and SSIM as a difference, the rest as a ratio. What both share, the seed's luck, cancels. */
-struct study_figure study_against(const struct study *s, int row, int base, enum study_measure m);
-int                 study_on_front(const struct study *s, int row); /* 1: no row has as good a PSNR in no more CPU time */
-void                study_page(struct output *t, const struct study *s);
-void                study_csv(struct output *t, const struct study *s);
-void                study_plot(struct output *t, const struct study *s);
+struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m);
+int  study_is_pareto_optimal(const struct study *s, int row); /* 1: no row has as good a PSNR in no more CPU time */
+void study_page(struct output *t, const struct study *s);
+void study_csv(struct output *t, const struct study *s);
+void study_plot(struct output *t, const struct study *s);
 
 #endif

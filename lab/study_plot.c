@@ -171,8 +171,8 @@ static struct plot plot_of_rows(const struct study *s, enum study_measure cost, 
         const struct study_figure psnr = study_mean(s, r, STUDY_PSNR);
         const double              x    = scale * study_mean(s, r, cost).mean;
         if (s->done[r] && x > 0)
-            p.point[p.points++] =
-                (struct plot_point){s->row[r]->name, x, psnr.mean, psnr.spread, cost == STUDY_CPU && study_on_front(s, r)};
+            p.point[p.points++] = (struct plot_point){s->row[r]->name, x, psnr.mean, psnr.spread,
+                                                      cost == STUDY_CPU && study_is_pareto_optimal(s, r)};
     }
     return p;
 }

@@ -9,12 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const struct found_column {
+static const struct table_column {
     const char *title, *csv;
     double      scale; /* of the page's unit */
     int         decimals, csv_decimals;
     int         difference; /* compared by subtraction; 0: by division */
-} FOUND_COLUMNS[STUDY_MEASURES] = {
+} TABLE_COLUMNS[STUDY_MEASURES] = {
     {"PSNR dB", "psnr_db", 1, 2, 6, 1},      {"SSIM", "ssim", 1, 4, 8, 1},
     {"near dB", "near_psnr_db", 1, 2, 6, 1}, {"middle dB", "mid_psnr_db", 1, 2, 6, 1},
     {"far dB", "far_psnr_db", 1, 2, 6, 1},   {"Gaussians", "gaussians", 1, 0, 0, 0},
@@ -23,11 +23,11 @@ static const struct found_column {
     {"MS-SSIM", "ms_ssim", 1, 4, 8, 1},
 };
 
-enum { FOUND_LABEL = 37, FOUND_CELL = 9, FOUND_CELL_SPREAD = 15, FOUND_CELL_EFFECT = 22 }; /* letters */
+enum { TABLE_LABEL = 37, TABLE_CELL = 9, TABLE_CELL_SPREAD = 15, TABLE_CELL_EFFECT = 22 }; /* letters */
 
 /* ---------------------------------------------------------------- figures */
 
-static struct study_figure found_summary(const double *x, int count)
+static struct study_figure table_summary(const double *x, int count)
 {
     double sum = 0, square = 0, mean;
     for (int i = 0; i < count; i++) sum += x[i];
@@ -41,56 +41,56 @@ struct study_figure study_mean(const struct study *s, int row, enum study_measur
 {
     double x[STUDY_SEEDS] = {0};
     for (int i = 0; i < s->done[row]; i++) x[i] = s->value[row][i][m];
-    return found_summary(x, s->done[row]);
+    return table_summary(x, s->done[row]);
 }
 
-static double found_compare(enum study_measure m, double value, double base)
+static double table_compare(enum study_measure m, double value, double base)
 {
-    return FOUND_COLUMNS[m].difference ? value - base : base > 0 ? value / base : NAN;
+    return TABLE_COLUMNS[m].difference ? value - base : base > 0 ? value / base : NAN;
 }
 
-struct study_figure study_against(const struct study *s, int row, int base, enum study_measure m)
+struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m)
 {
     const int both           = s->done[row] < s->done[base] ? s->done[row] : s->done[base];
     double    x[STUDY_SEEDS] = {0};
-    for (int i = 0; i < both; i++) x[i] = found_compare(m, s->value[row][i][m], s->value[base][i][m]);
-    return found_summary(x, both);
+    for (int i = 0; i < both; i++) x[i] = table_compare(m, s->value[row][i][m], s->value[base][i][m]);
+    return table_summary(x, both);
 }
 
-static double found_paper_against(const struct study *s, int row, int base, enum study_measure m)
+static double table_paper_effect(const struct study *s, int row, int base, enum study_measure m)
 {
     const double value = s->row[row]->paper[m], first = s->row[base]->paper[m];
-    return value > 0 && first > 0 ? found_compare(m, value, first) : NAN;
+    return value > 0 && first > 0 ? table_compare(m, value, first) : NAN;
 }
 
 /* Better in one and no worse in the other; of equals the first. */
-static int found_beats(double psnr, double cost, double other_psnr, double other_cost, int first)
+static int table_dominates(double psnr, double cost, double other_psnr, double other_cost, int first)
 {
     return psnr >= other_psnr && cost <= other_cost && (psnr > other_psnr || cost < other_cost || first);
 }
 
-int study_on_front(const struct study *s, int row)
+int study_is_pareto_optimal(const struct study *s, int row)
 {
     const double psnr = study_mean(s, row, STUDY_PSNR).mean, cpu = study_mean(s, row, STUDY_CPU).mean;
     for (int i = 0; i < s->rows; i++)
-        if (i != row && found_beats(study_mean(s, i, STUDY_PSNR).mean, study_mean(s, i, STUDY_CPU).mean, psnr, cpu, i < row))
+        if (i != row && table_dominates(study_mean(s, i, STUDY_PSNR).mean, study_mean(s, i, STUDY_CPU).mean, psnr, cpu, i < row))
             return 0;
     return !isnan(psnr) && !isnan(cpu);
 }
 
-static int found_is_of_iterations(const struct study_row *r)
+static int table_is_of_iterations(const struct study_row *r)
 {
     return r->change[0].what == STUDY_ITERATIONS && r->change[1].what == STUDY_UNCHANGED;
 }
 
 /* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the logarithm of time
  * between the two neighbours among the rows that differ in iterations alone; NaN outside of them. */
-static double found_by_iterations(const struct study *s, double cpu)
+static double table_by_iterations(const struct study *s, double cpu)
 {
     double below = 0, above = HUGE_VAL, psnr_below = NAN, psnr_above = NAN;
     for (int i = 0; i < s->rows; i++) {
         const double c = study_mean(s, i, STUDY_CPU).mean;
-        if (!found_is_of_iterations(s->row[i]) || isnan(c)) continue;
+        if (!table_is_of_iterations(s->row[i]) || isnan(c)) continue;
         if (c <= cpu && c > below) below = c, psnr_below = study_mean(s, i, STUDY_PSNR).mean;
         if (c >= cpu && c < above) above = c, psnr_above = study_mean(s, i, STUDY_PSNR).mean;
     }
@@ -99,7 +99,7 @@ static double found_by_iterations(const struct study *s, double cpu)
 }
 
 /* The n-th row that `row` is compared with; -1: there are no more. Without any of its own among the rows it is the first row. */
-static int found_base(const struct study *s, int row, int n)
+static int table_baseline(const struct study *s, int row, int n)
 {
     int found = 0;
     for (int k = 0; k < STUDY_AGAINST; k++)
@@ -110,85 +110,85 @@ static int found_base(const struct study *s, int row, int n)
 
 /* ---------------------------------------------------------------- the page */
 
-static void found_cell(struct output *t, int width, const char *text)
+static void table_cell(struct output *t, int width, const char *text)
 {
     output_add(t, " %*s |", width, text[0] ? text : "-");
 }
 
-static void found_head(struct output *t, const char *first, int width, const char *last)
+static void table_header(struct output *t, const char *first, int width, const char *last)
 {
-    output_add(t, "\n| %-*s |", FOUND_LABEL, first);
-    for (int m = 0; m < STUDY_MS_SSIM; m++) found_cell(t, width, FOUND_COLUMNS[m].title);
-    if (last[0]) found_cell(t, 0, last);
+    output_add(t, "\n| %-*s |", TABLE_LABEL, first);
+    for (int m = 0; m < STUDY_MS_SSIM; m++) table_cell(t, width, TABLE_COLUMNS[m].title);
+    if (last[0]) table_cell(t, 0, last);
     output_add(t, "\n|---|");
     for (int m = 0; m < STUDY_MS_SSIM + !!last[0]; m++) output_add(t, "---:|");
     output_add(t, "\n");
 }
 
-static void found_label(struct output *t, const char *mark, const char *name, const char *base)
+static void table_label(struct output *t, const char *mark, const char *name, const char *base)
 {
     char text[120];
     snprintf(text, sizeof text, "%s%s%s%s", name, base[0] ? " against " : "", base, mark);
-    output_add(t, "| %-*s |", FOUND_LABEL, text);
+    output_add(t, "| %-*s |", TABLE_LABEL, text);
 }
 
-static void found_rows(struct output *t, const struct study *s)
+static void table_rows(struct output *t, const struct study *s)
 {
-    const int width = s->options->seeds > 1 ? FOUND_CELL_SPREAD : FOUND_CELL;
-    found_head(t, "row", width, "blocks");
+    const int width = s->options->seeds > 1 ? TABLE_CELL_SPREAD : TABLE_CELL;
+    table_header(t, "row", width, "blocks");
     for (int r = 0; r < s->rows; r++) {
         if (s->done[r] == 0) continue;
-        found_label(t, study_on_front(s, r) ? " \\*" : "", s->row[r]->label, "");
+        table_label(t, study_is_pareto_optimal(s, r) ? " \\*" : "", s->row[r]->label, "");
         for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) {
-            const struct found_column *c      = &FOUND_COLUMNS[m];
+            const struct table_column *c      = &TABLE_COLUMNS[m];
             const struct study_figure  f      = study_mean(s, r, m);
             const char                *spread = OUTPUT_FIXED(f.spread * c->scale, c->decimals);
             char                       text[80];
             snprintf(text, sizeof text, "%s%s%s", OUTPUT_FIXED(f.mean * c->scale, c->decimals), spread[0] ? " +-" : "", spread);
-            found_cell(t, width, text);
+            table_cell(t, width, text);
         }
         output_add(t, " %d |\n", s->blocks[r]);
     }
 }
 
 /* "+0.65" or "x0.885"; "" when it is not known. */
-static const char *found_relative(char out[32], enum study_measure m, double value)
+static const char *table_relative(char out[32], enum study_measure m, double value)
 {
-    const int   difference = FOUND_COLUMNS[m].difference;
-    const char *digits     = OUTPUT_FIXED(value, difference ? FOUND_COLUMNS[m].decimals : 3);
+    const int   difference = TABLE_COLUMNS[m].difference;
+    const char *digits     = OUTPUT_FIXED(value, difference ? TABLE_COLUMNS[m].decimals : 3);
     snprintf(out, 32, "%s%s", !digits[0] ? "" : !difference ? "x" : digits[0] == '-' ? "" : "+", digits);
     return out;
 }
-#define FOUND_RELATIVE(m, value) found_relative((char[32]){0}, m, value)
+#define FOUND_RELATIVE(m, value) table_relative((char[32]){0}, m, value)
 
 /* "+0.75 +-0.25 (+0.65)": ours, its spread, the paper's. */
-static void found_effect(struct output *t, const struct study *s, int row, int base, enum study_measure m)
+static void table_effect(struct output *t, const struct study *s, int row, int base, enum study_measure m)
 {
-    const struct study_figure f     = study_against(s, row, base, m);
-    const int                 none  = fabs(f.mean - !FOUND_COLUMNS[m].difference) <= f.spread; /* of one seed never */
-    const char               *paper = FOUND_RELATIVE(m, found_paper_against(s, row, base, m));
-    const char *spread = OUTPUT_FIXED(none ? NAN : f.spread, FOUND_COLUMNS[m].difference ? FOUND_COLUMNS[m].decimals : 3);
+    const struct study_figure f     = study_compare(s, row, base, m);
+    const int                 none  = fabs(f.mean - !TABLE_COLUMNS[m].difference) <= f.spread; /* of one seed never */
+    const char               *paper = FOUND_RELATIVE(m, table_paper_effect(s, row, base, m));
+    const char *spread = OUTPUT_FIXED(none ? NAN : f.spread, TABLE_COLUMNS[m].difference ? TABLE_COLUMNS[m].decimals : 3);
     char        text[120];
     snprintf(text, sizeof text, "%s%s%s%s%s%s", none ? "none" : FOUND_RELATIVE(m, f.mean), spread[0] ? " +-" : "", spread,
              paper[0] ? " (" : "", paper, paper[0] ? ")" : "");
-    found_cell(t, FOUND_CELL_EFFECT, text);
+    table_cell(t, TABLE_CELL_EFFECT, text);
 }
 
-static void found_effects(struct output *t, const struct study *s)
+static void table_effects(struct output *t, const struct study *s)
 {
-    found_head(t, "row against row", FOUND_CELL_EFFECT, s->kind->base_first ? "dB over other iterations" : "");
+    table_header(t, "row against row", TABLE_CELL_EFFECT, s->kind->has_baseline ? "dB over other iterations" : "");
     for (int r = 0; r < s->rows; r++)
-        for (int n = 0, base; s->done[r] && (base = found_base(s, r, n)) >= 0; n++) {
+        for (int n = 0, base; s->done[r] && (base = table_baseline(s, r, n)) >= 0; n++) {
             const double cpu   = study_mean(s, r, STUDY_CPU).mean;
-            const double other = found_is_of_iterations(s->row[r]) ? NAN : found_by_iterations(s, cpu);
-            found_label(t, "", s->row[r]->label, s->row[base]->label);
-            for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) found_effect(t, s, r, base, m);
-            if (s->kind->base_first) found_cell(t, 0, FOUND_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
+            const double other = table_is_of_iterations(s->row[r]) ? NAN : table_by_iterations(s, cpu);
+            table_label(t, "", s->row[r]->label, s->row[base]->label);
+            for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) table_effect(t, s, r, base, m);
+            if (s->kind->has_baseline) table_cell(t, 0, FOUND_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
             output_add(t, "\n");
         }
 }
 
-static void found_left_out(struct output *t, const struct study *s)
+static void table_untrained(struct output *t, const struct study *s)
 {
     for (int r = 0; r < s->rows; r++)
         if (s->done[r] < s->options->seeds)
@@ -200,7 +200,7 @@ static void found_left_out(struct output *t, const struct study *s)
                 OUTPUT_FIXED(s->options->budget, 0));
 }
 
-static int found_is_one_block(const struct study *s)
+static int table_is_one_block(const struct study *s)
 {
     for (int r = 0; r < s->rows; r++)
         if (s->blocks[r] > 1) return 0;
@@ -215,56 +215,56 @@ void study_page(struct output *t, const struct study *s)
     if (s->options->seeds > 1) output_add(t, " to %d (mean +- standard deviation)", s->options->seeds);
     output_add(t, ".\nPSNR and SSIM are of the %s views.\n\n![PSNR over cost](%s.svg)\n\n## Rows\n",
                s->held_out ? "held-out" : "training", s->kind->file);
-    found_rows(t, s);
+    table_rows(t, s);
     output_add(t,
                "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard deviation over the"
                " seeds. In brackets: the paper's own.\n");
-    found_effects(t, s);
-    found_left_out(t, s);
+    table_effects(t, s);
+    table_untrained(t, s);
     output_add(
         t,
         "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. near, middle, far: PSNR of the thirds of\n"
         "depth, over the pixels around points that the survey has there. MB: the model's file. seconds: training. CPU s: all threads\n"
         "together. memory: what the library held at its peak.\n%s",
         s->kind->notes);
-    if (!s->kind->base_first && found_is_one_block(s))
+    if (!s->kind->has_baseline && table_is_one_block(s))
         output_add(t, "The survey is one block: midpoint and balanced cuts cut nothing; a smaller --block-points does.\n");
 }
 
 /* ---------------------------------------------------------------- CSV */
 
 /* A line of the rows' table; base: "" or the row that it is compared with. */
-static void found_line(struct output *t, const struct study *s, int r, const char *base, const char *seed, const double *value)
+static void table_line(struct output *t, const struct study *s, int r, const char *base, const char *seed, const double *value)
 {
     output_add(t, "%s,%s,%s,%d", s->row[r]->name, base, seed, s->blocks[r]);
     for (int m = 0; m < STUDY_MEASURES; m++)
-        output_add(t, ",%s", OUTPUT_FIXED(value[m], base[0] ? 6 : FOUND_COLUMNS[m].csv_decimals));
-    output_add(t, ",%s\n", base[0] ? "" : study_on_front(s, r) ? "1" : "0");
+        output_add(t, ",%s", OUTPUT_FIXED(value[m], base[0] ? 6 : TABLE_COLUMNS[m].csv_decimals));
+    output_add(t, ",%s\n", base[0] ? "" : study_is_pareto_optimal(s, r) ? "1" : "0");
 }
 
 /* base: -1: the means of the row itself. */
-static void found_summaries(struct output *t, const struct study *s, int r, int base)
+static void table_summaries(struct output *t, const struct study *s, int r, int base)
 {
     const char *name = base < 0 ? "" : s->row[base]->name;
     double      mean[STUDY_MEASURES], spread[STUDY_MEASURES], paper[STUDY_MEASURES];
     for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
-        const struct study_figure f = base < 0 ? study_mean(s, r, m) : study_against(s, r, base, m);
+        const struct study_figure f = base < 0 ? study_mean(s, r, m) : study_compare(s, r, base, m);
         mean[m] = f.mean, spread[m] = f.spread;
-        paper[m] = base < 0 ? NAN : found_paper_against(s, r, base, m);
+        paper[m] = base < 0 ? NAN : table_paper_effect(s, r, base, m);
     }
-    found_line(t, s, r, name, "mean", mean);
-    if (s->done[r] > 1) found_line(t, s, r, name, "sd", spread);
-    if (!isnan(paper[STUDY_PSNR])) found_line(t, s, r, name, "paper", paper);
+    table_line(t, s, r, name, "mean", mean);
+    if (s->done[r] > 1) table_line(t, s, r, name, "sd", spread);
+    if (!isnan(paper[STUDY_PSNR])) table_line(t, s, r, name, "paper", paper);
 }
 
 void study_csv(struct output *t, const struct study *s)
 {
     output_add(t, "row,against,seed,blocks");
-    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%s", FOUND_COLUMNS[m].csv);
+    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%s", TABLE_COLUMNS[m].csv);
     output_add(t, ",front\n");
     for (int r = 0; r < s->rows; r++) {
-        for (int i = 0; i < s->done[r]; i++) found_line(t, s, r, "", OUTPUT_FIXED(i + 1, 0), s->value[r][i]);
-        if (s->done[r] > 0) found_summaries(t, s, r, -1);
-        for (int n = 0, base; s->done[r] && (base = found_base(s, r, n)) >= 0; n++) found_summaries(t, s, r, base);
+        for (int i = 0; i < s->done[r]; i++) table_line(t, s, r, "", OUTPUT_FIXED(i + 1, 0), s->value[r][i]);
+        if (s->done[r] > 0) table_summaries(t, s, r, -1);
+        for (int n = 0, base; s->done[r] && (base = table_baseline(s, r, n)) >= 0; n++) table_summaries(t, s, r, base);
     }
 }

@@ -32,7 +32,7 @@ static void *study_reallocate(void *user, void *old, size_t size)
     return head + 1;
 }
 
-static void study_pass_on(void *user, oxl_log_level level, const char *text)
+static void study_forward_log(void *user, oxl_log_level level, const char *text)
 {
     const struct study_meter *s = user;
     if (s->options->log) s->options->log(s->options->user, level, text);
@@ -40,7 +40,7 @@ static void study_pass_on(void *user, oxl_log_level level, const char *text)
 
 void study_log(struct study_meter *s, const char *text)
 {
-    study_pass_on(s, OXL_LOG_INFO, text);
+    study_forward_log(s, OXL_LOG_INFO, text);
 }
 
 oxl_result study_fail(struct study_meter *s, oxl_result rc, const char *what, const char *detail)
@@ -54,7 +54,7 @@ oxl_result study_open(struct study_meter *s, const char *out)
     oxl_context_options own = *s->options;
     oxl_result          rc;
     own.reallocate = study_reallocate;
-    own.log        = study_pass_on;
+    own.log        = study_forward_log;
     own.user       = s;
     if (strlen(out) > 900)
         return study_fail(s, OXL_ERR_USAGE, "the name of the folder is too long\nfix: a shorter one than -o ", out);
@@ -87,8 +87,8 @@ static int study_progress(void *user, const oxl_progress *p)
 {
     struct study_meter *s = user;
     const oxl_callback *c = s->callback;
-    if (!s->begun) {
-        s->begun =
+    if (!s->started) {
+        s->started =
             p->iteration <= 1 && p->block == (p->blocks > 1 ? p->blocks : 0) ? 1 : 2; /* blocks: the coarse model is first */
         s->cpu_at = study_cpu();
     }
@@ -97,16 +97,16 @@ static int study_progress(void *user, const oxl_progress *p)
 }
 
 /* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
-static oxl_result study_note(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
+static oxl_result study_record_cost(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
 {
     char         *before = output_read(folder, "study.json", NULL);
     struct output t      = {0};
     value[STUDY_MEMORY]  = json_number(before, "library_peak_bytes");
     value[STUDY_CPU]     = json_number(before, "cpu_seconds");
     free(before);
-    if (s->begun == 0) return OXL_OK;
-    if (s->begun == 1 || !(value[STUDY_MEMORY] > (double)s->peak)) value[STUDY_MEMORY] = (double)s->peak;
-    value[STUDY_CPU] = s->begun == 1 ? s->cpu : value[STUDY_CPU] + s->cpu;
+    if (s->started == 0) return OXL_OK;
+    if (s->started == 1 || !(value[STUDY_MEMORY] > (double)s->peak)) value[STUDY_MEMORY] = (double)s->peak;
+    value[STUDY_CPU] = s->started == 1 ? s->cpu : value[STUDY_CPU] + s->cpu;
     output_add(&t, "{\n  \"library_peak_bytes\": %s", OUTPUT_FIXED(value[STUDY_MEMORY], 0));
     if (!isnan(value[STUDY_CPU])) output_add(&t, ",\n  \"cpu_seconds\": %s", OUTPUT_FIXED(value[STUDY_CPU], 2));
     output_add(&t, "\n}\n");
@@ -143,12 +143,12 @@ oxl_result study_train(struct study_meter *s, const char *scene, const char *fol
 {
     const oxl_callback callback = {study_progress, s};
     oxl_result         rc, noted;
-    *out     = (struct study_result){.blocks = 0};
-    s->peak  = s->held;
-    s->begun = 0;
-    rc       = oxl_job_run(s->ctx, scene, folder, job, &callback);
+    *out       = (struct study_result){.blocks = 0};
+    s->peak    = s->held;
+    s->started = 0;
+    rc         = oxl_job_run(s->ctx, scene, folder, job, &callback);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return study_fail(s, rc, "", oxl_error_text(s->ctx));
-    noted = study_note(s, folder, out->value);
+    noted = study_record_cost(s, folder, out->value);
     if (rc != OXL_OK || noted != OXL_OK) return rc != OXL_OK ? rc : noted;
     return study_read_metrics(s, folder, out);
 }

@@ -25,18 +25,18 @@
 #define EDGE_DEPTH  0.02 /* share of the depth */
 
 struct synth_run {
-    oxl_context         *ctx;
-    const synth_options *options;
-    struct synth_water   water;
-    struct synth_path    path;
-    struct synth_world   world;
-    struct synth_points  points;
-    oxl_image            clean, image, mask; /* mask: with fish alone */
-    struct synth_fish   *fish;               /* of the view */
-    int                  fish_count;
-    float               *depth; /* (H,W) camera z, metres; 0: nothing there */
-    char                *error;
-    size_t               error_size;
+    oxl_context            *ctx;
+    const synth_options    *options;
+    struct synth_water      water;
+    struct synth_trajectory trajectory;
+    struct synth_world      world;
+    struct synth_points     points;
+    oxl_image               clean, image, mask; /* mask: with fish alone */
+    struct synth_fish      *fish;               /* of the view */
+    int                     fish_count;
+    float                  *depth; /* (H,W) camera z, metres; 0: nothing there */
+    char                   *error;
+    size_t                  error_size;
 };
 
 /* ---------------------------------------------------------------- options and errors */
@@ -75,7 +75,7 @@ static oxl_result synth_check(struct synth_run *s)
     if (!(o->extent >= 0 && o->extent <= 2000))
         return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
     if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
-    if (o->fish < 0 || o->fish > SYNTH_FISH_MOST)
+    if (o->fish < 0 || o->fish > SYNTH_FISH_MAX)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish per image are possible", "");
     if (o->points < 0 || o->points > 100000000)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
@@ -230,7 +230,7 @@ static void synth_expose(struct synth_run *s, int view, size_t at, int channel, 
 }
 
 /* Lit by the lamp, through water, as exposed. */
-static double synth_seen(const struct synth_run *s, size_t at, int channel, double range)
+static double synth_observed(const struct synth_run *s, size_t at, int channel, double range)
 {
     const double colour = s->clean.rgb[at + (size_t)channel * synth_plane(s->options)];
     return synth_through_water(&s->water, channel, colour * synth_lamp_falloff(s->options, range), range);
@@ -249,13 +249,13 @@ static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, 
         const double range = synth_range(s, c, x, y);
         for (int k = 0; k < 3; k++) {
             const double near = synth_lamp_backscatter(s->options, s->water.direct[k], x + 0.5, y + 0.5, range);
-            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_seen(s, at, k, range) + near));
+            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_observed(s, at, k, range) + near));
         }
     }
 }
 
 /* Fish, where four rays see them, over what was there; the noise is the same as without. */
-static void synth_swim_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
+static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
     static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
     const v3            gain         = synth_gain(s->options, view);
@@ -278,8 +278,9 @@ static void synth_swim_row(struct synth_run *s, const struct synth_camera *c, in
         }
         synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
         for (int k = 0; hits && k < 3; k++)
-            synth_expose(s, view, at, k,
-                         synth_exposed(s->options, &gain, k, x, y, seen[k] + 0.25 * (4 - hits) * synth_seen(s, at, k, behind)));
+            synth_expose(
+                s, view, at, k,
+                synth_exposed(s->options, &gain, k, x, y, seen[k] + 0.25 * (4 - hits) * synth_observed(s, at, k, behind)));
     }
 }
 
@@ -304,18 +305,18 @@ static oxl_result synth_write_depth(struct synth_run *s, int view)
 }
 
 /* Into the image, which was still. */
-static oxl_result synth_swim(struct synth_run *s, const struct synth_camera *c, int view)
+static oxl_result synth_draw_fish(struct synth_run *s, const struct synth_camera *c, int view)
 {
     const oxl_result rc = synth_write_image(s, "truth/still", view, &s->image);
-    s->fish_count       = synth_fish_near(s->options, &s->world, &s->path, view, s->fish);
+    s->fish_count       = synth_fish_near(s->options, &s->world, &s->trajectory, view, s->fish);
 #pragma omp parallel for schedule(dynamic, 2)
-    for (int y = 0; y < c->height; y++) synth_swim_row(s, c, view, y);
+    for (int y = 0; y < c->height; y++) synth_draw_fish_row(s, c, view, y);
     return rc == OXL_OK ? synth_write_image(s, "truth/masks", view, &s->mask) : rc;
 }
 
 static oxl_result synth_view(struct synth_run *s, int view)
 {
-    const struct synth_camera *c  = &s->path.camera[view];
+    const struct synth_camera *c  = &s->trajectory.camera[view];
     oxl_result                 rc = OXL_OK;
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_draw_row(s, c, y);
@@ -324,7 +325,7 @@ static oxl_result synth_view(struct synth_run *s, int view)
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
     synth_points_collect(&s->points, view, &s->image);
-    if (s->options->fish > 0) rc = synth_swim(s, c, view);
+    if (s->options->fish > 0) rc = synth_draw_fish(s, c, view);
     if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->image);
     if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
@@ -440,7 +441,7 @@ static oxl_result synth_write_truth(struct synth_run *s)
 
 /* ---------------------------------------------------------------- the run */
 
-static int synth_has(const struct synth_run *s, const char *folder)
+static int synth_has_folder(const struct synth_run *s, const char *folder)
 {
     char path[1024];
     snprintf(path, sizeof path, "%s/%s", s->options->out, folder);
@@ -448,9 +449,9 @@ static int synth_has(const struct synth_run *s, const char *folder)
 }
 
 /* Poses and images without truth/ are not ours: they are not overwritten. */
-static oxl_result synth_spare_survey(struct synth_run *s)
+static oxl_result synth_refuse_survey(struct synth_run *s)
 {
-    if (synth_has(s, "truth") || !(synth_has(s, "images") || synth_has(s, "sparse"))) return OXL_OK;
+    if (synth_has_folder(s, "truth") || !(synth_has_folder(s, "images") || synth_has_folder(s, "sparse"))) return OXL_OK;
     return synth_fail(s, OXL_ERR_USAGE, s->options->out,
                       ": a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o");
 }
@@ -458,7 +459,7 @@ static oxl_result synth_spare_survey(struct synth_run *s)
 static oxl_result synth_make_folders(struct synth_run *s)
 {
     static const char *const folders[] = {"truth",       "sparse/0",    "images",     "truth/clean",
-                                          "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_spare_survey */
+                                          "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_refuse_survey */
     const int                count     = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
     char                     path[1024];
     oxl_result               rc = OXL_OK;
@@ -474,7 +475,7 @@ static oxl_result synth_make_folders(struct synth_run *s)
 
 static oxl_result synth_make_points(struct synth_run *s)
 {
-    const oxl_result rc = synth_points_create(s->options, &s->world, &s->path, &s->water, &s->points);
+    const oxl_result rc = synth_points_create(s->options, &s->world, &s->trajectory, &s->water, &s->points);
     if (rc == OXL_ERR_INTERRUPTED) return synth_fail(s, rc, "synth: stopped", "");
     return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: no memory for the points\nfix: fewer --points", "");
 }
@@ -484,7 +485,7 @@ static oxl_result synth_write_sparse(struct synth_run *s)
     char       folder[1024], failed[1100];
     oxl_result rc;
     snprintf(folder, sizeof folder, "%s/sparse/0", s->options->out);
-    rc = synth_colmap_write(s->options, &s->path, &s->points, folder, failed, sizeof failed);
+    rc = synth_colmap_write(s->options, &s->trajectory, &s->points, folder, failed, sizeof failed);
     return rc == OXL_OK ? OXL_OK : synth_fail(s, rc, "synth: cannot write ", failed);
 }
 
@@ -492,13 +493,14 @@ static oxl_result synth_make(struct synth_run *s)
 {
     oxl_result rc = synth_check(s);
     if (rc == OXL_OK) rc = synth_find_water(s);
-    if (rc == OXL_OK) rc = synth_spare_survey(s);
+    if (rc == OXL_OK) rc = synth_refuse_survey(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
     if (rc != OXL_OK) return rc;
-    if (!synth_path_create(s->options, &s->path) || !synth_world_create(s->options->seed, s->path.half, s->path.wreck,
-                                                                        (enum synth_scene)synth_scene_of(s->options), &s->world))
+    if (!synth_trajectory_create(s->options, &s->trajectory) ||
+        !synth_world_create(s->options->seed, s->trajectory.half, s->trajectory.wreck,
+                            (enum synth_scene)synth_scene_of(s->options), &s->world))
         return synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views", "");
-    synth_path_settle(&s->path, &s->world);
+    synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
     if (rc == OXL_OK && s->options->write_images) rc = synth_views(s);
     if (rc == OXL_OK) rc = synth_write_truth(s);
@@ -523,7 +525,7 @@ oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error
     free(s.depth);
     synth_points_free(&s.points);
     synth_world_free(&s.world);
-    synth_path_free(&s.path);
+    synth_trajectory_free(&s.trajectory);
 #ifdef _OPENMP
     omp_set_num_threads(threads);
 #endif

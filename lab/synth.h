@@ -3,7 +3,7 @@
  *     synth.c         options, images through water, truth: the run
  *     synth_world.c   the geometry: seabed, rocks, corals, a wreck, as one distance function
  *     synth_shade.c   rays, light and colour
- *     synth_path.c    where the camera flies
+ *     synth_trajectory.c    where the camera flies
  *     synth_fish.c    fish in the images
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
@@ -36,9 +36,9 @@ enum synth_material {
 };
 
 struct synth_limb { /* a cone with round ends */
-    v3     a, way;  /* from one end to the other */
+    v3     a, axis; /* from one end to the other */
     double radius_a, radius_b;
-    double per_square; /* 1 / |way|^2 */
+    double per_square; /* 1 / |axis|^2 */
 };
 
 struct synth_shape { /* limbs melted together, within the unit sphere */
@@ -117,7 +117,7 @@ v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
 /* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: share of the sky that it sees. */
 v3     synth_light(v3 albedo, v3 normal, double sun, double open);
 
-/* ---------------------------------------------------------------- synth_path.c */
+/* ---------------------------------------------------------------- synth_trajectory.c */
 
 struct synth_camera { /* x_c = rotation (x_w - centre); COLMAP's axes */
     v3     centre;
@@ -126,7 +126,7 @@ struct synth_camera { /* x_c = rotation (x_w - centre); COLMAP's axes */
     int    width, height;
 };
 
-struct synth_path {
+struct synth_trajectory {
     struct synth_camera *camera; /* (count) */
     int                  count;
     double               half;  /* the ground in view lies within |x|, |y| <= half, metres */
@@ -134,10 +134,10 @@ struct synth_path {
     v3                   wreck; /* where it should lie; z is not used */
 };
 
-/* Standing heights are above z = 0 until synth_path_settle knows the ground. 0: out of memory. */
-int  synth_path_create(const synth_options *options, struct synth_path *out);
-void synth_path_settle(struct synth_path *path, const struct synth_world *world);
-void synth_path_free(struct synth_path *path);
+/* Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground. 0: out of memory. */
+int  synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
+void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
+void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Pixel and camera z of a world point; 0 when it lies behind. */
@@ -145,7 +145,7 @@ int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y
 
 /* ---------------------------------------------------------------- synth_fish.c */
 
-enum { SYNTH_FISH_MOST = 100 }; /* per image */
+enum { SYNTH_FISH_MAX = 100 }; /* per image */
 
 struct synth_fish {
     v3       at, ahead, side, up; /* metres; unit vectors */
@@ -153,8 +153,8 @@ struct synth_fish {
     uint32_t seed;
 };
 /* Those that a view may see: out has room for 3 x options.fish. Returns how many. */
-int    synth_fish_near(const synth_options *options, const struct synth_world *world, const struct synth_path *path, int view,
-                       struct synth_fish *out);
+int    synth_fish_near(const synth_options *options, const struct synth_world *world, const struct synth_trajectory *trajectory,
+                       int view, struct synth_fish *out);
 /* Range to the first of them along a unit direction, or -1 when there is none before `far`; *colour is its display colour. */
 double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from, v3 direction,
                        double far, v3 *colour);
@@ -204,14 +204,15 @@ struct synth_points {
 
 /* OXL_ERR_INTERRUPTED, OXL_ERR_MEMORY or OXL_OK. With images (options.write_images) colours stay 0 until
  * synth_points_collect has seen each of them. */
-oxl_result synth_points_create(const synth_options *options, const struct synth_world *world, const struct synth_path *path,
-                               const struct synth_water *water, struct synth_points *out);
-void       synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
-void       synth_points_free(struct synth_points *points);
+oxl_result                      synth_points_create(const synth_options *options, const struct synth_world *world,
+                                                    const struct synth_trajectory *trajectory, const struct synth_water *water,
+                                                    struct synth_points *out);
+void                            synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
+void                            synth_points_free(struct synth_points *points);
 /* The observation of a point in a view that sees it. */
 const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point, int view);
 /* Keypoints without a point after the k-th observation of a view: 0 or 1. */
-int                             synth_stray(uint64_t seed, int view, size_t k);
+int                             synth_has_stray(uint64_t seed, int view, size_t k);
 
 /* ---------------------------------------------------------------- synth_export.c */
 
@@ -222,7 +223,7 @@ struct synth_ids synth_ids_for(uint64_t count);
 uint64_t         synth_id(struct synth_ids ids, uint64_t index);
 
 /* cameras.txt, images.txt and points3D.txt in a folder that is there. On OXL_ERR_IO `failed` names the file. */
-oxl_result synth_colmap_write(const synth_options *options, const struct synth_path *path, const struct synth_points *points,
-                              const char *folder, char *failed, size_t failed_size);
+oxl_result synth_colmap_write(const synth_options *options, const struct synth_trajectory *trajectory,
+                              const struct synth_points *points, const char *folder, char *failed, size_t failed_size);
 
 #endif

@@ -65,9 +65,9 @@ static void export_mean(struct output_file *f, const char *what, uint64_t count,
     output_file_text(f, "\n");
 }
 
-static int export_write_cameras(const struct synth_path *path, const char *name)
+static int export_write_cameras(const struct synth_trajectory *trajectory, const char *name)
 {
-    const struct synth_camera *c = &path->camera[0];
+    const struct synth_camera *c = &trajectory->camera[0];
     struct output_file         f;
     output_file_open(&f, name);
     output_file_text(&f, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
@@ -110,29 +110,29 @@ static void export_view(struct output_file *f, const synth_options *o, const str
         const uint64_t                  h  = synth_bits(o->seed, 300 + k, (uint64_t)view);
         export_keypoint(f, k == 0, at->x, at->y);
         output_file_integer(f, synth_id(ids, points->by_view[first + k]));
-        if (!synth_stray(o->seed, view, k)) continue;
+        if (!synth_has_stray(o->seed, view, k)) continue;
         export_keypoint(f, 0, synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
         output_file_text(f, "-1");
     }
     output_file_text(f, "\n");
 }
 
-static int export_write_images(const synth_options *o, const struct synth_path *path, const struct synth_points *points,
-                               const char *name)
+static int export_write_images(const synth_options *o, const struct synth_trajectory *trajectory,
+                               const struct synth_points *points, const char *name)
 {
-    const struct synth_ids views = synth_ids_for((uint64_t)path->count), ids = synth_ids_for(points->count);
+    const struct synth_ids views = synth_ids_for((uint64_t)trajectory->count), ids = synth_ids_for(points->count);
     struct output_file     f;
     output_file_open(&f, name);
     output_file_text(&f,
                      "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
                      "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
-    export_mean(&f, "# Number of images: ", (uint64_t)path->count,
-                ", mean observations per image: ", (double)points->observation_count / path->count);
-    for (int i = 0; i < path->count; i++) {
+    export_mean(&f, "# Number of images: ", (uint64_t)trajectory->count,
+                ", mean observations per image: ", (double)points->observation_count / trajectory->count);
+    for (int i = 0; i < trajectory->count; i++) {
         char image[32];
         synth_image_name(o, i, image);
         output_file_integer(&f, synth_id(views, (uint64_t)i));
-        export_pose(&f, &path->camera[i], o->origin);
+        export_pose(&f, &trajectory->camera[i], o->origin);
         output_file_text(&f, " ");
         output_file_integer(&f, CAMERA_ID);
         output_file_text(&f, " ");
@@ -180,15 +180,15 @@ static int export_write_points(const synth_options *o, const struct synth_points
     return output_file_close(&f);
 }
 
-oxl_result synth_colmap_write(const synth_options *o, const struct synth_path *path, const struct synth_points *points,
-                              const char *folder, char *failed, size_t failed_size)
+oxl_result synth_colmap_write(const synth_options *o, const struct synth_trajectory *trajectory,
+                              const struct synth_points *points, const char *folder, char *failed, size_t failed_size)
 {
     int written;
     snprintf(failed, failed_size, "%s/cameras.txt", folder);
-    written = export_write_cameras(path, failed);
+    written = export_write_cameras(trajectory, failed);
     if (written) snprintf(failed, failed_size, "%s/points3D.txt", folder);
     written = written && export_write_points(o, points, failed);
     if (written) snprintf(failed, failed_size, "%s/images.txt", folder);
-    written = written && export_write_images(o, path, points, failed);
+    written = written && export_write_images(o, trajectory, points, failed);
     return written ? OXL_OK : OXL_ERR_IO;
 }

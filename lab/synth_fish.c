@@ -26,7 +26,7 @@ static const struct fish_part {
 
 static uint64_t fish_bits(const synth_options *o, int view, int number, uint64_t what)
 {
-    return synth_bits(o->seed, 400 + what, (uint64_t)view * SYNTH_FISH_MOST + (uint64_t)number);
+    return synth_bits(o->seed, 400 + what, (uint64_t)view * SYNTH_FISH_MAX + (uint64_t)number);
 }
 
 /* The number-th fish of a view, `after` seconds later. */
@@ -51,13 +51,13 @@ static struct synth_fish fish_of(const synth_options *o, const struct synth_worl
     return f;
 }
 
-int synth_fish_near(const synth_options *o, const struct synth_world *w, const struct synth_path *path, int view,
+int synth_fish_near(const synth_options *o, const struct synth_world *w, const struct synth_trajectory *trajectory, int view,
                     struct synth_fish *out)
 {
     int count = 0;
     for (int source = view - 1; source <= view + 1; source++)
-        for (int i = 0; i < o->fish && source >= 0 && source < path->count; i++)
-            out[count++] = fish_of(o, w, &path->camera[source], source, i, FISH_SECONDS * (view - source));
+        for (int i = 0; i < o->fish && source >= 0 && source < trajectory->count; i++)
+            out[count++] = fish_of(o, w, &trajectory->camera[source], source, i, FISH_SECONDS * (view - source));
     return count;
 }
 

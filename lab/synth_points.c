@@ -30,14 +30,14 @@ struct points_track { /* one point as it is made */
 };
 
 struct points_search { /* cameras by the square of ground below them */
-    const synth_options      *options;
-    const struct synth_world *world;
-    const struct synth_path  *path;
-    const struct synth_water *water;
-    double                    side, x0, y0; /* metres; the views of a point are in its square or a neighbouring one */
-    int                       nx, ny;
-    uint32_t                 *first; /* (nx ny + 1) into list */
-    uint32_t                 *list;
+    const synth_options           *options;
+    const struct synth_world      *world;
+    const struct synth_trajectory *trajectory;
+    const struct synth_water      *water;
+    double                         side, x0, y0; /* metres; the views of a point are in its square or a neighbouring one */
+    int                            nx, ny;
+    uint32_t                      *first; /* (nx ny + 1) into list */
+    uint32_t                      *list;
 };
 
 /* ---------------------------------------------------------------- cameras near a point */
@@ -51,18 +51,19 @@ static size_t points_square(const struct points_search *s, v3 p)
 
 static int points_search_create(struct points_search *s)
 {
-    const struct synth_path *path = s->path;
-    size_t                   squares;
-    s->side = path->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
-    s->x0 = s->y0 = -path->half;
-    s->nx = s->ny = (int)(2 * path->half / s->side) + 1;
+    const struct synth_trajectory *trajectory = s->trajectory;
+    size_t                         squares;
+    s->side = trajectory->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
+    s->x0 = s->y0 = -trajectory->half;
+    s->nx = s->ny = (int)(2 * trajectory->half / s->side) + 1;
     squares       = (size_t)s->nx * (size_t)s->ny;
     s->first      = calloc(squares + 1, sizeof *s->first);
-    s->list       = malloc((size_t)path->count * sizeof *s->list);
+    s->list       = malloc((size_t)trajectory->count * sizeof *s->list);
     if (!s->first || !s->list) return 0;
-    for (int i = 0; i < path->count; i++) s->first[points_square(s, path->camera[i].centre)]++;
+    for (int i = 0; i < trajectory->count; i++) s->first[points_square(s, trajectory->camera[i].centre)]++;
     for (size_t i = 0; i < squares; i++) s->first[i + 1] += s->first[i];
-    for (int i = path->count - 1; i >= 0; i--) s->list[--s->first[points_square(s, path->camera[i].centre)]] = (uint32_t)i;
+    for (int i = trajectory->count - 1; i >= 0; i--)
+        s->list[--s->first[points_square(s, trajectory->camera[i].centre)]] = (uint32_t)i;
     return 1;
 }
 
@@ -81,7 +82,7 @@ struct points_observation {
 /* Whether a view has the point in its frame and from a similar side. */
 static int points_in_frame(const struct points_search *s, const struct points_candidate *k, int view, double *x, double *y)
 {
-    const struct synth_camera *c = &s->path->camera[view];
+    const struct synth_camera *c = &s->trajectory->camera[view];
     double                     z;
     if (!synth_project(c, k->p, x, y, &z) || z > SYNTH_FAR) return 0;
     if (*x < FRAME || *y < FRAME || *x > c->width - FRAME || *y > c->height - FRAME) return 0;
@@ -90,11 +91,11 @@ static int points_in_frame(const struct points_search *s, const struct points_ca
 
 static int points_visible(const struct points_search *s, const struct points_candidate *k, int view)
 {
-    const v3     way   = v3_sub(k->p, s->path->camera[view].centre);
-    const double range = v3_length(way);
+    const v3     toward = v3_sub(k->p, s->trajectory->camera[view].centre);
+    const double range  = v3_length(toward);
     if (k->is_outlier) return 1;
-    if (!s->options->write_images) return -v3_dot(k->normal, way) > FACING * range;
-    return synth_cast(s->world, s->path->camera[view].centre, v3_scale(way, 1 / range), 0.997 * range - 0.004) < 0;
+    if (!s->options->write_images) return -v3_dot(k->normal, toward) > FACING * range;
+    return synth_cast(s->world, s->trajectory->camera[view].centre, v3_scale(toward, 1 / range), 0.997 * range - 0.004) < 0;
 }
 
 static float points_measured(double exact, double noise, int size) /* as a text export with three decimals holds it */
@@ -155,7 +156,7 @@ static int points_by_view(const void *a, const void *b)
 
 static void points_colour(const struct points_search *s, const struct points_candidate *k, double range, struct points_track *t)
 {
-    const v3     clean    = synth_shade(s->world, k->p, range / s->path->camera[k->source].f);
+    const v3     clean    = synth_shade(s->world, k->p, range / s->trajectory->camera[k->source].f);
     const double value[3] = {clean.x, clean.y, clean.z};
     for (int c = 0; c < 3; c++)
         t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
@@ -175,8 +176,8 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
 {
     const uint64_t seed = synth_bits(s->options->seed ^ 0x9017, number, attempt);
     const uint64_t pick = s->world->scene == SYNTH_REEF ? number : synth_bits(seed, 3, 0); /* of cameras over sand less */
-    struct points_candidate    k = {.source = (int)(pick % (uint64_t)s->path->count)};
-    const struct synth_camera *c = &s->path->camera[k.source];
+    struct points_candidate    k = {.source = (int)(pick % (uint64_t)s->trajectory->count)};
+    const struct synth_camera *c = &s->trajectory->camera[k.source];
     const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
     const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
@@ -210,18 +211,19 @@ static void points_make(const struct points_search *s, uint64_t number, struct p
 
 /* ---------------------------------------------------------------- all points */
 
-static float points_error(const struct synth_path *path, const struct points_track *t)
+static float points_error(const struct synth_trajectory *trajectory, const struct points_track *t)
 {
     double sum = 0;
     for (int i = 0; i < t->count; i++) {
         double x = 0, y = 0, z = 0;
-        synth_project(&path->camera[t->seen[i].view], t->position, &x, &y, &z);
+        synth_project(&trajectory->camera[t->seen[i].view], t->position, &x, &y, &z);
         sum += hypot(x - t->seen[i].x, y - t->seen[i].y);
     }
     return (float)(sum / t->count);
 }
 
-static int points_append(struct synth_points *out, const struct synth_path *path, const struct points_track *t, size_t *capacity)
+static int points_append(struct synth_points *out, const struct synth_trajectory *trajectory, const struct points_track *t,
+                         size_t *capacity)
 {
     struct synth_point *p = &out->point[out->count];
     if (t->count == 0) return 1;
@@ -232,8 +234,8 @@ static int points_append(struct synth_points *out, const struct synth_path *path
         out->observation = grown;
         *capacity        = more;
     }
-    *p       = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(path, t)};
-    p->count = (uint16_t)t->count;
+    *p = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(trajectory, t)};
+    p->count      = (uint16_t)t->count;
     p->is_outlier = (uint8_t)t->is_outlier;
     for (int c = 0; c < 3; c++) p->sum[c] = (uint16_t)(t->rgb[c] * t->count);
     memcpy(out->observation + out->observation_count, t->seen, (size_t)t->count * sizeof *t->seen);
@@ -263,7 +265,7 @@ static int points_index(struct synth_points *out, uint64_t seed, int views)
             const uint64_t            at = place & 0xffffffffu, index = place >> 32;
             out->by_view[out->view_first[o->view] + at] = (uint32_t)i;
             o->index                                    = (uint32_t)index;
-            next[o->view] = (at + 1) | (index + 1 + (uint64_t)synth_stray(seed, (int)o->view, at)) << 32;
+            next[o->view] = (at + 1) | (index + 1 + (uint64_t)synth_has_stray(seed, (int)o->view, at)) << 32;
         }
     }
     free(next);
@@ -280,18 +282,18 @@ static oxl_result points_fill(const struct points_search *s, uint64_t wanted, st
 #pragma omp parallel for schedule(dynamic, 32)
         for (int i = 0; i < chunk; i++) points_make(s, from + (uint64_t)i, &tracks[i]);
         for (int i = 0; i < chunk; i++)
-            if (!points_append(out, s->path, &tracks[i], &capacity)) return OXL_ERR_MEMORY;
+            if (!points_append(out, s->trajectory, &tracks[i], &capacity)) return OXL_ERR_MEMORY;
         if (o->progress && o->progress(o->user, "points", (long)(from + (uint64_t)chunk), (long)wanted))
             return OXL_ERR_INTERRUPTED;
     }
     return OXL_OK;
 }
 
-oxl_result synth_points_create(const synth_options *o, const struct synth_world *world, const struct synth_path *path,
+oxl_result synth_points_create(const synth_options *o, const struct synth_world *world, const struct synth_trajectory *trajectory,
                                const struct synth_water *water, struct synth_points *out)
 {
     const uint64_t       wanted = o->points > 0 ? (uint64_t)o->points : 400 * (uint64_t)o->views;
-    struct points_search s      = {.options = o, .world = world, .path = path, .water = water};
+    struct points_search s      = {.options = o, .world = world, .trajectory = trajectory, .water = water};
     struct points_track *tracks = malloc(CHUNK * sizeof *tracks);
     oxl_result           rc     = OXL_ERR_MEMORY;
     *out                        = (struct synth_points){.point = calloc((size_t)wanted, sizeof *out->point)};
@@ -323,7 +325,7 @@ const struct synth_observation *synth_observation_in(const struct synth_points *
     return o;
 }
 
-int synth_stray(uint64_t seed, int view, size_t k)
+int synth_has_stray(uint64_t seed, int view, size_t k)
 {
     return synth_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
 }

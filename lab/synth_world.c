@@ -133,15 +133,15 @@ static double world_box(v3 p, v3 half, double rounding)
 
 static struct synth_limb world_make_limb(v3 a, v3 b, double radius_a, double radius_b)
 {
-    const v3 way = v3_sub(b, a);
-    return (struct synth_limb){a, way, radius_a, radius_b, 1 / v3_dot(way, way)};
+    const v3 toward = v3_sub(b, a);
+    return (struct synth_limb){a, toward, radius_a, radius_b, 1 / v3_dot(toward, toward)};
 }
 
 static double world_limb(v3 p, const struct synth_limb *l)
 {
     const v3     pa = v3_sub(p, l->a);
-    const double t  = synth_clamp(v3_dot(pa, l->way) * l->per_square, 0, 1);
-    return v3_length(v3_along(pa, l->way, -t)) - synth_lerp(l->radius_a, l->radius_b, t);
+    const double t  = synth_clamp(v3_dot(pa, l->axis) * l->per_square, 0, 1);
+    return v3_length(v3_along(pa, l->axis, -t)) - synth_lerp(l->radius_a, l->radius_b, t);
 }
 
 /* A round bar along x. */
@@ -152,7 +152,7 @@ static double world_bar(v3 p, double radius, double half)
            sqrt(synth_max(across, 0) * synth_max(across, 0) + synth_max(along, 0) * synth_max(along, 0));
 }
 
-static double world_melt(double a, double b, double width) /* a smooth minimum */
+static double world_smooth_minimum(double a, double b, double width) /* a smooth minimum */
 {
     const double h = synth_max(width - fabs(a - b), 0) / width;
     return synth_min(a, b) - h * h * width * 0.25;
@@ -160,7 +160,7 @@ static double world_melt(double a, double b, double width) /* a smooth minimum *
 
 /* ---------------------------------------------------------------- the wreck */
 
-static void world_nearer(double *least, double d, enum synth_material *material, enum synth_material of)
+static void world_keep_nearest(double *least, double d, enum synth_material *material, enum synth_material of)
 {
     if (d < *least) {
         *least    = d;
@@ -180,11 +180,11 @@ static double world_hull(v3 p, enum synth_material *material)
     const double deck      = synth_max(world_box(v3_sub(p, v3_of(1.3, 0, 0)), v3_of(0.95, 0.8, 0.022), 0.005), skin + 0.01);
     double       d         = synth_max(synth_max(fabs(skin) - 0.022, gunwale), tear);
     *material              = SYNTH_STEEL;
-    world_nearer(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material, SYNTH_STEEL);
-    world_nearer(&d, synth_max(skin + 0.01, p.z + 0.34 - 0.06 * p.x * p.y), material, SYNTH_SAND);
+    world_keep_nearest(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material, SYNTH_STEEL);
+    world_keep_nearest(&d, synth_max(skin + 0.01, p.z + 0.34 - 0.06 * p.x * p.y), material, SYNTH_SAND);
     if (deck < d) {
         const double hatch = world_box(v3_sub(p, v3_of(1.15, 0.1, 0)), v3_of(0.2, 0.22, 0.2), 0.01);
-        world_nearer(&d, synth_max(deck, -hatch), material, SYNTH_WOOD);
+        world_keep_nearest(&d, synth_max(deck, -hatch), material, SYNTH_WOOD);
     }
     return d;
 }
@@ -199,10 +199,10 @@ static double world_upper_works(v3 p, double least, enum synth_material *materia
         const double across = cabin.x - 0.32 * synth_floor(cabin.x / 0.32 + 0.5);
         const double window = world_box(v3_of(across, cabin.y, cabin.z - 0.08), v3_of(0.09, 1, 0.1), 0.01);
         const double door   = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
-        world_nearer(&d, synth_max(synth_max(walls, -window), -door), material, SYNTH_STEEL);
+        world_keep_nearest(&d, synth_max(synth_max(walls, -window), -door), material, SYNTH_STEEL);
     }
-    world_nearer(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material, SYNTH_STEEL);
-    world_nearer(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material, SYNTH_STEEL);
+    world_keep_nearest(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material, SYNTH_STEEL);
+    world_keep_nearest(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material, SYNTH_STEEL);
     return d;
 }
 
@@ -215,7 +215,7 @@ v3 synth_wreck_frame(const struct synth_world *w, v3 p)
 }
 
 /* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
-static void world_lay_wreck(struct synth_world *w, v3 at)
+static void world_place_wreck(struct synth_world *w, v3 at)
 {
     const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
                  pitch = 5 * SYNTH_PI / 180;
@@ -245,7 +245,7 @@ static double world_shape(const struct synth_shape *s, v3 q)
     double d = 1e9;
     for (int i = 0; i < s->limb_count; i++) {
         const double limb = world_limb(q, &s->limb[i]);
-        if (limb < d + s->blend) d = world_melt(d, limb, s->blend);
+        if (limb < d + s->blend) d = world_smooth_minimum(d, limb, s->blend);
     }
     return d;
 }
@@ -307,7 +307,7 @@ static enum synth_material world_ground_material(const struct synth_world *w, v3
 }
 
 /* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken away. */
-static double world_above(const struct synth_world *w, v3 p)
+static double world_height_above(const struct synth_world *w, v3 p)
 {
     const int ix = synth_floor((p.x - w->x0) / w->step + 0.5), iy = synth_floor((p.y - w->y0) / w->step + 0.5);
     if (ix >= 0 && iy >= 0 && ix < w->nx && iy < w->ny) {
@@ -343,7 +343,7 @@ static double world_wreck_near(const struct synth_world *w, v3 p, double least, 
 
 double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *surface)
 {
-    const double         above   = world_above(w, p);
+    const double         above   = world_height_above(w, p);
     struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
     double               d       = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
     if (w->scene == SYNTH_RIDGE) d = 0.45 * above;                       /* slopes of 63 degrees */
@@ -445,7 +445,7 @@ static const struct world_kind world_kinds[] = {
 enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
 
 /* Whether candidate i of a kind is accepted, and its position. */
-static int world_settle(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
+static int world_place_object(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
 {
     const struct world_kind *k    = &world_kinds[kind];
     const uint64_t           seed = synth_bits(w->seed, 100 + (uint64_t)kind, i);
@@ -470,7 +470,7 @@ static int world_settle(const struct synth_world *w, double half, int kind, uint
     return 1;
 }
 
-static int world_strew(struct synth_world *w, double half)
+static int world_scatter_objects(struct synth_world *w, double half)
 {
     size_t most = 0;
     for (int k = 0; k < WORLD_KINDS; k++) most += (size_t)(world_kinds[k].density * 4 * half * half);
@@ -478,7 +478,8 @@ static int world_strew(struct synth_world *w, double half)
     if (!w->object) return 0;
     for (int k = 0; k < WORLD_KINDS; k++) {
         const uint64_t tries = (uint64_t)(world_kinds[k].density * 4 * half * half);
-        for (uint64_t i = 0; i < tries; i++) w->object_count += (size_t)world_settle(w, half, k, i, &w->object[w->object_count]);
+        for (uint64_t i = 0; i < tries; i++)
+            w->object_count += (size_t)world_place_object(w, half, k, i, &w->object[w->object_count]);
     }
     return 1;
 }
@@ -511,7 +512,7 @@ static float world_highest(const struct synth_world *w, size_t cell)
     return top;
 }
 
-static int world_raise_ceilings(struct synth_world *w)
+static int world_bake_ceilings(struct synth_world *w)
 {
     const int reach = (int)(1 / SYNTH_CELL);
     w->ceiling      = malloc((size_t)w->cells_x * (size_t)w->cells_y * sizeof *w->ceiling);
@@ -541,7 +542,7 @@ static int world_index(struct synth_world *w, double half)
     w->near = malloc((w->cell_first[cells] + 1) * sizeof *w->near);
     if (!w->near) return 0;
     world_list(w, 1); /* and now its beginning */
-    return world_raise_ceilings(w);
+    return world_bake_ceilings(w);
 }
 
 int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *w)
@@ -549,9 +550,9 @@ int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene sc
     *w = (struct synth_world){
         .seed = (uint32_t)synth_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;
-    world_lay_wreck(w, wreck);
+    world_place_wreck(w, wreck);
     world_make_shapes(w);
-    if (!world_strew(w, half) || !world_index(w, half)) goto failed;
+    if (!world_scatter_objects(w, half) || !world_index(w, half)) goto failed;
     for (int i = 0; i < w->nx * w->ny; i++) w->top = synth_max(w->top, w->height[i]);
     w->top = synth_max(w->top, 0.45) + TALLEST; /* 0.45: the highest swell beyond what is baked */
     return 1;

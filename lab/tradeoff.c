@@ -21,12 +21,12 @@ static const struct study_row TRADEOFF_ROWS[] = {
 };
 
 static const struct study_kind TRADEOFF_KIND = {
-    .file       = "tradeoff",
-    .title      = "Speed against accuracy",
-    .row        = TRADEOFF_ROWS,
-    .rows       = sizeof TRADEOFF_ROWS / sizeof *TRADEOFF_ROWS,
-    .by_default = sizeof TRADEOFF_ROWS / sizeof *TRADEOFF_ROWS,
-    .base_first = 1,
+    .file         = "tradeoff",
+    .title        = "Speed against accuracy",
+    .row          = TRADEOFF_ROWS,
+    .rows         = sizeof TRADEOFF_ROWS / sizeof *TRADEOFF_ROWS,
+    .by_default   = sizeof TRADEOFF_ROWS / sizeof *TRADEOFF_ROWS,
+    .has_baseline = 1,
     .notes = "dB over other iterations: PSNR minus what the base reaches in the same CPU time with fewer or more iterations.\n",
 };
 

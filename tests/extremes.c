@@ -9,7 +9,7 @@
 #include "../cli/file.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
-#include "../lab/synth_path.c"
+#include "../lab/synth_trajectory.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
 #include "../lab/synth_world.c"

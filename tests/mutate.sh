@@ -14,7 +14,7 @@ kernels=$(find src -name project.c -o -name colour.h -o -name bin.c -o -name ras
 constants=$(find src -name kernels.h)
 # How much room there is, how the work is cut up, and the last of some names: a larger number changes no result, by the invariants at the top
 # of their files.
-sizes='TILE_PIXELS TILE_BLOCKS SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_LEAST BIN_NARROW
+sizes='TILE_PIXELS TILE_BLOCKS SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_MIN BIN_NARROW
 BIN_RADIX_BITS RASTER_BATCH'
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 

@@ -162,7 +162,7 @@ TEST(colmap_reads_the_dialect_of_metashape)
                    "0 0.99 0.1 0.05 0.08 1.5 -2.5 3 0 dive 1/GOPR 0001 (2).JPG\r\n\r\n"
                    "1 0.99 0.1 0.05 0.08 2.5 -2.5 3 0 dive 1/GOPR 0002.JPG\r\n\r\n",
                    "# Number of points: 1, mean track length: 0\r\n0 1.25 -0.5 7 90 120 140 0\r\n", &c));
-    CHECK(c.image_count == 2 && c.point_count == 1 && c.warnings == 0 && !c.is_cut && c.track_count == 0);
+    CHECK(c.image_count == 2 && c.point_count == 1 && c.warnings == 0 && !c.is_truncated && c.track_count == 0);
     CHECK(strcmp(c.names + c.image[0].name, "dive 1/GOPR 0001 (2).JPG") == 0 && c.camera[0].id == 0);
     colmap_free(test_ctx, &c);
 }

@@ -131,12 +131,13 @@ TEST(budget_thins_a_model_that_does_not_fit)
 {
     const struct cost_load load = budget_test_load();
     oxl_job_options        o = budget_test_options(0), none = o;
-    CHECK(budget_thin(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
+    CHECK(budget_limit_gaussians(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
     o.ram = (size_t)3e8;
     CHECK(!budget_fit(test_ctx, &load, &o));
-    CHECK(budget_thin(test_ctx, &load, &o) && o.train.max_gaussians > 0 && (size_t)o.train.max_gaussians < load.points);
+    CHECK(budget_limit_gaussians(test_ctx, &load, &o) && o.train.max_gaussians > 0 &&
+          (size_t)o.train.max_gaussians < load.points);
     o.ram = 1 << 20;
-    CHECK(!budget_thin(test_ctx, &load, &o));
+    CHECK(!budget_limit_gaussians(test_ctx, &load, &o));
 }
 
 TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)

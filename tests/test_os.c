@@ -34,9 +34,9 @@ TEST(os_sweep_removes_half_written_files_alone)
     CHECK_OK(os_write_file(test_ctx, test_path("kept.txt"), "1", 1));
     CHECK_OK(os_write_file(test_ctx, test_path("run.json.123.tmp"), "2", 1));
     CHECK_OK(os_write_file(test_ctx, test_path(".tmp"), "3", 1));
-    CHECK_OK(os_sweep(test_ctx, test_folder()));
+    CHECK_OK(os_remove_temporaries(test_ctx, test_folder()));
     CHECK(os_is_file(test_path("kept.txt")) && os_is_file(test_path(".tmp")) && !os_is_file(test_path("run.json.123.tmp")));
-    CHECK_OK(os_sweep(test_ctx, test_path("nowhere")));
+    CHECK_OK(os_remove_temporaries(test_ctx, test_path("nowhere")));
 }
 
 TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
@@ -208,15 +208,15 @@ TEST(os_the_clock_goes_forward_and_memory_use_is_seen)
 
 TEST(os_path_has_one_slash_between_its_parts_and_none_before_an_empty_folder_and_a_long_one_names_no_file)
 {
-    char long_name[PATH_MOST + 8];
+    char long_name[PATH_LENGTH + 8];
     memset(long_name, 'a', sizeof long_name - 1), long_name[sizeof long_name - 1] = 0;
     CHECK(strcmp(PATH("out", "blocks/%03d", 7), "out/blocks/007") == 0);
     CHECK(strcmp(PATH("out/", "%s", "run.json"), "out/run.json") == 0);
     CHECK(strcmp(PATH("", "%s", "run.json"), "run.json") == 0);
     CHECK(!os_is_file(PATH("out", "%s", long_name)) && os_write_file(test_ctx, PATH("out", "%s", long_name), "x", 1) != OXL_OK);
     CHECK(os_write_file(test_ctx, PATH(long_name, "x"), "x", 1) != OXL_OK);
-    long_name[PATH_MOST - 2] = 0;
-    CHECK(strlen(PATH("o", "%s", long_name)) < PATH_MOST - 3); /* one more than fits */
-    long_name[PATH_MOST - 3] = 0;
-    CHECK(strlen(PATH("o", "%s", long_name)) == PATH_MOST - 1);
+    long_name[PATH_LENGTH - 2] = 0;
+    CHECK(strlen(PATH("o", "%s", long_name)) < PATH_LENGTH - 3); /* one more than fits */
+    long_name[PATH_LENGTH - 3] = 0;
+    CHECK(strlen(PATH("o", "%s", long_name)) == PATH_LENGTH - 1);
 }

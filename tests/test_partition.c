@@ -231,7 +231,7 @@ TEST(partition_balances_a_crowded_cloud_better_than_midpoints_do)
     struct partition a, b, c;
     CHECK_OK(partition_make(test_ctx, scene, &balanced, &a));
     CHECK_OK(partition_make(test_ctx, scene, &midpoint, &b));
-    CHECK_OK(partition_again(test_ctx, &a, &midpoint, &c));
+    CHECK_OK(partition_variant(test_ctx, &a, &midpoint, &c));
     CHECK(partition_test_variation(&a) < 0.7 * partition_test_variation(&b));
     for (int i = 0; i < a.block_count; i++) CHECK(a.block[i].points <= 200);
     CHECK(b.block_count == c.block_count && memcmp(b.block, c.block, sizeof *b.block * (size_t)b.block_count) == 0);
@@ -249,7 +249,7 @@ TEST(partition_makes_the_fewest_blocks_and_never_more_than_midpoints_do)
                                     midpoint = partition_test_options(limit, OXL_CUT_MIDPOINT);
         struct partition a, b;
         CHECK_OK(partition_make(test_ctx, scene, &balanced, &a));
-        CHECK_OK(partition_again(test_ctx, &a, &midpoint, &b));
+        CHECK_OK(partition_variant(test_ctx, &a, &midpoint, &b));
         CHECK(a.block_count <= b.block_count);
         for (int i = 0; i < a.block_count; i++) CHECK(a.block[i].points <= (size_t)limit);
         partition_free(test_ctx, &b);
@@ -316,10 +316,10 @@ TEST(partition_of_equal_halves_is_split_in_the_middle)
     /* nothing between 0.30 and 0.70 */
     const struct partition_bin   at[PARTITION_RATIOS + 1] = {[0] = {500, 500}, [PARTITION_RATIOS] = {500, 500}};
     const struct partition_node  n                        = {.points = 1000};
-    struct partition_build       b                        = {.least_points = 100, .options = {.block_points = 999}};
+    struct partition_build       b                        = {.min_points = 100, .options = {.block_points = 999}};
     const struct partition_split split                    = partition_choose(&b, &n, at);
     CHECK(split.ratio == 10 && split.points[0] == 500 && split.parts[0] == 1);
-    b.least_points = 501;
+    b.min_points = 501;
     CHECK(partition_choose(&b, &n, at).ratio == -1);
 }
 
@@ -327,7 +327,7 @@ TEST(partition_of_three_blocks_gives_one_side_a_third)
 {
     struct partition_bin         at[PARTITION_RATIOS + 1];
     const struct partition_node  n = {.points = 2200, .parts = 3};
-    const struct partition_build b = {.least_points = 1, .options = {.block_points = 800}};
+    const struct partition_build b = {.min_points = 1, .options = {.block_points = 800}};
     struct partition_split       split;
     for (int k = 0; k <= PARTITION_RATIOS; k++) at[k] = (struct partition_bin){100, 100};
     split = partition_choose(&b, &n, at); /* 700 or 800 of 2200 come nearest to a third */

@@ -240,7 +240,7 @@ TEST(partition_balance_is_measured_as_said)
     const oxl_block   block[] = {{.points = 10, .base_views = 3, .memory = 5, .seconds = 7},
                                  {.points = 20, .base_views = 2, .border_views = 1, .memory = 9, .seconds = 1},
                                  {.points = 30, .border_views = 3, .memory = 2, .seconds = 4}};
-    const oxl_balance b       = balance_of(block, 3);
+    const oxl_balance b       = balance_summary(block, 3);
     CHECK(b.blocks == 3 && b.memory == 9 && b.seconds == 12 && b.longest == 7);
     CHECK_CLOSE(b.points_peak, 1.5, 1e-12);
     CHECK_CLOSE(b.points_spread, sqrt(200.0 / 3) / 20, 1e-12);

@@ -40,7 +40,7 @@ static struct prune_log prune_simulate(struct prune *p, int iterations, size_t c
         size_t drop;
         prune_observe(p, step, l1);
         drop = prune_due(p, step, count, 0);
-        if (prune_checks(p, step)) l1 *= factor;
+        if (prune_is_check_step(p, step)) l1 *= factor;
         if (!drop) continue;
         count -= drop;
         log.step[log.drops]    = step;

@@ -90,7 +90,7 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         if (kind > 1) { /* the own colours as through half a unit of water, as in training */
             double factor[3];
             for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)water.direct[c]);
-            water.shift = 0.5f;
+            water.training_range = 0.5f;
             model_scale_colour(&own, factor);
             renderer_set_medium(a, &water);
             CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));

@@ -139,7 +139,7 @@ TEST(measure_picks_without_sorting_what_sorting_would_find)
             for (double quantile = 0; quantile <= 1; quantile += 1.0 / 16) {
                 for (size_t i = 0; i < n; i++) value[i] = sorted[i] = (double)(random_bits(3, i, n) % (uint64_t)kinds);
                 if (n > 0) qsort(sorted, n, sizeof *sorted, stats_compare);
-                CHECK(stats_pick(value, n, quantile) == stats_quantile(sorted, n, quantile));
+                CHECK(stats_select(value, n, quantile) == stats_quantile(sorted, n, quantile));
             }
 }
 

@@ -20,7 +20,7 @@ static struct study *study_test_of(const struct study_kind *kind, const study_op
     s->held_out              = 1;
     s->rows                  = rows;
     for (int r = 0; r < rows; r++) {
-        s->row[r]    = study_find(kind, name[r], strlen(name[r]));
+        s->row[r]    = study_find_row(kind, name[r], strlen(name[r]));
         s->done[r]   = 2;
         s->blocks[r] = r + 2;
         CHECK(s->row[r] != NULL);
@@ -86,44 +86,44 @@ TEST(study_means_spreads_and_comparisons_are_over_the_seeds)
     CHECK_CLOSE(study_mean(s, 0, STUDY_PSNR).mean, 23, 1e-12);
     CHECK_CLOSE(study_mean(s, 0, STUDY_PSNR).spread, sqrt(2), 1e-12);
     CHECK(isnan(study_mean(s, 1, STUDY_MEMORY).mean));
-    CHECK_CLOSE(study_against(s, 1, 0, STUDY_PSNR).mean, 0.75, 1e-12);
-    CHECK_CLOSE(study_against(s, 1, 0, STUDY_PSNR).spread, 0.25 * sqrt(2), 1e-12);
-    CHECK_CLOSE(study_against(s, 1, 0, STUDY_BYTES).mean, 0.5, 1e-12);
-    CHECK_CLOSE(study_against(s, 4, 1, STUDY_BYTES).mean, 0.75, 1e-12);
+    CHECK_CLOSE(study_compare(s, 1, 0, STUDY_PSNR).mean, 0.75, 1e-12);
+    CHECK_CLOSE(study_compare(s, 1, 0, STUDY_PSNR).spread, 0.25 * sqrt(2), 1e-12);
+    CHECK_CLOSE(study_compare(s, 1, 0, STUDY_BYTES).mean, 0.5, 1e-12);
+    CHECK_CLOSE(study_compare(s, 4, 1, STUDY_BYTES).mean, 0.75, 1e-12);
     s->done[1] = 1;
-    CHECK_CLOSE(study_against(s, 1, 0, STUDY_PSNR).mean, 0.5, 1e-12); /* of the one seed that both have */
+    CHECK_CLOSE(study_compare(s, 1, 0, STUDY_PSNR).mean, 0.5, 1e-12); /* of the one seed that both have */
     s->done[1] = 0;
-    CHECK(isnan(study_against(s, 1, 0, STUDY_PSNR).mean));
+    CHECK(isnan(study_compare(s, 1, 0, STUDY_PSNR).mean));
     free(s);
 }
 
 TEST(study_compares_the_paper_with_itself)
 {
     struct study *s = study_test_ablation();
-    CHECK_CLOSE(found_paper_against(s, 1, 0, STUDY_PSNR), 0.65, 1e-12);
-    CHECK_CLOSE(found_paper_against(s, 1, 0, STUDY_SECONDS), (31 * 60 + 17) / (43 * 60 + 7.), 1e-12);
-    CHECK(isnan(found_paper_against(s, 4, 0, STUDY_PSNR)) && isnan(found_paper_against(s, 1, 0, STUDY_MEMORY)));
+    CHECK_CLOSE(table_paper_effect(s, 1, 0, STUDY_PSNR), 0.65, 1e-12);
+    CHECK_CLOSE(table_paper_effect(s, 1, 0, STUDY_SECONDS), (31 * 60 + 17) / (43 * 60 + 7.), 1e-12);
+    CHECK(isnan(table_paper_effect(s, 4, 0, STUDY_PSNR)) && isnan(table_paper_effect(s, 1, 0, STUDY_MEMORY)));
     free(s);
 }
 
 TEST(study_front_holds_what_nothing_beats_in_no_more_time)
 {
     struct study *s = study_test_sweep();
-    CHECK(study_on_front(s, 0) && !study_on_front(s, 1) && study_on_front(s, 2) && !study_on_front(s, 3) &&
-          !study_on_front(s, 4));
+    CHECK(study_is_pareto_optimal(s, 0) && !study_is_pareto_optimal(s, 1) && study_is_pareto_optimal(s, 2) &&
+          !study_is_pareto_optimal(s, 3) && !study_is_pareto_optimal(s, 4));
     memcpy(s->value[3], s->value[0], sizeof s->value[0]); /* of equals the first is on it */
     s->done[3] = 2;
-    CHECK(study_on_front(s, 0) && !study_on_front(s, 3));
+    CHECK(study_is_pareto_optimal(s, 0) && !study_is_pareto_optimal(s, 3));
     free(s);
 }
 
 TEST(study_compares_a_saving_with_fewer_iterations)
 {
     struct study *s = study_test_sweep();
-    CHECK_CLOSE(found_by_iterations(s, sqrt(55. * 110)), 29.5, 1e-12);
-    CHECK_CLOSE(found_by_iterations(s, 110), 30.5, 1e-12);
-    CHECK(isnan(found_by_iterations(s, 50)) &&
-          isnan(found_by_iterations(s, 200))); /* coarse-0.5, below, is not of the base's options */
+    CHECK_CLOSE(table_by_iterations(s, sqrt(55. * 110)), 29.5, 1e-12);
+    CHECK_CLOSE(table_by_iterations(s, 110), 30.5, 1e-12);
+    CHECK(isnan(table_by_iterations(s, 50)) &&
+          isnan(table_by_iterations(s, 200))); /* coarse-0.5, below, is not of the base's options */
     free(s);
 }
 
@@ -320,10 +320,10 @@ TEST(study_rows_name_rows_of_their_study)
         CHECK(kinds[k]->rows <= STUDY_ROWS && kinds[k]->by_default <= kinds[k]->rows);
         for (int r = 0; r < kinds[k]->rows; r++) {
             const struct study_row *row = &kinds[k]->row[r];
-            CHECK(study_find(kinds[k], row->name, strlen(row->name)) == row);
+            CHECK(study_find_row(kinds[k], row->name, strlen(row->name)) == row);
             for (int i = 0; i < STUDY_AGAINST; i++)
-                CHECK(!row->against[i] || study_find(kinds[k], row->against[i], strlen(row->against[i])));
-            CHECK(!row->like || study_find(kinds[k], row->like, strlen(row->like)) < row);
+                CHECK(!row->against[i] || study_find_row(kinds[k], row->against[i], strlen(row->against[i])));
+            CHECK(!row->like || study_find_row(kinds[k], row->like, strlen(row->like)) < row);
         }
     }
 }
@@ -410,19 +410,19 @@ TEST(study_counts_the_memory_that_a_context_holds)
 TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
 {
     static const struct {
-        int    begun, peak;
+        int    started, peak;
         double cpu, wanted_peak, wanted_cpu;
     } parts[] = {{1, 5000, 7, 5000, 7}, {2, 3000, 2.5, 5000, 9.5}, {0, 9000, 1, 5000, 9.5}, {1, 4000, 1, 4000, 1}};
     char error[200], folder[300];
     snprintf(folder, sizeof folder, "%s", test_folder());
     for (int i = 0; i < 4; i++) {
         struct study_meter s = {.peak       = (size_t)parts[i].peak,
-                                .begun      = parts[i].begun,
+                                .started    = parts[i].started,
                                 .cpu        = parts[i].cpu,
                                 .error      = error,
                                 .error_size = sizeof error};
         double             value[STUDY_MEASURES];
-        CHECK_OK(study_note(&s, folder, value));
+        CHECK_OK(study_record_cost(&s, folder, value));
         CHECK_CLOSE(value[STUDY_MEMORY], parts[i].wanted_peak, 0);
         CHECK_CLOSE(value[STUDY_CPU], parts[i].wanted_cpu, 1e-12);
     }
@@ -431,13 +431,13 @@ TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
 TEST(study_counts_processor_time_from_the_first_step_of_one_block_or_of_the_coarse_model)
 {
     static const struct {
-        int iteration, block, blocks, begun;
+        int iteration, block, blocks, started;
     } first[] = {{1, 0, 1, 1}, {1, 3, 3, 1}, {9, 0, 1, 2}, {9, 3, 3, 2}, {1, 0, 3, 2}, {400, 4, 3, 2}};
     for (size_t i = 0; i < OXL_COUNT(first); i++) {
         const oxl_callback none = {NULL, NULL};
         const oxl_progress p    = {.iteration = first[i].iteration, .block = first[i].block, .blocks = first[i].blocks};
         struct study_meter s    = {.callback = &none};
-        CHECK(study_progress(&s, &p) == 0 && s.begun == first[i].begun);
+        CHECK(study_progress(&s, &p) == 0 && s.started == first[i].started);
     }
 }
 

@@ -4,7 +4,7 @@
 #include "../cli/file.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
-#include "../lab/synth_path.c"
+#include "../lab/synth_trajectory.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
 #include "../lab/synth_world.c"
@@ -393,14 +393,15 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
 
 TEST(synth_fish_move_between_images_in_front_of_the_ground)
 {
-    synth_options      o     = synth_test_options("fish");
-    struct synth_path  path  = {0};
-    struct synth_world world = {0};
-    struct synth_fish  at[2][9];
+    synth_options           o          = synth_test_options("fish");
+    struct synth_trajectory trajectory = {0};
+    struct synth_world      world      = {0};
+    struct synth_fish       at[2][9];
     o.fish = 3;
-    CHECK(synth_path_create(&o, &path) && synth_world_create(o.seed, path.half, path.wreck, SYNTH_REEF, &world));
-    synth_path_settle(&path, &world);
-    for (int k = 0; k < 2; k++) CHECK(synth_fish_near(&o, &world, &path, 2 + k, at[k]) == 9);
+    CHECK(synth_trajectory_create(&o, &trajectory) &&
+          synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_REEF, &world));
+    synth_trajectory_set_heights(&trajectory, &world);
+    for (int k = 0; k < 2; k++) CHECK(synth_fish_near(&o, &world, &trajectory, 2 + k, at[k]) == 9);
     for (int i = 0; i < 6; i++) { /* those born for views 2 and 3 are in both lists */
         const struct synth_fish *now = &at[0][3 + i], *next = &at[1][i];
         const v3                 way = v3_sub(next->at, now->at);
@@ -410,7 +411,7 @@ TEST(synth_fish_move_between_images_in_front_of_the_ground)
         CHECK(now->at.z > synth_ground(&world, now->at.x, now->at.y));
     }
     synth_world_free(&world);
-    synth_path_free(&path);
+    synth_trajectory_free(&trajectory);
 }
 
 /* The farthest over the nearest depth of a view. */
@@ -426,17 +427,18 @@ static double synth_test_depth_ratio(const synth_options *o, const char *name)
 
 TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
 {
-    synth_options      o      = synth_test_options("rov");
-    struct synth_path  path   = {0};
-    struct synth_world world  = {0};
-    struct colmap      survey = {0};
-    int                wide   = 0;
+    synth_options           o          = synth_test_options("rov");
+    struct synth_trajectory trajectory = {0};
+    struct synth_world      world      = {0};
+    struct colmap           survey     = {0};
+    int                     wide       = 0;
     o.path = "rov", o.views = 6, o.width = 64, o.height = 42;
     CHECK(synth_scene_of(&o) == SYNTH_RIDGE);
-    CHECK(synth_path_create(&o, &path) && synth_world_create(o.seed, path.half, path.wreck, SYNTH_RIDGE, &world));
-    synth_path_settle(&path, &world);
-    for (int i = 0; i < path.count; i++) {
-        const struct synth_camera *c = &path.camera[i];
+    CHECK(synth_trajectory_create(&o, &trajectory) &&
+          synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_RIDGE, &world));
+    synth_trajectory_set_heights(&trajectory, &world);
+    for (int i = 0; i < trajectory.count; i++) {
+        const struct synth_camera *c = &trajectory.camera[i];
         CHECK(c->rotation[8] < 0 && c->rotation[8] > -0.6); /* the view direction's z: down, but less than 37 degrees */
         CHECK(c->centre.z - synth_ground(&world, c->centre.x, c->centre.y) > 0.45);
     }
@@ -445,7 +447,7 @@ TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
     CHECK(survey.image_count == 6 && wide >= 4);
     colmap_free(test_ctx, &survey);
     synth_world_free(&world);
-    synth_path_free(&path);
+    synth_trajectory_free(&trajectory);
 }
 
 /* Steeper than the reef's 41 degrees, but not than the slope limit of rays. */
@@ -471,25 +473,25 @@ TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 /* Points within 4.2 m of the wreck, which is a small part of the area that is flown over. */
 static double synth_test_share_at_the_wreck(const char *name, const char *scene)
 {
-    synth_options       o = synth_test_options(name);
-    struct synth_path   path;
-    struct synth_world  world;
-    struct synth_points points;
-    struct synth_water  water = {.name = "none"};
-    size_t              near  = 0;
-    double              share;
+    synth_options           o = synth_test_options(name);
+    struct synth_trajectory trajectory;
+    struct synth_world      world;
+    struct synth_points     points;
+    struct synth_water      water = {.name = "none"};
+    size_t                  near  = 0;
+    double                  share;
     o.scene = scene, o.views = 150, o.extent = 15, o.points = 2000, o.write_images = 0;
-    CHECK(synth_path_create(&o, &path));
-    CHECK(synth_world_create(o.seed, path.half, path.wreck, (enum synth_scene)synth_scene_of(&o), &world));
-    synth_path_settle(&path, &world);
-    CHECK_OK(synth_points_create(&o, &world, &path, &water, &points));
+    CHECK(synth_trajectory_create(&o, &trajectory));
+    CHECK(synth_world_create(o.seed, trajectory.half, trajectory.wreck, (enum synth_scene)synth_scene_of(&o), &world));
+    synth_trajectory_set_heights(&trajectory, &world);
+    CHECK_OK(synth_points_create(&o, &world, &trajectory, &water, &points));
     for (size_t i = 0; i < points.count; i++)
         near += hypot(points.point[i].position.x - world.wreck.x, points.point[i].position.y - world.wreck.y) < 4.2;
     CHECK(points.count > 1000);
     share = (double)near / (double)points.count;
     synth_points_free(&points);
     synth_world_free(&world);
-    synth_path_free(&path);
+    synth_trajectory_free(&trajectory);
     return share;
 }
 

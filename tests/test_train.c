@@ -192,7 +192,7 @@ static struct density_case density_banded_case(void)
     CHECK_OK(density_set_bands(test_ctx, c.density, 4, 2, 4));
     sums = density_sums(c.density, 4);
     for (int i = 0; i < 3; i++) {
-        *(render_band(&sums, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
+        *(render_depth_sums(&sums, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
         c.density->views[i] = 1;
     }
     return c;

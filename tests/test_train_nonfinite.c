@@ -108,7 +108,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
     adam.step = ++c.t.step;
     CHECK_OK(step_load_image(&c.t, 2));
-    CHECK_OK(step_compare_view(&c.t, 2, &loss));
+    CHECK_OK(step_loss_of_view(&c.t, 2, &loss));
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
     c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
     c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
@@ -164,7 +164,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         struct nonfinite_test_case c, again;
         int                        found = 0;
         nonfinite_test_begin(&c, 2);
-        c.t.place = &place;
+        c.t.output = &place;
         if (fault == 1) c.t.view[3] = 7;
         if (fault == 2) c.t.step = 201;
         if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.first, 1));
@@ -174,7 +174,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 7) c.t.second.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
         nonfinite_test_begin(&again, 0);
-        again.t.place = &place;
+        again.t.output = &place;
         CHECK(checkpoint_read(test_ctx, place.folder, place.key, train_archive, &again.t, &found) ==
               (fault ? OXL_ERR_INPUT : OXL_OK));
         CHECK(found == (fault == 0));

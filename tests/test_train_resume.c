@@ -160,7 +160,7 @@ TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
     model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
     {
         struct archive a = {.ctx = test_ctx, .reading = 1, .path = "small", .left = 100};
-        CHECK(!archive_holds(&a, model.count, sizeof(float)) && a.rc == OXL_ERR_INPUT);
+        CHECK(!archive_fits(&a, model.count, sizeof(float)) && a.rc == OXL_ERR_INPUT);
     }
     model.count = 3;
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_numbers, &model));

@@ -3,9 +3,9 @@
 TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 {
     int held = 0;
-    for (int i = 0; i < 300; i++) held += selection_holds(i, 300);
-    CHECK(held == 8 && !selection_holds(0, 1));
-    for (int i = held = 0; i < 20; i++) held += selection_holds(i, 20);
+    for (int i = 0; i < 300; i++) held += selection_is_validation_view(i, 300);
+    CHECK(held == 8 && !selection_is_validation_view(0, 1));
+    for (int i = held = 0; i < 20; i++) held += selection_is_validation_view(i, 20);
     CHECK(held == 2);
 }
 

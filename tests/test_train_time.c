@@ -86,12 +86,12 @@ TEST(predict_time_grows_a_model_beside_its_own_centres)
 TEST(survey_text_states_the_time_with_its_uncertainty)
 {
     oxl_survey s = {.text = ""};
-    survey_say_duration(&s, 240, (double[2]){180, 360});
+    survey_write_duration(&s, 240, (double[2]){180, 360});
     CHECK(!strcmp(s.text, "about 4 min (3 to 6)"));
     s.text[0] = 0;
-    survey_say_duration(&s, 50, (double[2]){31, 80});
+    survey_write_duration(&s, 50, (double[2]){31, 80});
     CHECK(!strcmp(s.text, "about 50 s (31 to 80)"));
     s.text[0] = 0;
-    survey_say_duration(&s, 7200, (double[2]){3600, 14400});
+    survey_write_duration(&s, 7200, (double[2]){3600, 14400});
     CHECK(!strcmp(s.text, "about 2.0 h (1.0 to 4.0)"));
 }

@@ -97,7 +97,7 @@ TEST(transients_masks_are_kept_and_masked_points_are_not_updated)
     before = c->transients.expected[hidden];
     transients_test_step(c, 3, 1);
     after = c->transients.expected[hidden];
-    CHECK(before == after && before == TRANSIENTS_MOST);
+    CHECK(before == after && before == TRANSIENTS_MAX);
     for (int i = 0; i < TRANSIENTS_TEST_PIXELS; i++) c->weight[i] = 0;
     transients_test_step(c, 3, 0); /* without a mask all weights are set */
     CHECK(transients_test_masked(c) == 0 && c->transients.expected[hidden] < before);
@@ -212,7 +212,7 @@ static int carve_free(const struct free_space *f, const oxl_scene *scene, double
 {
     const double *o    = oxl_scene_origin(scene);
     const double  p[3] = {x - o[0], y - o[1], z - o[2]};
-    return free_space_holds(f, p);
+    return free_space_contains(f, p);
 }
 
 TEST(carve_free_space_lies_between_training_cameras_and_the_points_of_their_tracks)

@@ -530,7 +530,7 @@ static void vulkan_check_image_of(oxl_context *device, int width, int height, in
         const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &image;
         vulkan_forward_both(&t, &m);
         for (int k = 0; k < 2; k++) {
-            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &image, NULL, halved));
+            CHECK_OK(renderer_set_image(t.ctx[k], t.r[k], 3, k ? given : &image, NULL, halved));
             CHECK_OK(renderer_loss(t.ctx[k], t.r[k], NULL, NULL, 0.2f, &loss[k]));
         }
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
@@ -762,7 +762,7 @@ static void vulkan_step_of(oxl_context *device, struct vulkan_deferral *d, int s
     struct adam_params          adam    = {.beta = {0.7, 0.9995}, .step = step};
     struct renderer_nonfinite   skipped;
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
-    CHECK_OK(renderer_take_image(device, d->r, 0, &image, NULL, 0));
+    CHECK_OK(renderer_set_image(device, d->r, 0, &image, NULL, 0));
     CHECK_OK(renderer_forward(device, d->r, &d->run.model, &d->camera, &options));
     CHECK_OK(renderer_loss(device, d->r, NULL, NULL, 0.2f, loss));
     CHECK_OK(renderer_backward(device, d->r, NULL, &d->run.gradient));
@@ -794,14 +794,14 @@ static void vulkan_check_deferral(oxl_context *device)
         if (step == 2) waits = v->waits, dispatches = v->dispatches;
         vulkan_step_of(device, &d[1], step, &none);
         CHECK_OK(renderer_report(device, d[1].r, 0, &report));
-        CHECK(report.there == (step > 1) && report.halt == HALT_NONE && report.skipped.rows == 0);
+        CHECK(report.exists == (step > 1) && report.halt == HALT_NONE && report.skipped.rows == 0);
         if (step > 1) CHECK(report.loss.total == loss[step - 1].total && report.loss.mse == loss[step - 1].mse);
     }
     CHECK(v->waits == waits && v->dispatches - dispatches <= 5 * 40);
     CHECK_OK(renderer_report(device, d[1].r, 1, &report));
-    CHECK(report.there && report.loss.total == loss[6].total);
+    CHECK(report.exists && report.loss.total == loss[6].total);
     CHECK_OK(renderer_report(device, d[1].r, 1, &report));
-    CHECK(!report.there);
+    CHECK(!report.exists);
     for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_CHANGE));
     vulkan_check_same_run(&d[0], &d[1]);
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
@@ -833,9 +833,9 @@ static void vulkan_check_halt(oxl_context *device)
         r->room = room;
         vulkan_step_of(device, &d[1], 4, &none);
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
-        CHECK(report.there && (int)report.halt == halt);
+        CHECK(report.exists && (int)report.halt == halt);
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
-        CHECK(!report.there);
+        CHECK(!report.exists);
         renderer_defer(d[1].r, 0);
         CHECK_OK(renderer_download_rows(device, d[1].r));
         CHECK(renderer_row_visible(d[1].r, 40) && renderer_row_finite(d[1].r, 40) == (halt == HALT_PAIRS));
@@ -1046,7 +1046,7 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     struct training_image image   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
     oxl_result            rc;
     for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
-    rc = renderer_take_image(t->ctx[k], t->r[k], view, &image, NULL, 0);
+    rc = renderer_set_image(t->ctx[k], t->r[k], view, &image, NULL, 0);
     if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
     if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
     oxl_free(test_ctx, rgb);
@@ -1067,11 +1067,11 @@ static void vulkan_check_image_in_use(oxl_context *device)
     struct training_image image = {64, 48, rgb, NULL};
     struct renderer      *r;
     CHECK_OK(renderer_create(device, &r));
-    for (int view = 0; view < 2; view++) CHECK_OK(renderer_take_image(device, r, view, &image, NULL, 1));
+    for (int view = 0; view < 2; view++) CHECK_OK(renderer_set_image(device, r, view, &image, NULL, 1));
     vulkan_real_allocate    = v->AllocateMemory;
     v->AllocateMemory       = vulkan_play_full_once;
     vulkan_allocations_left = 1;
-    CHECK_OK(renderer_take_image(device, r, 0, NULL, NULL, 0));
+    CHECK_OK(renderer_set_image(device, r, 0, NULL, NULL, 0));
     CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
     CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
     v->AllocateMemory  = vulkan_real_allocate;

@@ -57,7 +57,7 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
         float          between[3];
         for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
         CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
-        imaging_between(&m, 4, between);
+        imaging_interpolate(&m, 4, between);
         CHECK_CLOSE(between[0], wanted[k], 1e-6);
         CHECK((m.camera[0] == m.camera[2]) && (m.camera[0] == m.camera[1]) == (k == 1));
         imaging_free(test_ctx, &m);
@@ -72,8 +72,8 @@ TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
     const float    of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
     for (int i = 0; i < 27; i++) b.log_gain[i] += b.known[i / 3] ? 0.7f : 0;
-    imaging_join(&all, count, &a);
-    imaging_join(&all, count, &b);
+    imaging_merge(&all, count, &a);
+    imaging_merge(&all, count, &b);
     CHECK_CLOSE(all.log_gain[3 * 8 + 2], of_b + 0.7, 1e-5);
     CHECK_CLOSE(all.log_gain[3 * 2 + 0], of_a + 0.35, 1e-5);
     CHECK(count[0] == 1 && count[2] == 2 && count[1] == 0 && !all.known[1]);
@@ -225,7 +225,7 @@ static int exposure_test_takes(double wave, double jump, int parts)
     int               on;
     for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
     p.log_gain = gain, p.known = known;
-    exposure_take(&e, &p, why, sizeof why);
+    exposure_set_from_tracks(&e, &p, why, sizeof why);
     on = e.of.on;
     imaging_free(test_ctx, &e.of);
     return on;
@@ -876,9 +876,9 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
 {
     const struct image_window window = {.x = 16, .y = 32, .width = 64, .height = 48};
     struct image_window       all[14];
-    struct train_output       place = {.window = all};
+    struct train_output       output = {.window = all};
     struct depth_point        point[DEPTH_POINTS];
-    struct train              t = {.ctx = test_ctx, .place = &place, .step = 7};
+    struct train              t = {.ctx = test_ctx, .output = &output, .step = 7};
     int                       count;
     photometry_test_make("depth_window", "3C");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
@@ -1117,7 +1117,7 @@ TEST(lamp_is_read_as_it_was_written)
     oxl_scene     *scene = train_scene(3);
     struct imaging m     = water_imaging(3, NULL, 0), read;
     m.on                 = 0;
-    m.medium.lit = 1, m.medium.falloff = 1.25f, m.medium.reference = 3.5f;
+    m.medium.has_falloff = 1, m.medium.falloff = 1.25f, m.medium.reference = 3.5f;
     m.lamps = 1, m.lamp[0] = lamp_of(-1);
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));

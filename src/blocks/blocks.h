@@ -34,7 +34,7 @@ OXL_INTERNAL int  partition_contains(const struct partition_box *box, const doub
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
                                        struct partition *out);
 OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);
-OXL_INTERNAL void partition_drop_plan(oxl_context *ctx, struct partition *p); /* and what it refers to is not used any more */
+OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p); /* and what it refers to is not used any more */
 
 /* partition_file.c: partition.txt, which reads back to the same bits. */
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);

@@ -18,7 +18,7 @@
  */
 #include "partition_build.h"
 
-enum { PARTITION_LEAST_POINTS = 100, PARTITION_LEAST_VIEWS = 20 };
+enum { PARTITION_MIN_POINTS = 100, PARTITION_MIN_VIEWS = 20 };
 #define PARTITION_FLAT 0.3 /* l3 / l2 below it: 2D [OceanXL] */
 
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3])
@@ -142,7 +142,7 @@ static oxl_result partition_finish(struct partition_build *b, struct partition *
     if (rc != OXL_OK) return rc;
     p->block_count = b->leaf_count;
     for (size_t i = 0; i < b->count; i++)
-        if (b->owner[i] != PARTITION_NOWHERE) b->owner[i] = (uint32_t)b->node[b->owner[i]].block;
+        if (b->owner[i] != PARTITION_NO_BLOCK) b->owner[i] = (uint32_t)b->node[b->owner[i]].block;
     p->plan->owner = b->owner;
     p->plan->role  = b->role;
     b->owner       = NULL;
@@ -160,15 +160,15 @@ static int partition_train_views(const oxl_scene *scene)
 
 /* Less is asked of a small survey: a quarter of a small block's points; one image in ten, and no more than the block's share of all
  * images, or small blocks, asked for on purpose, would all be joined. */
-static void partition_set_least(struct partition_build *b)
+static void partition_set_minimum(struct partition_build *b)
 {
     const size_t n     = (size_t)b->options.block_points;
     const int    views = partition_train_views(b->scene);
     const double share = views * (double)n / (double)OXL_MAX(b->kept, (size_t)1);
-    b->least_points    = OXL_MAX(n / 20, OXL_MIN((size_t)PARTITION_LEAST_POINTS, n / 4));
-    b->least_points    = OXL_MAX(b->least_points, (size_t)1);
-    b->least_views     = OXL_CLAMP(views / 10, 1, PARTITION_LEAST_VIEWS);
-    if (share < b->least_views) b->least_views = OXL_MAX(1, (int)share);
+    b->min_points      = OXL_MAX(n / 20, OXL_MIN((size_t)PARTITION_MIN_POINTS, n / 4));
+    b->min_points      = OXL_MAX(b->min_points, (size_t)1);
+    b->min_views       = OXL_CLAMP(views / 10, 1, PARTITION_MIN_VIEWS);
+    if (share < b->min_views) b->min_views = OXL_MAX(1, (int)share);
 }
 
 static oxl_result partition_load_points(struct partition_build *b, const struct partition *p)
@@ -183,10 +183,10 @@ static oxl_result partition_load_points(struct partition_build *b, const struct 
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++) {
-            b->owner[i] = scene_takes_point(&c->point[i], p->origin) ? 0 : PARTITION_NOWHERE;
+            b->owner[i] = scene_accepts_point(&c->point[i], p->origin) ? 0 : PARTITION_NO_BLOCK;
             partition_to_frame(p, c->point[i].position, b->position + 3 * i);
         }
-    for (size_t i = 0; i < b->count; i++) b->kept += b->owner[i] != PARTITION_NOWHERE;
+    for (size_t i = 0; i < b->count; i++) b->kept += b->owner[i] != PARTITION_NO_BLOCK;
     return OXL_OK;
 }
 
@@ -241,7 +241,7 @@ static void partition_log_blocks(const struct partition_build *b, const struct p
     }
     if (b->undone > 0)
         oxl_log(b->ctx, b->level, "%d split%s undone: less than %zu points or %d views on a side", b->undone,
-                b->undone == 1 ? "" : "s", b->least_points, b->least_views);
+                b->undone == 1 ? "" : "s", b->min_points, b->min_views);
     oxl_log(b->ctx, b->level, "%d block%s of %zu to %zu points", p->block_count, p->block_count == 1 ? "" : "s", least, most);
     if (p->block_count > 1 && most > (size_t)b->options.block_points)
         oxl_log(
@@ -258,7 +258,7 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     oxl_result  rc = partition_load_points(b, p);
     if (rc == OXL_OK) rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, 1, sizeof *b->node);
     if (rc != OXL_OK) goto done;
-    partition_set_least(b);
+    partition_set_minimum(b);
     b->finite     = p->plan->finite;
     b->dimensions = p->dimensions;
     b->depth      = partition_depth(b->kept, (size_t)b->options.block_points);
@@ -306,7 +306,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
 }
 
 /* A number of blocks, or no limit, as the most points of one. */
-static oxl_partition_options partition_resolve(const oxl_scene *scene, const oxl_partition_options *options)
+static oxl_partition_options partition_resolve_options(const oxl_scene *scene, const oxl_partition_options *options)
 {
     oxl_partition_options o = options ? *options : oxl_partition_options_default();
     if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene_stats_of(scene)->points + (size_t)o.blocks - 1) / (size_t)o.blocks);
@@ -317,7 +317,7 @@ static oxl_partition_options partition_resolve(const oxl_scene *scene, const oxl
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
                                        struct partition *out)
 {
-    const oxl_partition_options o = partition_resolve(scene, options);
+    const oxl_partition_options o = partition_resolve_options(scene, options);
     struct partition_build      b = {.ctx = ctx, .level = OXL_LOG_INFO, .scene = scene, .options = o};
     struct partition_axes       axes;
     oxl_result                  rc = partition_check(ctx, scene, &o);
@@ -339,14 +339,14 @@ done:
     return rc;
 }
 
-OXL_INTERNAL oxl_result partition_again(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
-                                        struct partition *out)
+OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
+                                          struct partition *out)
 {
     const struct partition_plan *from = of->plan;
     struct partition_build       b    = {.ctx        = ctx,
                                          .level      = OXL_LOG_DEBUG,
                                          .scene      = from->scene,
-                                         .options    = partition_resolve(from->scene, options),
+                                         .options    = partition_resolve_options(from->scene, options),
                                          .visibility = from->visibility};
     oxl_result                   rc;
     *out             = *of;
@@ -362,7 +362,7 @@ done:
     return rc;
 }
 
-OXL_INTERNAL void partition_drop_plan(oxl_context *ctx, struct partition *p)
+OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p)
 {
     if (!p->plan) return;
     if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
@@ -376,7 +376,7 @@ OXL_INTERNAL void partition_drop_plan(oxl_context *ctx, struct partition *p)
 
 OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p)
 {
-    partition_drop_plan(ctx, p);
+    partition_free_plan(ctx, p);
     oxl_free(ctx, p->block);
     *p = (struct partition){0};
 }

@@ -4,8 +4,8 @@
 
 #include "blocks.h"
 
-#define PARTITION_NOWHERE UINT32_MAX /* a point that the scene drops */
-enum { PARTITION_TASKS = 16 };       /* parts of a parallel loop, each with its own scratch; results do not depend on it */
+#define PARTITION_NO_BLOCK UINT32_MAX /* a point that the scene drops */
+enum { PARTITION_TASKS = 16 };        /* parts of a parallel loop, each with its own scratch; results do not depend on it */
 
 /* ---------------------------------------------------------------- partition_axes.c: the frame */
 
@@ -37,18 +37,18 @@ struct partition_plan {
     struct partition_visibility *visibility;
     int                          owns_visibility;
     struct partition_box         finite;       /* trimmed extents of the survey */
-    uint32_t                    *owner;        /* (points of the COLMAP model) block, or PARTITION_NOWHERE */
+    uint32_t                    *owner;        /* (points of the COLMAP model) block, or PARTITION_NO_BLOCK */
     size_t                      *first_member; /* (blocks + 1) */
     uint32_t                    *member;       /* points in the block's expanded box, ascending */
     uint8_t                     *role;         /* (blocks, views) enum partition_role */
 };
 /* The same scene in the same frame, split otherwise, without log lines. Shares the visibility of `of`, which must outlive `out`. */
-OXL_INTERNAL oxl_result partition_again(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
-                                        struct partition *out);
+OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
+                                          struct partition *out);
 /* Sets bits (points) of a block's initial points; returns their number. bits: zero, (points + 63) / 64 words. */
 OXL_INTERNAL size_t     partition_mark(const struct partition *p, int block, uint64_t *bits);
 
-/* ---------------------------------------------------------------- partition_svg.c: the picture */
+/* ---------------------------------------------------------------- partition_svg.c: the blocks as an SVG */
 
 OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path);
 

@@ -92,7 +92,7 @@ static uint32_t partition_find_blocks(const struct partition_build *b, const dou
 }
 
 /* Cuts from `deep` what the margins of other blocks below `node` cover of it: along the axis on which each reaches in least. */
-static void partition_carve(const struct partition_build *b, int node, int leaf, struct partition_box *deep)
+static void partition_shrink_interior(const struct partition_build *b, int node, int leaf, struct partition_box *deep)
 {
     const struct partition_node *n     = &b->node[node];
     double                       least = INFINITY, *face = NULL, at = 0;
@@ -104,8 +104,8 @@ static void partition_carve(const struct partition_build *b, int node, int leaf,
         if (from_high < least) least = from_high, face = &deep->high[k], at = n->expanded.low[k];
     }
     if (n->child[0]) {
-        partition_carve(b, n->child[0], leaf, deep);
-        partition_carve(b, n->child[1], leaf, deep);
+        partition_shrink_interior(b, n->child[0], leaf, deep);
+        partition_shrink_interior(b, n->child[1], leaf, deep);
     } else if (face) {
         *face = at;
     }
@@ -126,14 +126,14 @@ static oxl_result partition_find_members(struct partition_build *b)
     for (int i = 0; i < b->leaf_count; i++) {
         struct partition_node *n = &b->node[b->leaf[i]];
         n->deep                  = n->box;
-        partition_carve(b, 0, b->leaf[i], &n->deep);
+        partition_shrink_interior(b, 0, b->leaf[i], &n->deep);
     }
     oxl_free(b->ctx, b->blocks);
     b->blocks = NULL;
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++)
-            b->first[i] = b->owner[i] == PARTITION_NOWHERE ? 0 : partition_find_all_blocks(b, i, NULL);
+            b->first[i] = b->owner[i] == PARTITION_NO_BLOCK ? 0 : partition_find_all_blocks(b, i, NULL);
     for (size_t i = 0; i < b->count; i++) {
         const uint32_t count = b->first[i];
         b->first[i]          = (uint32_t)total;
@@ -148,7 +148,7 @@ static oxl_result partition_find_members(struct partition_build *b)
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++)
-            if (b->owner[i] != PARTITION_NOWHERE) partition_find_all_blocks(b, i, b->blocks + b->first[i]);
+            if (b->owner[i] != PARTITION_NO_BLOCK) partition_find_all_blocks(b, i, b->blocks + b->first[i]);
     return OXL_OK;
 }
 
@@ -159,7 +159,7 @@ static oxl_result partition_count_points(struct partition_build *b)
     if (!b->inside) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %d blocks", b->leaf_count);
     for (int i = 0; i < b->leaf_count; i++) b->node[b->leaf[i]].points = 0;
     for (size_t i = 0; i < b->count; i++)
-        if (b->owner[i] != PARTITION_NOWHERE) b->node[b->owner[i]].points++;
+        if (b->owner[i] != PARTITION_NO_BLOCK) b->node[b->owner[i]].points++;
     for (uint32_t k = 0; k < b->first[b->count]; k++) b->inside[b->blocks[k]]++;
     return OXL_OK;
 }
@@ -248,7 +248,7 @@ static int partition_undo_small(struct partition_build *b)
         const int                    leaf = b->leaf[i];
         const struct partition_node *n    = &b->node[leaf];
         if (n->removed || leaf == 0 || n->child[0]) continue; /* went with its sibling */
-        if (n->points >= b->least_points && partition_count_views(b, i) >= b->least_views) continue;
+        if (n->points >= b->min_points && partition_count_views(b, i) >= b->min_views) continue;
         partition_undo_split(b, leaf);
         taken++;
     }

@@ -24,7 +24,7 @@ static size_t axes_sample(const struct colmap *c, const double origin[3], double
         const size_t i = first + random_bits(1, first, 0) % step; /* random within the section, against periodic files */
         double      *p = sample + 3 * count;
         for (int k = 0; k < 3; k++) p[k] = c->point[i].position[k] - origin[k];
-        count += (size_t)scene_takes_point(&c->point[i], origin);
+        count += (size_t)scene_accepts_point(&c->point[i], origin);
     }
     return count;
 }
@@ -38,7 +38,7 @@ static size_t axes_trim(double *sample, size_t n, double *scratch)
         const double *p = sample + 3 * i;
         scratch[i]      = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
     }
-    limit = AXES_REACH * AXES_REACH * stats_pick(scratch, n, AXES_QUANTILE);
+    limit = AXES_REACH * AXES_REACH * stats_select(scratch, n, AXES_QUANTILE);
     for (size_t i = 0; i < n; i++) {
         const double *p = sample + 3 * i;
         if (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] <= limit) memmove(sample + 3 * kept++, p, 3 * sizeof *p);
@@ -105,8 +105,8 @@ static struct axes_reach axes_measure(const double axis[3], const double *p, siz
 {
     struct axes_reach r = {.axis = {axis[0], axis[1], axis[2]}};
     for (size_t i = 0; i < n; i++) scratch[i] = axes_dot(axis, p + 3 * i);
-    r.low  = stats_pick(scratch, n, 0.01);
-    r.high = stats_pick(scratch, n, 0.99);
+    r.low  = stats_select(scratch, n, 0.01);
+    r.high = stats_select(scratch, n, 0.99);
     return r;
 }
 

@@ -38,8 +38,8 @@ struct partition_build {
     size_t                 node_capacity;
     int                   *leaf; /* (leaf_count) nodes, from the lowest place to the highest */
     size_t                 leaf_capacity;
-    size_t                 least_points;
-    int                    least_views;
+    size_t                 min_points;
+    int                    min_views;
 
     struct partition_visibility *visibility;
     uint32_t                    *first; /* (count + 1) in `blocks`: the blocks in whose expanded box a point lies */

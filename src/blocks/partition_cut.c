@@ -81,7 +81,7 @@ static void partition_count(const struct partition_build *b, const struct partit
     const int    ratios = partition_ratios(b);
     const size_t end    = partition_task_begin(b->count, task + 1);
     for (size_t i = partition_task_begin(b->count, task); i < end; i++) {
-        const int slot = b->owner[i] == PARTITION_NOWHERE ? -1 : b->node[b->owner[i]].slot;
+        const int slot = b->owner[i] == PARTITION_NO_BLOCK ? -1 : b->node[b->owner[i]].slot;
         if (slot >= 0) {
             const struct partition_search *s     = &search[slot];
             const double                   v     = b->position[3 * i + (size_t)s->axis];
@@ -112,7 +112,7 @@ static struct partition_split partition_judge_split(const struct partition_build
     struct partition_split s     = {ratio, {low->points, n->points - low->points}, {low_parts, parts - low_parts}, 0, 0};
     s.fits                       = s.points[0] <= (size_t)s.parts[0] * limit && s.points[1] <= (size_t)s.parts[1] * limit;
     s.off                        = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_parts / parts);
-    if (OXL_MIN(s.points[0], s.points[1]) < b->least_points) s.ratio = -1;
+    if (OXL_MIN(s.points[0], s.points[1]) < b->min_points) s.ratio = -1;
     return s;
 }
 
@@ -202,7 +202,7 @@ static oxl_result partition_cut_batch(struct partition_build *b, const struct pa
 
 /* ---------------------------------------------------------------- the tree */
 
-static uint32_t partition_descend(const struct partition_build *b, uint32_t from, const double *p)
+static uint32_t partition_leaf_of(const struct partition_build *b, uint32_t from, const double *p)
 {
     while (b->node[from].child[0]) from = (uint32_t)b->node[from].child[p[b->node[from].axis] >= b->node[from].cut];
     return from;
@@ -215,8 +215,8 @@ OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
     for (int task = 0; task < PARTITION_TASKS; task++) {
         const size_t end = partition_task_begin(b->count, task + 1);
         for (size_t i = partition_task_begin(b->count, task); i < end; i++)
-            if (b->owner[i] != PARTITION_NOWHERE)
-                b->owner[i] = partition_descend(b, b->node[b->owner[i]].removed ? 0 : b->owner[i], b->position + 3 * i);
+            if (b->owner[i] != PARTITION_NO_BLOCK)
+                b->owner[i] = partition_leaf_of(b, b->node[b->owner[i]].removed ? 0 : b->owner[i], b->position + 3 * i);
     }
 }
 
@@ -249,7 +249,7 @@ OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int parts)
     b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .parts = parts, .slot = -1};
     b->node_count = 1;
     for (size_t i = 0; i < b->count; i++)
-        if (b->owner[i] != PARTITION_NOWHERE) b->owner[i] = 0;
+        if (b->owner[i] != PARTITION_NO_BLOCK) b->owner[i] = 0;
     return partition_grow(b);
 }
 
@@ -267,7 +267,7 @@ OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by
         const oxl_camera *c    = &oxl_scene_view(b->scene, (int)v)->camera;
         const size_t      seen = s->first[v + 1] - s->first[v];
         for (size_t k = s->first[v]; k < s->first[v + 1]; k++)
-            if (b->owner[s->point[k]] != PARTITION_NOWHERE) pixel[s->point[k]] += (double)c->width * c->height / (double)seen;
+            if (b->owner[s->point[k]] != PARTITION_NO_BLOCK) pixel[s->point[k]] += (double)c->width * c->height / (double)seen;
     }
     for (size_t i = 0; i < b->count; i++) sum += pixel[i];
     for (size_t i = 0; i < b->count; i++) {

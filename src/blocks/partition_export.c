@@ -54,7 +54,7 @@ static void exporter_flush(struct exporter_worker *w)
     w->used = 0;
 }
 
-static char *exporter_room(struct exporter_worker *w, size_t size)
+static char *exporter_reserve(struct exporter_worker *w, size_t size)
 {
     if (w->used + size > EXPORT_BUFFER) exporter_flush(w);
     return w->buffer + w->used;
@@ -63,10 +63,10 @@ static char *exporter_room(struct exporter_worker *w, size_t size)
 static void exporter_put(struct exporter_worker *w, const char *text, size_t size)
 {
     for (; size > EXPORT_BUFFER; text += EXPORT_BUFFER, size -= EXPORT_BUFFER) {
-        memcpy(exporter_room(w, EXPORT_BUFFER), text, EXPORT_BUFFER);
+        memcpy(exporter_reserve(w, EXPORT_BUFFER), text, EXPORT_BUFFER);
         w->used += EXPORT_BUFFER;
     }
-    memcpy(exporter_room(w, size), text, size);
+    memcpy(exporter_reserve(w, size), text, size);
     w->used += size;
 }
 
@@ -78,7 +78,7 @@ static void exporter_put_text(struct exporter_worker *w, const char *text)
 /* With `before` in front of it; 0: nothing. */
 static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
 {
-    char     *to     = exporter_room(w, NUMBER_TEXT_MAX + 1);
+    char     *to     = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
     const int spaced = before != 0;
     *to              = before;
     w->used += (size_t)spaced + format_int64(to + spaced, value);
@@ -86,7 +86,7 @@ static void exporter_put_whole(struct exporter_worker *w, char before, int64_t v
 
 static void exporter_put_real(struct exporter_worker *w, double value)
 {
-    char *to = exporter_room(w, NUMBER_TEXT_MAX + 1);
+    char *to = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
     *to      = ' ';
     w->used += 1 + format_double(to + 1, value);
 }
@@ -187,7 +187,7 @@ static void exporter_list_binary(const struct exporter *e, struct exporter_worke
     for (size_t k = 0; 24 * k + 24 <= size; k++) {
         for (int axis = 0; axis < 2; axis++) {
             if (k + (size_t)axis > 0) exporter_put(w, " ", 1);
-            w->used += format_double(exporter_room(w, NUMBER_TEXT_MAX), bytes_double(p + 24 * k + 8 * (size_t)axis));
+            w->used += format_double(exporter_reserve(w, NUMBER_TEXT_MAX), bytes_double(p + 24 * k + 8 * (size_t)axis));
         }
         exporter_put_whole(w, ' ', k < e->slots ? w->slot[k] : -1);
         if (k < e->slots) w->slot[k] = -1;
@@ -351,7 +351,7 @@ static void exporter_free(struct exporter *e)
 }
 
 /* Blocks from `first` on, as many as there are writers for. Each thread takes the next one that is left. */
-static void exporter_wave_write(const struct exporter *e, int first, int count, struct exporter_files *files)
+static void exporter_batch_write(const struct exporter *e, int first, int count, struct exporter_files *files)
 {
     int next = 0;
 #pragma omp parallel for schedule(static, 1) num_threads(e->ctx->threads)
@@ -365,12 +365,12 @@ static void exporter_wave_write(const struct exporter *e, int first, int count, 
         }
 }
 
-static oxl_result exporter_wave(const struct exporter *e, int first, int count)
+static oxl_result exporter_batch(const struct exporter *e, int first, int count)
 {
     struct exporter_files *files = oxl_calloc(e->ctx, (size_t)count, sizeof *files);
     oxl_result             rc    = files ? OXL_OK : oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
     for (int i = 0; i < count && rc == OXL_OK; i++) rc = exporter_open(e, first + i, &files[i]);
-    if (rc == OXL_OK) exporter_wave_write(e, first, count, files);
+    if (rc == OXL_OK) exporter_batch_write(e, first, count, files);
     for (int i = 0; i < e->ctx->threads && rc == OXL_OK; i++) rc = e->worker[i].rc;
     for (int i = 0; i < count && files; i++)
         for (int k = 0; k < EXPORT_FILES; k++) rc = os_writer_close(e->ctx, &files[i].writer[k], rc);
@@ -389,7 +389,7 @@ static oxl_result exporter_blocks(struct exporter *e)
     oxl_result rc    = exporter_prepare(e);
     for (int i = 0; i < e->p->block_count && rc == OXL_OK; i += wave) {
         rc = context_stopped(e->ctx);
-        if (rc == OXL_OK) rc = exporter_wave(e, i, OXL_MIN(wave, e->p->block_count - i));
+        if (rc == OXL_OK) rc = exporter_batch(e, i, OXL_MIN(wave, e->p->block_count - i));
     }
     for (int i = 0; rc == OXL_OK && i < e->ctx->threads; i++) loose += e->worker[i].loose;
     if (loose > 0)

@@ -1,6 +1,6 @@
 /* partition_svg.c - partition.svg: the survey from above, and from the side when it is cut in 3D, with its blocks, points and cameras.
  *
- * A plain picture: shapes and text, no script, no font of its own. Points and cameras are thinned at a fixed stride, so that the file of a
+ * A plain SVG: shapes and text, no script, no font of its own. Points and cameras are thinned at a fixed stride, so that the file of a
  * large survey stays small and the same survey gives the same bytes. No number is written through the locale.
  */
 #include "partition.h"
@@ -10,7 +10,7 @@ enum {
     SVG_CAMERAS = 4000,
     SVG_WIDTH   = 1120, /* px of a panel, at most */
     SVG_HEIGHT  = 760,
-    SVG_LEAST   = 700, /* px of the picture's width, for the words */
+    SVG_MIN     = 700, /* px minimum width of the image, for the text */
     SVG_EDGE    = 44,
     SVG_MANY    = 300, /* views, from which on their marks are small */
     SVG_COLOURS = 12,
@@ -413,7 +413,7 @@ static void svg_draw(struct svg *s)
     int    rows;
     bottom = svg_lay_out(s, 92);
     for (int i = 0; i < s->panels; i++) wide = OXL_MAX(wide, s->panel[i].wide);
-    wide = OXL_MAX(wide + 2 * SVG_EDGE, (double)SVG_LEAST);
+    wide = OXL_MAX(wide + 2 * SVG_EDGE, (double)SVG_MIN);
     rows = OXL_MAX(1, (int)((wide - 2 * SVG_EDGE) / SVG_COLUMN));
     rows = (OXL_MIN(s->p->block_count, (int)SVG_ROWS) + rows - 1) / rows;
     tall = bottom + 50 + 18.0 * rows + (s->p->block_count > SVG_ROWS ? 18 : 0) + 24;

@@ -26,7 +26,7 @@ static oxl_result visibility_find_views(oxl_context *ctx, const oxl_scene *scene
     return OXL_OK;
 }
 
-static void visibility_visit(const struct visibility_build *b, int task, int fill)
+static void visibility_scan(const struct visibility_build *b, int task, int fill)
 {
     const struct colmap *c    = b->colmap;
     size_t              *next = b->next + (size_t)task * b->visibility->views;
@@ -34,7 +34,7 @@ static void visibility_visit(const struct visibility_build *b, int task, int fil
                  end          = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
     for (size_t i = from; i < end; i++) {
         const struct colmap_point *p = &c->point[i];
-        if (!scene_takes_point(p, b->origin)) continue;
+        if (!scene_accepts_point(p, b->origin)) continue;
         for (uint32_t k = 0; k < p->track_count; k++) {
             const struct colmap_track *t    = &c->track[p->first_track + k];
             const int32_t              view = b->view[t->image_row];
@@ -102,12 +102,12 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
     if (rc == OXL_OK) rc = visibility_find_views(ctx, scene, &b);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) visibility_visit(&b, task, 0);
+    for (int task = 0; task < PARTITION_TASKS; task++) visibility_scan(&b, task, 0);
     visibility_offsets(&b);
     rc = visibility_alloc_lists(ctx, s);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) visibility_visit(&b, task, 1);
+    for (int task = 0; task < PARTITION_TASKS; task++) visibility_scan(&b, task, 1);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int v = 0; v < (int)views; v++) s->seen[v] = visibility_count_different(s, (size_t)v);
 done:

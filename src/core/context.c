@@ -27,9 +27,9 @@ enum { BASE_THREADS_MAX = 1024 };
 static int context_threads(int wanted, int *available)
 {
 #ifdef _OPENMP
-    const int asked = wanted > 0 ? wanted : omp_get_max_threads(), quota = os_processor_quota(), there = omp_get_num_procs();
+    const int requested = wanted > 0 ? wanted : omp_get_max_threads(), quota = os_processor_quota(), there = omp_get_num_procs();
     *available = OXL_MIN(quota > 0 ? OXL_MIN(quota, there) : there, BASE_THREADS_MAX);
-    return asked;
+    return requested;
 #else
     (void)wanted;
     return *available = 1;
@@ -49,14 +49,14 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
 {
     oxl_context_options o   = options ? *options : oxl_context_options_default();
     oxl_context        *ctx = NULL;
-    int                 available, asked = context_threads(o.threads, &available);
+    int                 available, requested = context_threads(o.threads, &available);
     *out = NULL;
     if (!o.reallocate) o.reallocate = context_reallocate;
     ctx = o.reallocate(o.user, NULL, sizeof *ctx);
     if (!ctx) return OXL_ERR_MEMORY;
-    *ctx = (oxl_context){.options = o, .threads = OXL_MIN(asked, available), .isa = simd_detect()};
-    if (asked > available)
-        oxl_log(ctx, OXL_LOG_INFO, "%d threads are asked for and %d processor%s available: as many threads are used", asked,
+    *ctx = (oxl_context){.options = o, .threads = OXL_MIN(requested, available), .isa = simd_detect()};
+    if (requested > available)
+        oxl_log(ctx, OXL_LOG_INFO, "%d threads are asked for and %d processor%s available: as many threads are used", requested,
                 available, available == 1 ? " is" : "s are");
     *out = ctx;
     return OXL_OK;

@@ -125,9 +125,9 @@ OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
 /* The same as a temporary of the enclosing block, the second part from a format: PATH(folder, "blocks/%03d", k). A path that is too
  * long becomes one that cannot exist. */
-enum { PATH_MOST = 4096 };
-OXL_INTERNAL const char *path_in(char out[PATH_MOST], const char *folder, const char *format, ...) OXL_PRINTF(3, 4);
-#define PATH(...) path_in((char[PATH_MOST]){0}, __VA_ARGS__)
+enum { PATH_LENGTH = 4096 };
+OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...) OXL_PRINTF(3, 4);
+#define PATH(...) path_in((char[PATH_LENGTH]){0}, __VA_ARGS__)
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
@@ -188,7 +188,7 @@ OXL_INTERNAL void       os_reader_close(struct os_reader *r);
 /* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 /* Removes temporary files that a killed process left in a folder. No other process may be writing there. */
-OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder);
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder);
 
 /* The same for a file that is produced piece by piece. */
 struct os_writer {
@@ -220,7 +220,7 @@ struct os_lock {
 };
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
-OXL_INTERNAL void           os_lock_sign(const struct os_lock *lock); /* writes this process into the file */
+OXL_INTERNAL void           os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
 /* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
 OXL_INTERNAL oxl_result     os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what, int error);
 OXL_INTERNAL oxl_result     os_lock_fail(oxl_context *ctx, const char *path);        /* from errno */
@@ -255,7 +255,7 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 /* oxl_lock_folder; shared: beside other processes that share it. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
 /* Of a folder within the OUT of a run that another process has: OXL_ERR_FAILED. */
-OXL_INTERNAL oxl_result lock_look_above(oxl_context *ctx, const char *folder);
+OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);
 /* *out NULL with OXL_OK: another process holds it. */
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);

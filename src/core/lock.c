@@ -48,7 +48,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
                 "%s: this file system has no locks; two processes that write there destroy each other's files", folder);
     if (got == OS_LOCK_TAKEN && !shared && lock->file.holder[0])
         oxl_log(ctx, OXL_LOG_INFO, "%s: %s was ended while it wrote there; its lock is taken over", folder, lock->file.holder);
-    if (rc == OXL_OK) os_lock_sign(&lock->file);
+    if (rc == OXL_OK) os_lock_write_owner(&lock->file);
 done:
     if (rc == OXL_OK) *out = lock;
     else if (lock) {
@@ -77,7 +77,7 @@ OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char
 }
 
 /* The folder above; of one that is not there yet, as its name has it. */
-static char *lock_above(oxl_context *ctx, const char *folder)
+static char *lock_parent(oxl_context *ctx, const char *folder)
 {
     char *up = oxl_path_join(ctx, folder, ".."), *slash;
     if (!up || os_is_folder(folder)) return up;
@@ -90,9 +90,9 @@ static char *lock_above(oxl_context *ctx, const char *folder)
 
 /* Refuses a folder within the OUT of a run that another process has, such as OUT/renders and OUT/blocks/KKK. A folder of runs that this
  * process itself has locked holds no run.json and is not opened: that would end the lock. */
-OXL_INTERNAL oxl_result lock_look_above(oxl_context *ctx, const char *folder)
+OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
 {
-    char      *up = lock_above(ctx, folder);
+    char      *up = lock_parent(ctx, folder);
     oxl_result rc = OXL_OK;
     for (int level = 0; rc == OXL_OK && level < 2; level++) {
         char          *run = up ? oxl_path_join(ctx, up, "run.json") : NULL, *path = up ? oxl_path_join(ctx, up, ".lock") : NULL;
@@ -105,7 +105,7 @@ OXL_INTERNAL oxl_result lock_look_above(oxl_context *ctx, const char *folder)
         }
         oxl_free(ctx, run);
         oxl_free(ctx, path);
-        run = up && rc == OXL_OK ? lock_above(ctx, up) : NULL;
+        run = up && rc == OXL_OK ? lock_parent(ctx, up) : NULL;
         oxl_free(ctx, up);
         up = run;
     }
@@ -115,7 +115,7 @@ OXL_INTERNAL oxl_result lock_look_above(oxl_context *ctx, const char *folder)
 
 oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
 {
-    const oxl_result rc = lock_look_above(ctx, folder);
+    const oxl_result rc = lock_check_parents(ctx, folder);
     *out                = NULL;
     return rc == OXL_OK ? lock_folder(ctx, folder, 0, out) : rc;
 }

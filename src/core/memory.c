@@ -169,19 +169,19 @@ OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
     return path;
 }
 
-OXL_INTERNAL const char *path_in(char out[PATH_MOST], const char *folder, const char *format, ...)
+OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
 {
     const size_t size = strlen(folder), slash = size > 0 && folder[size - 1] != '/', at = size + slash;
-    int          rest = PATH_MOST;
+    int          rest = PATH_LENGTH;
     va_list      args;
-    if (at < PATH_MOST) {
+    if (at < PATH_LENGTH) {
         memcpy(out, folder, size);
         memcpy(out + size, "/", slash);
         va_start(args, format);
-        rest = vsnprintf(out + at, PATH_MOST - at, format, args);
+        rest = vsnprintf(out + at, PATH_LENGTH - at, format, args);
         va_end(args);
     }
-    return rest >= 0 && at + (size_t)rest < PATH_MOST ? out : "/dev/null/a path of more than 4095 bytes";
+    return rest >= 0 && at + (size_t)rest < PATH_LENGTH ? out : "/dev/null/a path of more than 4095 bytes";
 }
 
 OXL_INTERNAL const char *path_base_name(const char *path)

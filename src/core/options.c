@@ -25,11 +25,11 @@
         draft, standard, paper          \
     }
 enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
-#define OPTION_BYTES_MOST 1e15
-#define SURVEY            OXL_OPTION_OF_SURVEY
-#define TRAINING          OXL_OPTION_OF_TRAINING
-#define RUN               OXL_OPTION_OF_RUN
-#define RESULT            OXL_OPTION_OF_RESULT
+#define OPTION_BYTES_MAX 1e15
+#define SURVEY           OXL_OPTION_OF_SURVEY
+#define TRAINING         OXL_OPTION_OF_TRAINING
+#define RUN              OXL_OPTION_OF_RUN
+#define RESULT           OXL_OPTION_OF_RESULT
 
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
@@ -41,7 +41,7 @@ static const oxl_option OPTIONS[] = {
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
 {"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "of all random choices; the same seed gives the same bytes; 0: 1", NULL},
-{"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MOST, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "limit of memory, as 4G: number of blocks, image cache and number of Gaussians follow; 0: what the machine has free", NULL},
+{"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "limit of memory, as 4G: number of blocks, image cache and number of Gaussians follow; 0: what the machine has free", NULL},
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT, "Training", "start from this .ply, .spz or .splat of any trainer instead of the points, with the schedule of a whole run (one block)", NULL},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard unfinished work of other options in OUT", NULL},
 {"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_cut), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey holds fewer rows than its header announces", NULL},
@@ -54,7 +54,7 @@ static const oxl_option OPTIONS[] = {
 {"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "masks, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},
 {"max-side", "PX", OXL_OPTION_INT, OPTION_AT(scene.max_side), 0, INT_MAX, EACH("1600"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images are reduced until the longer side has at most so many pixels; 0: full size", NULL},
 {"test-every", "N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("8"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none", NULL},
-{"image-cache", "SIZE", OXL_OPTION_BYTES, OPTION_AT(scene.image_cache_bytes), 0, OPTION_BYTES_MOST, EACH("1G"), OXL_TIER_ADVANCED, SURVEY, "Input", "memory for decoded images, as 512M or 4G; more are kept in files in OUT/blocks/decoded until the run ends", NULL},
+{"image-cache", "SIZE", OXL_OPTION_BYTES, OPTION_AT(scene.image_cache_bytes), 0, OPTION_BYTES_MAX, EACH("1G"), OXL_TIER_ADVANCED, SURVEY, "Input", "memory for decoded images, as 512M or 4G; more are kept in files in OUT/blocks/decoded until the run ends", NULL},
 {"keep-decoded", NULL, OXL_OPTION_FLAG, OPTION_AT(keep_decoded), 0, 1, EACH("false"), OXL_TIER_EXPERT, OXL_OPTION_OF_OUT, "Input", "leave the decoded images in OUT/blocks/decoded for the next run", NULL},
 {"missing-images", "SHARE", OXL_OPTION_DOUBLE, OPTION_AT(scene.missing_share), 0, 1, EACH("0.25"), OXL_TIER_EXPERT, SURVEY, "Input", "fail when more than this share of the images is not on disk", NULL},
 {"block-points", "N", OXL_OPTION_INT, OPTION_AT(partition.block_points), 0, INT_MAX, PRESETS("0", "0", "40000"), OXL_TIER_EXPERT, TRAINING | RESULT, "Blocks", "a block with more sparse points than this is split; 0: as memory requires", NULL},
@@ -164,7 +164,7 @@ static size_t option_word(const oxl_option *o)
 }
 
 /* A number without a sign at *text, which moves past it; not 1.#IND. */
-static int option_plain(const char **text, double *out)
+static int option_unsigned(const char **text, double *out)
 {
     return ((unsigned char)(**text - '0') < 10 || **text == '.') && parse_double(text, *text + strlen(*text), out) &&
            !isnan(*out);
@@ -174,7 +174,7 @@ static int option_plain(const char **text, double *out)
 static int option_number(const char *text, const char *units, const double *factors, double *out)
 {
     const char *unit;
-    if (!option_plain(&text, out)) return 0;
+    if (!option_unsigned(&text, out)) return 0;
     if (!*text) return 1;
     unit = *units ? strchr(units, *text | 0x20) : NULL;
     if (!unit || text[1]) return 0;
@@ -184,15 +184,15 @@ static int option_number(const char *text, const char *units, const double *fact
 
 static int option_whole(const char *text, double *out)
 {
-    return text[0] && text[strspn(text, "0123456789")] == 0 && option_plain(&text, out);
+    return text[0] && text[strspn(text, "0123456789")] == 0 && option_unsigned(&text, out);
 }
 
 /* 0.004, or 1/255: the quotient of two floats. */
 static int option_fraction(const char *text, float *out)
 {
     double above, below = 1;
-    if (!option_plain(&text, &above)) return 0;
-    if (*text == '/' && (text++, !option_plain(&text, &below))) return 0;
+    if (!option_unsigned(&text, &above)) return 0;
+    if (*text == '/' && (text++, !option_unsigned(&text, &below))) return 0;
     *out = (float)OXL_MIN(above, FLT_MAX) / (float)OXL_MIN(below, FLT_MAX);
     return *text == 0;
 }
@@ -203,7 +203,7 @@ static int option_three(const char *text, double out[3])
     for (int k = 0; k < 3; k++) {
         const int minus = *text == '-';
         text += minus;
-        if (!option_plain(&text, &out[k]) || *text != (k < 2 ? ',' : 0) || !(out[k] <= 1e15)) return 0;
+        if (!option_unsigned(&text, &out[k]) || *text != (k < 2 ? ',' : 0) || !(out[k] <= 1e15)) return 0;
         if (minus) out[k] = -out[k];
         text++;
     }
@@ -233,7 +233,7 @@ static int option_read_size(const oxl_option *o, const char *text, int *out)
 {
     double      v[2];
     const char *x = text + strspn(text, "0123456789");
-    if (!option_plain(&text, &v[0]) || text != x || *x != 'x' || !option_whole(x + 1, &v[1])) return 0;
+    if (!option_unsigned(&text, &v[0]) || text != x || *x != 'x' || !option_whole(x + 1, &v[1])) return 0;
     if (!(v[0] >= o->low && v[1] >= o->low && v[0] <= o->high && v[1] <= o->high)) return 0;
     out[0] = (int)v[0], out[1] = (int)v[1];
     return 1;
@@ -417,7 +417,7 @@ static int option_read(const oxl_option *o, const char *text, void *options)
 
 /* ---------------------------------------------------------------- what is wrong with a text */
 
-static void option_wanted(const oxl_option *o, char out[160])
+static void option_describe_range(const oxl_option *o, char out[160])
 {
     char low[NUMBER_TEXT_MAX], high[NUMBER_TEXT_MAX];
     char word[32] = "";
@@ -436,11 +436,11 @@ static void option_wanted(const oxl_option *o, char out[160])
     }
 }
 
-static void option_explain(const oxl_option *o, const char *text, char *error, size_t size)
+static void option_describe_error(const oxl_option *o, const char *text, char *error, size_t size)
 {
     const char *dashes = o->name[1] ? "--" : "-", *example = o->preset[0];
     char        wanted[160];
-    option_wanted(o, wanted);
+    option_describe_range(o, wanted);
     snprintf(error, size, "option %s%s: '%.80s' seen, %s wanted\nfix: %s%s %s", dashes, o->name, text, wanted, dashes, o->name,
              example    ? example
              : o->value ? o->value
@@ -450,7 +450,7 @@ static void option_explain(const oxl_option *o, const char *text, char *error, s
 oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size)
 {
     if (option_read(option, text ? text : "true", options)) return OXL_OK;
-    if (error) option_explain(option, text ? text : "nothing", error, error_size);
+    if (error) option_describe_error(option, text ? text : "nothing", error, error_size);
     return OXL_ERR_USAGE;
 }
 

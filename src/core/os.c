@@ -53,7 +53,7 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
 
 OXL_INTERNAL int os_link(const char *target, const char *path)
 {
-    char here[PATH_MOST] = "";
+    char here[PATH_LENGTH] = "";
     if (!os_is_absolute(target) && os_working_folder(here, sizeof here) != 0) return 0;
     return os_make_link(PATH(here, "%s", target), path) == 0;
 }
@@ -89,10 +89,10 @@ OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared)
     return got;
 }
 
-OXL_INTERNAL void os_lock_sign(const struct os_lock *lock)
+OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock)
 {
     char host[64], text[128];
-    os_host(host, sizeof host);
+    os_host_name(host, sizeof host);
     snprintf(text, sizeof text, "process %ld on %s\n", os_process(), host);
     os_lock_write(lock, text);
 }
@@ -269,16 +269,16 @@ struct os_sweeping {
     const char  *folder;
 };
 
-static void os_sweep_file(void *user, const char *name)
+static void os_remove_temporary(void *user, const char *name)
 {
     const struct os_sweeping *s      = user;
     const size_t              length = strlen(name);
     if (length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(PATH(s->folder, "%s", name));
 }
 
-OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder)
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder)
 {
-    return os_is_folder(folder) ? os_list_folder(ctx, folder, os_sweep_file, &(struct os_sweeping){ctx, folder}) : OXL_OK;
+    return os_is_folder(folder) ? os_list_folder(ctx, folder, os_remove_temporary, &(struct os_sweeping){ctx, folder}) : OXL_OK;
 }
 
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size)

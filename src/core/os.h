@@ -17,7 +17,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size); /* size:
 OXL_INTERNAL int          os_make_one_folder(const char *path);
 OXL_INTERNAL int          os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
 OXL_INTERNAL long         os_process(void);                                   /* the id of this process */
-OXL_INTERNAL void         os_host(char *out, size_t size);                    /* the name of this machine */
+OXL_INTERNAL void         os_host_name(char *out, size_t size);               /* the name of this machine */
 
 OXL_INTERNAL const char *os_map(const char *path, size_t *size);  /* read-only; NULL: cannot be mapped */
 OXL_INTERNAL int         os_unmap(const char *data, size_t size); /* 1: success */

@@ -294,7 +294,7 @@ OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
     close((int)lock->file);
 }
 
-OXL_INTERNAL void os_host(char *out, size_t size)
+OXL_INTERNAL void os_host_name(char *out, size_t size)
 {
     if (gethostname(out, size) != 0) snprintf(out, size, "this machine");
     out[size - 1] = 0;

@@ -243,7 +243,7 @@ OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
     if (remove) os_remove(remove); /* fails where another process has opened it */
 }
 
-OXL_INTERNAL void os_host(char *out, size_t size)
+OXL_INTERNAL void os_host_name(char *out, size_t size)
 {
     DWORD length = (DWORD)size;
     if (!GetComputerNameA(out, &length)) snprintf(out, size, "this machine");

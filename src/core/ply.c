@@ -47,7 +47,7 @@ static int ply_is(const struct ply_header *h, int word, const char *text)
 }
 
 /* Bytes of a file, printable in a message. */
-static const char *ply_show(const char *from, const char *end, char out[48])
+static const char *ply_printable(const char *from, const char *end, char out[48])
 {
     size_t n = 0;
     while (from + n < end && n < 44 && from[n] != '\n' && from[n] != '\r') {
@@ -62,7 +62,7 @@ static oxl_result ply_header_fail(const struct ply_header *h, const char *wanted
 {
     char seen[48];
     return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: seen '%s', wanted %s\nfix: correct the header or export the file again",
-                    h->ply->path, h->line, ply_show(h->line_start, h->line_end, seen), wanted);
+                    h->ply->path, h->line, ply_printable(h->line_start, h->line_end, seen), wanted);
 }
 
 static oxl_result ply_next_line(struct ply_header *h)
@@ -343,7 +343,8 @@ static oxl_result ply_ascii_fail(const struct ply_rows *w, uint64_t row, const c
     for (const char *c = w->ply->file.data + w->ply->data; c < w->cursor; c++) line += *c == '\n';
     return oxl_fail(w->ctx, OXL_ERR_INPUT,
                     "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: correct the line or export the file again",
-                    w->ply->path, line, (unsigned long long)row, w->element->name, ply_show(w->cursor, w->end, seen), wanted);
+                    w->ply->path, line, (unsigned long long)row, w->element->name, ply_printable(w->cursor, w->end, seen),
+                    wanted);
 }
 
 static int ply_ascii_number(struct ply_rows *w, double *out)

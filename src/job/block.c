@@ -62,7 +62,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     *out                    = (struct block_record){0};
     if (os_is_file(path) && os_is_file(PATH(folder, "model.ply"))) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, key)) {
-        out->there             = 1;
+        out->exists            = 1;
         out->trained           = oxl_json_is_true(map.data, "trained");
         out->finished          = oxl_json_is_true(map.data, "finished");
         out->iterations        = (int)OXL_CLAMP(manifest_number(map.data, "iterations_done"), 0, INT_MAX);
@@ -133,16 +133,16 @@ OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene,
 
 /* ---------------------------------------------------------------- while it runs */
 
-static double block_rounded(double value, double parts)
+static double block_round(double value, double parts)
 {
     return floor(value * parts + 0.5) / parts;
 }
 
 static void block_log_row(struct block *b, const oxl_progress *p)
 {
-    text_add(&b->log, "%d,%s,%s,%zu,%s,%s,%s,%zu\n", p->iteration, NUMBER(block_rounded(p->loss, 1e6)),
-             NUMBER(block_rounded(p->psnr, 1e3)), p->gaussians, NUMBER(block_rounded(p->seconds, 1e3)),
-             NUMBER(block_rounded(p->f_mid, 1e4)), NUMBER(block_rounded(p->f_far, 1e4)), os_peak_rss());
+    text_add(&b->log, "%d,%s,%s,%zu,%s,%s,%s,%zu\n", p->iteration, NUMBER(block_round(p->loss, 1e6)),
+             NUMBER(block_round(p->psnr, 1e3)), p->gaussians, NUMBER(block_round(p->seconds, 1e3)),
+             NUMBER(block_round(p->f_mid, 1e4)), NUMBER(block_round(p->f_far, 1e4)), os_peak_rss());
 }
 
 static int block_progress(void *user, const oxl_progress *progress)
@@ -169,10 +169,10 @@ static struct block_record block_record_of(const struct block *b, const oxl_mode
 {
     return (struct block_record){.iterations        = b->last.iteration,
                                  .gaussians         = model->count,
-                                 .seconds           = block_rounded(b->last.seconds, 1e3),
+                                 .seconds           = block_round(b->last.seconds, 1e3),
                                  .peak              = (double)os_peak_rss(),
                                  .predicted_peak    = b->task->predicted_peak,
-                                 .predicted_seconds = block_rounded(b->task->predicted_seconds, 1e3),
+                                 .predicted_seconds = block_round(b->task->predicted_seconds, 1e3),
                                  .nonfinite         = b->nonfinite};
 }
 
@@ -263,9 +263,9 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                  .start     = model,
                                  .context   = b->task->context,
                                  .window    = b->task->window,
-                                 .holds     = 1,
+                                 .frozen    = 1,
                                  .nonfinite = &b->nonfinite};
-    const int           hides = imaging_hides_colours(scene_imaging(scene));
+    const int           hides = imaging_alters_colours(scene_imaging(scene));
     oxl_model           plain = {0};
     oxl_result          rc;
     *done     = 0;
@@ -308,11 +308,11 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
 {
     int        done = 1;
     oxl_result rc   = OXL_OK;
-    if ((model->lobes > 0 || imaging_hides_colours(scene_imaging(scene))) && b->task->standard > 0) {
+    if ((model->lobes > 0 || imaging_alters_colours(scene_imaging(scene))) && b->task->standard > 0) {
         b->last      = (oxl_progress){0};
         b->nonfinite = (oxl_nonfinite){0};
         rc           = block_refine(b, scene, model, &done);
-        record->seconds += block_rounded(b->last.seconds, 1e3);
+        record->seconds += block_round(b->last.seconds, 1e3);
         nonfinite_add(&record->nonfinite, &b->nonfinite);
     }
     if (rc != OXL_OK || !done) return rc;
@@ -329,7 +329,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     oxl_model           model = {0};
     struct block_record record = {0};
     oxl_result          rc     = os_make_folder(ctx, task->folder);
-    if (rc == OXL_OK) rc = os_sweep(ctx, task->folder);
+    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder);
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;

@@ -8,7 +8,7 @@
 #include "job_state.h"
 
 #define PLAN_PIXEL_COST 0.35  /* docs/log/SCALE.md */
-#define PLAN_LEAST      0.002 /* of an image's pixels: views that are worth less to a block are left out */
+#define PLAN_MIN        0.002 /* of an image's pixels: views that are worth less to a block are left out */
 #define PLAN_VIEW_SHARE 0.8   /* of the Gaussians that memory holds, in one view: views differ in how they grow */
 #define PLAN_TILE       16    /* px: windows begin and end at multiples of it, or at the image's borders */
 
@@ -165,7 +165,7 @@ static oxl_result plan_window(oxl_context *ctx, const float *share, int width, i
             value[y / PLAN_TILE * tiles_x + x / PLAN_TILE] += s - PLAN_PIXEL_COST;
             *sum += s;
         }
-    if (plan_best_rectangle(value, tiles_x, tiles_y, out) < PLAN_LEAST * width * height) *out = (struct image_window){0};
+    if (plan_best_rectangle(value, tiles_x, tiles_y, out) < PLAN_MIN * width * height) *out = (struct image_window){0};
     out->x *= PLAN_TILE, out->y *= PLAN_TILE;
     out->width  = OXL_MIN(out->width * PLAN_TILE, width - out->x);
     out->height = OXL_MIN(out->height * PLAN_TILE, height - out->y);
@@ -260,8 +260,8 @@ static double plan_cap(const struct job *job, const oxl_model *coarse)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
     const double           cap  = (double)schedule_gaussian_cap(job->scene, &job->options.train);
-    if (budget_holds(&load, &job->options, cap)) return cap;
-    return OXL_MIN(cap, PLAN_VIEW_SHARE * budget_most(&load, &job->options) / plan_largest_share(job, coarse));
+    if (budget_fits(&load, &job->options, cap)) return cap;
+    return OXL_MIN(cap, PLAN_VIEW_SHARE * budget_max_gaussians(&load, &job->options) / plan_largest_share(job, coarse));
 }
 
 /* All blocks train for the same number of epochs, such that all pixels are those of the run's steps between coarse and merged model. */

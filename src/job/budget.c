@@ -30,33 +30,33 @@ static double budget_gaussians(const oxl_job_options *o, const struct cost_load 
     return low;
 }
 
-static void budget_leave_out_trials(oxl_job_options *o)
+static void budget_disable_trials(oxl_job_options *o)
 {
     if (o->train.sh_degree < 0) o->train.sh_degree = 3;
     if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
 }
 
-OXL_INTERNAL double budget_most(const struct cost_load *load, const oxl_job_options *o)
+OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o)
 {
     oxl_job_options bare         = *o;
     bare.scene.image_cache_bytes = budget_cache(o);
-    budget_leave_out_trials(&bare);
+    budget_disable_trials(&bare);
     return budget_gaussians(&bare, load, 1e9);
 }
 
-OXL_INTERNAL int budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians)
+OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians)
 {
     oxl_job_options bare = *o;
-    budget_leave_out_trials(&bare);
+    budget_disable_trials(&bare);
     return o->ram == 0 || cost_memory(&bare, load, gaussians) <= BUDGET_MARGIN * (double)o->ram;
 }
 
-OXL_INTERNAL int budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
+OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
 {
     double gaussians;
     if (o->ram == 0) return 1;
     o->scene.image_cache_bytes = budget_cache(o);
-    if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(o);
+    if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_disable_trials(o);
     gaussians = budget_gaussians(o, load, (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train));
     o->train.max_gaussians = (int)gaussians;
     return gaussians >= 1;
@@ -68,7 +68,8 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     const double    most =
         (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train); /* images allow no more */
     if (o->ram == 0) return 1;
-    if (!budget_thin(ctx, load, &fitted) || fitted.train.max_gaussians < OXL_MIN(BUDGET_GROWTH * (double)load->points, most))
+    if (!budget_limit_gaussians(ctx, load, &fitted) ||
+        fitted.train.max_gaussians < OXL_MIN(BUDGET_GROWTH * (double)load->points, most))
         return 0;
     *o = fitted;
     return 1;
@@ -111,7 +112,7 @@ static int budget_fits_all(const oxl_context *ctx, const struct partition *p, co
 }
 
 /* 1: the number of blocks is left to memory, and it is known. */
-static int budget_is_open(const oxl_job_options *o)
+static int budget_may_choose_blocks(const oxl_job_options *o)
 {
     return o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 && o->partition.block_points == 0 &&
            os_memory_free() > 0;
@@ -121,12 +122,12 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
 {
     const struct cost_load load = cost_load_of_scene(scene);
     const double           most = (double)schedule_gaussian_cap(scene, &o->train), free = (double)os_memory_free();
-    if (!budget_is_open(o) || cost_memory(o, &load, most) <= BUDGET_MARGIN * free) return o->ram;
+    if (!budget_may_choose_blocks(o) || cost_memory(o, &load, most) <= BUDGET_MARGIN * free) return o->ram;
     return (size_t)free;
 }
 
 /* Blocks of half the points, until each fits. */
-static oxl_result budget_halve(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, struct partition *out)
+static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, struct partition *out)
 {
     oxl_partition_options tried  = o->partition;
     const size_t          points = scene_stats_of(scene)->points;
@@ -158,7 +159,7 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
     if (rc == OXL_OK && o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram)
         rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
                       (double)os_peak_rss() / 1e6, (double)o->ram / 1e6, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
-    if (rc == OXL_OK && limited.ram) rc = budget_halve(ctx, scene, &limited, out);
+    if (rc == OXL_OK && limited.ram) rc = budget_halve_blocks(ctx, scene, &limited, out);
     if (rc == OXL_ERR_BUDGET && o->ram == 0) { /* not asked for: it may swap */
         oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size", (double)limited.ram / 1e6);
         rc          = partition_make(ctx, scene, &o->partition, out);

@@ -67,7 +67,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double cache  = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double depths = o->train.medium == OXL_OFF ? 0 : track_depth_bytes((double)load->observations, load->views);
-    const int    sets   = schedule_may_try(&o->train) ? 10 : 4;
+    const int    sets   = schedule_has_trials(&o->train) ? 10 : 4;
     /* planes of 4 bytes: parameters, gradient, two moments; all but the gradient two more times during a trial */
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES + gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
@@ -89,7 +89,7 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
 }
 
 /* 1: into several blocks, as set. */
-static int cost_is_cut(const oxl_job_options *o, size_t points)
+static int cost_has_blocks(const oxl_job_options *o, size_t points)
 {
     const size_t most = (size_t)o->partition.block_points;
     return o->partition.kind != OXL_PARTITION_NONE && (o->partition.blocks > 1 || (most > 0 && points > most));
@@ -99,7 +99,7 @@ OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const
                                  double range[2])
 {
     const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
-    const double all      = cost_is_cut(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
+    const double all      = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
     double       timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
     const int    fits     = o->ram == 0 || cost->memory <= (double)o->ram; /* the steps that are timed take as much */
     double       seconds  = fits ? predict_time(ctx, scene, &o->train, cost->gaussians, timed) : 0;

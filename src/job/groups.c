@@ -8,7 +8,7 @@
  */
 #include "job_state.h"
 
-#define GROUPS_SWEEPS 8 /* turns of each group */
+#define GROUPS_PASSES 8 /* turns of each group */
 
 struct groups {
     struct job *job;
@@ -35,13 +35,13 @@ static void groups_free(struct groups *g)
 
 /* ---------------------------------------------------------------- files */
 
-static const char *groups_path(char out[PATH_MOST], const struct groups *g, int block, const char *what, int version)
+static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, int block, const char *what, int version)
 {
     if (block < 0) return path_in(out, g->folder, "%s.%d.txt", what, version);
     if (version > 0) return path_in(out, g->folder, "%03d.%s.%d.ply", block, what, version);
     return path_in(out, JOB_BLOCK(g->job, block), "model.ply");
 }
-#define GROUPS_PATH(...) groups_path((char[PATH_MOST]){0}, __VA_ARGS__)
+#define GROUPS_PATH(...) groups_path((char[PATH_LENGTH]){0}, __VA_ARGS__)
 
 static const char *const GROUPS_PART[] = {"model", "first", "second"};
 
@@ -128,17 +128,17 @@ static void groups_remove_other_version(void *user, const char *name)
         groups_remove(g, block, version);
 }
 
-static oxl_result groups_sweep(struct groups *g)
+static oxl_result groups_remove_temporaries(struct groups *g)
 {
     if (!os_is_folder(g->folder)) return OXL_OK;
     os_list_folder(g->job->ctx, g->folder, groups_remove_other_version, g);
-    return os_sweep(g->job->ctx, g->folder);
+    return os_remove_temporaries(g->job->ctx, g->folder);
 }
 
 /* ---------------------------------------------------------------- groups */
 
 /* keep (rows): 1 for those that one of `count` views may show. Returns their number. */
-static size_t groups_mark(const struct groups *g, const int *view, int count, const oxl_model *m, uint8_t *keep)
+static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m, uint8_t *keep)
 {
     const double near = scene_near_plane(g->job->scene);
     size_t       kept = 0;
@@ -161,7 +161,7 @@ static oxl_result groups_count(const struct groups *g, const int *view, int coun
         uint8_t  *keep = NULL;
         rc             = job_read_model(g->job, k, 0, &m);
         if (rc == OXL_OK && !(keep = oxl_alloc(g->job->ctx, m.count + 1, 1))) rc = job_no_memory(g->job);
-        if (rc == OXL_OK) *rows += (double)groups_mark(g, view, count, &m, keep);
+        if (rc == OXL_OK) *rows += (double)groups_mark_visible(g, view, count, &m, keep);
         oxl_free(g->job->ctx, keep);
         oxl_model_free(g->job->ctx, &m);
     }
@@ -230,14 +230,14 @@ static oxl_result groups_make(struct groups *g)
 /* ---------------------------------------------------------------- a task */
 
 /* The last step of a task; steps are divided by views. */
-static int groups_until(const struct groups *g, int task, int steps)
+static int groups_last_step(const struct groups *g, int task, int steps)
 {
     int below = 0, all = 0;
     for (int i = 0; i < g->views; i++) {
         below += g->of[i] >= 0 && g->of[i] <= task % g->count;
         all += g->of[i] >= 0;
     }
-    return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_SWEEPS + 0.5);
+    return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_PASSES + 0.5);
 }
 
 static oxl_result groups_load(struct groups *g, const int *view, int views, oxl_model all[3])
@@ -254,7 +254,7 @@ static oxl_result groups_load(struct groups *g, const int *view, int views, oxl_
         oxl_free(ctx, g->keep[b]);
         g->keep[b] = rc == OXL_OK ? oxl_alloc(ctx, m[0].count + 1, 1) : NULL;
         if (rc == OXL_OK && !g->keep[b]) rc = job_no_memory(g->job);
-        if (rc == OXL_OK) groups_mark(g, view, views, &m[0], g->keep[b]);
+        if (rc == OXL_OK) groups_mark_visible(g, view, views, &m[0], g->keep[b]);
         for (int k = 0; k < 3 && rc == OXL_OK; k++) rc = merge_rows(ctx, &m[k], g->keep[b], &all[k]);
         for (int k = 0; k < 3; k++) oxl_model_free(ctx, &m[k]);
     }
@@ -325,16 +325,16 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     const int           steps = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
     oxl_train_options   o     = block_refinement(&job->options.train, all[0].sh_degree, steps);
     struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
-    oxl_model           out   = {0};
-    struct train_output place = {.folder  = g->folder,
-                                 .log     = &log,
-                                 .notes   = &notes,
-                                 .start   = &all[0],
-                                 .moments = &all[1],
-                                 .window  = window,
-                                 .first   = from,
-                                 .until   = until};
-    const double        begun = os_seconds();
+    oxl_model           out     = {0};
+    struct train_output place   = {.folder  = g->folder,
+                                   .log     = &log,
+                                   .notes   = &notes,
+                                   .start   = &all[0],
+                                   .moments = &all[1],
+                                   .window  = window,
+                                   .first   = from,
+                                   .until   = until};
+    const double        started = os_seconds();
     oxl_result          rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
     place.key = key.data;
@@ -343,7 +343,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     if (rc == OXL_OK) rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
     if (rc == OXL_OK) oxl_model_free(job->ctx, &all[0]), all[0] = out;
     else oxl_model_free(job->ctx, &out);
-    g->seconds += os_seconds() - begun;
+    g->seconds += os_seconds() - started;
     text_free(&key);
     text_free(&log);
     text_free(&notes);
@@ -427,7 +427,7 @@ static oxl_result groups_finish(struct groups *g)
     const int           blocks = g->job->partition.block_count;
     struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
     oxl_result          rc     = groups_merge(g, 0);
-    if (rc == OXL_OK && imaging_hides_colours(scene_imaging(g->job->scene))) rc = groups_merge(g, 1);
+    if (rc == OXL_OK && imaging_alters_colours(scene_imaging(g->job->scene))) rc = groups_merge(g, 1);
     if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
     if (rc == OXL_OK) groups_remove(g, -1, g->gains);
@@ -440,20 +440,20 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     const int              blocks = job->partition.block_count, steps = job->part_until;
     struct groups          g = {.job     = job,
                                 .folder  = folder,
-                                .limit   = budget_most(&load, &job->options),
+                                .limit   = budget_max_gaussians(&load, &job->options),
                                 .views   = oxl_scene_view_count(job->scene),
                                 .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
                                 .keep    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
     oxl_result             rc =
         (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = groups_read_state(&g);
-    if (rc == OXL_OK) rc = groups_sweep(&g);
+    if (rc == OXL_OK) rc = groups_remove_temporaries(&g);
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
     if (rc == OXL_OK) rc = groups_read_gains(&g);
     scene_set_cache(job->scene, budget_cache(&job->options));
-    while (rc == OXL_OK && g.done < GROUPS_SWEEPS * g.count && !job->unfinished) {
-        const int from = g.done > 0 ? groups_until(&g, g.done - 1, steps) : 0, until = groups_until(&g, g.done, steps);
+    while (rc == OXL_OK && g.done < GROUPS_PASSES * g.count && !job->unfinished) {
+        const int from = g.done > 0 ? groups_last_step(&g, g.done - 1, steps) : 0, until = groups_last_step(&g, g.done, steps);
         if (until > from) rc = groups_task(&g, from, until);
         else g.done++;
     }

@@ -45,7 +45,7 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 static oxl_result job_lock(struct job *job)
 {
-    const oxl_result rc = lock_look_above(job->ctx, job->out);
+    const oxl_result rc = lock_check_parents(job->ctx, job->out);
     return rc == OXL_OK ? lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock) : rc;
 }
 
@@ -55,7 +55,7 @@ static oxl_result job_lock_alone(struct job *job, int alone)
     return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
 }
 
-static void job_see_block(void *user, const char *name)
+static void job_count_block(void *user, const char *name)
 {
     *(int *)user += name[0] >= '0' && name[0] <= '9';
 }
@@ -63,7 +63,7 @@ static void job_see_block(void *user, const char *name)
 static int job_has_blocks(struct job *job)
 {
     int blocks = 0;
-    if (os_is_folder(PATH(job->out, "blocks"))) os_list_folder(job->ctx, PATH(job->out, "blocks"), job_see_block, &blocks);
+    if (os_is_folder(PATH(job->out, "blocks"))) os_list_folder(job->ctx, PATH(job->out, "blocks"), job_count_block, &blocks);
     return blocks > 0;
 }
 
@@ -191,7 +191,7 @@ static oxl_result job_map_survey(struct job *job)
     if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
         rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
     if (!mapped) return rc;
-    partition_drop_plan(job->ctx, &job->partition);
+    partition_free_plan(job->ctx, &job->partition);
     oxl_scene_free(job->ctx, job->scene);
     job->scene = mapped;
     scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
@@ -219,7 +219,7 @@ static oxl_result job_make_partition(struct job *job)
     return rc;
 }
 
-static oxl_result job_cut(struct job *job)
+static oxl_result job_partition(struct job *job)
 {
     oxl_result rc = job_make_partition(job);
     if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
@@ -231,7 +231,7 @@ static oxl_result job_cut(struct job *job)
 }
 
 /* The one block: what it may take, and what it will. */
-static oxl_result job_plan_whole(struct job *job, struct block_task *task, oxl_job_options *o)
+static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_job_options *o)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
     struct cost            cost;
@@ -249,20 +249,20 @@ static oxl_result job_plan_whole(struct job *job, struct block_task *task, oxl_j
     return OXL_OK;
 }
 
-static oxl_result job_train_whole(struct job *job, const char *folder)
+static oxl_result job_train_single(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
     struct block_task  task     = {
              .folder = folder, .key = job->key.data, .callback = &callback, .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
-    oxl_result      rc = job_plan_whole(job, &task, &options);
+    oxl_result      rc = job_plan_single(job, &task, &options);
     if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
     if (rc == OXL_OK) scene_set_cache(job->scene, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
 }
 
 /* A survey in one block. */
-static oxl_result job_whole(struct job *job)
+static oxl_result job_run_single(struct job *job)
 {
     const char         *folder = JOB_BLOCK(job, 0);
     struct block_record record;
@@ -270,7 +270,7 @@ static oxl_result job_whole(struct job *job)
     if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
-        trained = job_train_whole(job, folder);
+        trained = job_train_single(job, folder);
         rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
@@ -279,11 +279,11 @@ static oxl_result job_whole(struct job *job)
 }
 
 /* What can be had of the blocks that are there. rc is how their training ended. */
-static oxl_result job_conclude(struct job *job, oxl_result rc)
+static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
 {
     const int  one    = job->partition.block_count == 1;
     oxl_result joined = OXL_OK;
-    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.there)) return rc;
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.exists)) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
     else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to resume", job->out);
@@ -304,7 +304,7 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .found      = {.ctx = ctx},
                         .key        = {.ctx = ctx},
                         .notes      = {.ctx = ctx},
-                        .begun      = os_seconds(),
+                        .started    = os_seconds(),
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
@@ -334,24 +334,24 @@ static void job_end(struct job *job)
 }
 
 /* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing there. */
-static oxl_result job_sweep(struct job *job)
+static oxl_result job_remove_temporaries(struct job *job)
 {
-    oxl_result rc = job->options.block < 0 ? os_sweep(job->ctx, job->out) : OXL_OK;
-    return rc == OXL_OK && job->options.block < 0 ? os_sweep(job->ctx, PATH(job->out, "renders")) : rc;
+    oxl_result rc = job->options.block < 0 ? os_remove_temporaries(job->ctx, job->out) : OXL_OK;
+    return rc == OXL_OK && job->options.block < 0 ? os_remove_temporaries(job->ctx, PATH(job->out, "renders")) : rc;
 }
 
 /* From the survey to the blocks; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
-    if (rc == OXL_OK) rc = job_sweep(job);
+    if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
         oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",
                 job->out);
     if (rc != OXL_OK || *done) return rc;
     rc = context_stopped(job->ctx);
-    if (rc == OXL_OK) rc = job_cut(job);
+    if (rc == OXL_OK) rc = job_partition(job);
     if (rc == OXL_OK) rc = job_write_run(job, 0);
     return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
@@ -359,20 +359,20 @@ static oxl_result job_prepare(struct job *job, int *done)
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
 static oxl_result job_prepare_block(struct job *job, int *ready)
 {
-    const oxl_job_options asked = job->options;
-    struct oxl_manifest   run   = {0};
-    oxl_result            rc    = manifest_read(job->ctx, job->out, &run);
-    *ready                      = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && run.found &&
+    const oxl_job_options requested = job->options;
+    struct oxl_manifest   run       = {0};
+    oxl_result            rc        = manifest_read(job->ctx, job->out, &run);
+    *ready                          = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && run.found &&
              os_is_file(PATH(job->out, "partition.txt"));
     if (*ready) job_count_iterations(job, (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run.found), "images"), 0, INT_MAX));
     *ready = *ready && job->line.data && !strcmp(run.line, job->line.data);
-    if (!*ready) job->options = asked;
+    if (!*ready) job->options = requested;
     if (*ready) {
         text_add(&job->found, "%s", run.found);
         rc = job_make_key(job);
     }
     manifest_free(job->ctx, &run);
-    return rc == OXL_OK && *ready ? job_cut(job) : rc;
+    return rc == OXL_OK && *ready ? job_partition(job) : rc;
 }
 
 oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
@@ -389,8 +389,8 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_plan_decoded(&job);
-        if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_whole(&job);
-        rc = job_conclude(&job, rc);
+        if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
+        rc = job_finish_if_complete(&job, rc);
     }
     job_end(&job);
     return rc;

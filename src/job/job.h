@@ -20,13 +20,13 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
 OXL_INTERNAL void       manifest_free(oxl_context *ctx, struct oxl_manifest *run);
 OXL_INTERNAL void       manifest_options(const struct oxl_manifest *run, oxl_job_options *o); /* o borrows run's strings */
 /* A line for each member of "job" and "found" that differs between two runs. */
-OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *there, const char *here);
+OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current);
 OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* a finite member, or 0 */
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
-struct block_record {                                   /* block.json */
-    int           there, trained, finished, iterations; /* trained: to its end, but for a standard model */
+struct block_record {                                    /* block.json */
+    int           exists, trained, finished, iterations; /* trained: to its end, but for a standard model */
     size_t        gaussians;
     double        seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_nonfinite nonfinite;
@@ -108,7 +108,7 @@ OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a m
 
 /* oxl_render_views of these views. */
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
-                                        const char *folder, const int *view, int asked, int *count);
+                                        const char *folder, const int *view, int requested, int *count);
 /* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours, after
  * enough iterations. The worst are rendered
  * beside their images into `folder`; NULL: none. */
@@ -155,12 +155,12 @@ OXL_INTERNAL double           cost_seconds(oxl_context *ctx, const oxl_scene *sc
 /* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 /* 1: a run without trials that ends with so many Gaussians fits options->ram. */
-OXL_INTERNAL int        budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians);
+OXL_INTERNAL int        budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians);
 OXL_INTERNAL size_t     budget_cache(const oxl_job_options *o); /* of images, bytes */
 /* The most Gaussians of a run without trials that fit options->ram. */
-OXL_INTERNAL double     budget_most(const struct cost_load *load, const oxl_job_options *o);
+OXL_INTERNAL double     budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
 /* As budget_fit for a model that may have fewer Gaussians than the survey has points. */
-OXL_INTERNAL int        budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
+OXL_INTERNAL int        budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
 /* --ram, or what is available if the run may exceed it and the number of blocks is not set; 0: no limit. */
 OXL_INTERNAL size_t     budget_limit(const oxl_scene *scene, const oxl_job_options *o);

@@ -9,7 +9,7 @@
 /* ---------------------------------------------------------------- models */
 
 /* The model of the one block, or of all: trained after merging, or merged now. */
-static oxl_result job_join(struct job *job, int standard, oxl_model *out)
+static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
     const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
     oxl_result rc = job_read_model(job, one, standard, out);
@@ -21,9 +21,9 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 }
 
 /* Water lies between the model's colours and the images: scene.ply is a model for viewers that know none. */
-static int job_hides_colours(const struct job *job)
+static int job_alters_colours(const struct job *job)
 {
-    return job->scene && imaging_hides_colours(scene_imaging(job->scene));
+    return job->scene && imaging_alters_colours(scene_imaging(job->scene));
 }
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
@@ -40,10 +40,10 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
 /* Without lobes and water; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
-    const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
-    oxl_result rc   = made || job->model.pages ? job_join(job, made, out) : model_copy(job->ctx, &job->model, out);
+    const int  made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
+    oxl_result rc   = made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
-    if (rc == OXL_OK && !made && job_hides_colours(job))
+    if (rc == OXL_OK && !made && job_alters_colours(job))
         medium_bake(job->scene, &(struct imaging){.medium = scene_imaging(job->scene)->medium}, 0, out);
     return rc;
 }
@@ -53,7 +53,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
  * of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
-    const int        hides = job_hides_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
+    const int        hides = job_alters_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
     const oxl_model *shown = hides ? standard : &job->model;
     oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
     size_t           full  = 0;
@@ -87,7 +87,7 @@ oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const o
     return rc;
 }
 
-static oxl_split job_split(const struct job *job)
+static oxl_split job_evaluated_split(const struct job *job)
 {
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
@@ -96,12 +96,12 @@ static oxl_split job_split(const struct job *job)
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
     struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
-    const int       hides = job_hides_colours(job);
+    const int       hides = job_alters_colours(job);
     oxl_metrics     plain;
     oxl_result      rc;
     if (job->model.lobes == 0 && !hides) return OXL_OK;
     imaging->medium = (struct medium){0};
-    rc              = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
+    rc              = oxl_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
     *imaging        = whole;
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
@@ -116,7 +116,7 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_mo
 
 static void job_add_figures(struct job *job, struct text *t, size_t bytes)
 {
-    text_add(t, "{\n  \"split\": \"%s\",\n", job_split(job) == OXL_SPLIT_TEST ? "test" : "train");
+    text_add(t, "{\n  \"split\": \"%s\",\n", job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "train");
     job_add(t, "gaussians", (double)job->model.count);
     job_add(t, "lobes", (double)job->model.lobes);
     job_add(t, "sh_degree", job->model.sh_degree);
@@ -135,13 +135,13 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
     struct seam seam;
-    oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
+    oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
     if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
         oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
-                job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
-                (double)bytes[0] / 1e6);
+                job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count,
+                job->model.count, (double)bytes[0] / 1e6);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(job->ctx, OXL_LOG_INFO,
                 "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
@@ -149,7 +149,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc == OXL_OK && job->partition.block_count > 1)
-        rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
+        rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_evaluated_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
     rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
@@ -224,9 +224,9 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
 
 /* ---------------------------------------------------------------- files */
 
-static oxl_result job_draw(struct job *job)
+static oxl_result job_render_views(struct job *job)
 {
-    const oxl_render_output what = {.split = job_split(job), .images = 1, .replace = 1};
+    const oxl_render_output what = {.split = job_evaluated_split(job), .images = 1, .replace = 1};
     int                     rendered;
     return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
@@ -247,11 +247,11 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int judge)
     oxl_model  standard = {0};
     size_t     bytes[2];
     oxl_result rc = job->scene || !judge ? OXL_OK : job_load(job);
-    if (rc == OXL_OK) rc = job_join(job, 0, &job->model);
+    if (rc == OXL_OK) rc = job_final_model(job, 0, &job->model);
     if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
     if (rc == OXL_OK) rc = job_write_gains(job);
     if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
-    if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
+    if (rc == OXL_OK && judge && job->options.renders) rc = job_render_views(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
         if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */

@@ -4,8 +4,8 @@
  */
 #include "job_state.h"
 
-#define JOB_WHOLE 4 /* a merged model of more than --ram over this stays in its file */
-#define JOB_DISK  4 /* times the files' size must be free: a full disk must not stop the run */
+#define JOB_MEMORY_FRACTION 4 /* a merged model of more than --ram over this stays in its file */
+#define JOB_DISK            4 /* times the files' size must be free: a full disk must not stop the run */
 
 /* ---------------------------------------------------------------- files of OUT */
 
@@ -19,7 +19,7 @@ OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struc
     return t->failed ? job_no_memory(job) : os_write_file(job->ctx, PATH(job->out, "%s", name), t->data, t->size);
 }
 
-OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block)
+OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block)
 {
     const int blocks = job->partition.block_count;
     if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
@@ -74,7 +74,7 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 {
     struct job  *job  = user;
     oxl_progress p    = *progress;
-    const double here = os_seconds() - job->begun, limit = job->options.train.max_seconds;
+    const double here = os_seconds() - job->started, limit = job->options.train.max_seconds;
     const double done = job->done + job->part * (p.iteration - job->part_first) / OXL_MAX(1, job->part_until - job->part_first);
     p.memory          = os_peak_rss();
     p.block           = job->block;
@@ -88,7 +88,7 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *t = &job->total;
-    t->there |= r->there;
+    t->exists |= r->exists;
     t->iterations += r->iterations;
     t->gaussians += r->gaussians;
     t->seconds += r->seconds;
@@ -102,7 +102,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 /* The time allowed is the run's: what comes later has what is left of it. */
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
-    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->begun));
+    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->started));
 }
 
 static void job_drop_checkpoint(void *user, const char *name)
@@ -126,7 +126,7 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard,
     const char *folder = JOB_BLOCK(job, block);
     const int refined = standard && os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
     const int whole   = block > job->partition.block_count;
-    const size_t most = whole && job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
+    const size_t most = whole && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
     return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
 }
 
@@ -143,7 +143,7 @@ OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
         struct imaging own  = {0};
         rc                  = OXL_OK;
         if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
-        if (rc == OXL_OK && imaging_is_needed(&own)) imaging_join(out, count, &own);
+        if (rc == OXL_OK && imaging_is_needed(&own)) imaging_merge(out, count, &own);
         imaging_free(job->ctx, &own);
     }
     if (rc == OXL_OK) imaging_centre(out, none);

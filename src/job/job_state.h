@@ -29,7 +29,7 @@ struct job {
     int                 block;       /* that is being trained */
     int                 unfinished;  /* blocks that were stopped by --max-time */
     char               *decoded;     /* OUT/blocks/decoded, for decoded images; or NULL */
-    double              begun;
+    double              started;
     double              done_before;            /* share of the run that other processes had done */
     double              done, part;             /* shares of the run: done before the present part, of the present part */
     int                 part_first, part_until; /* the steps of the present part */
@@ -42,8 +42,8 @@ struct job {
 
 OXL_INTERNAL oxl_result  job_no_memory(struct job *job);
 /* OUT/blocks/KKK, a temporary as PATH is; block_count: OUT/blocks/coarse; one more: OUT/blocks/whole. */
-OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block);
-#define JOB_BLOCK(job, block) job_block_folder((char[PATH_MOST]){0}, job, block)
+OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
+#define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
 OXL_INTERNAL void       job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);

@@ -153,24 +153,24 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
 
 struct manifest_comparison {
     struct text *t;
-    const char  *there, *here; /* "job": {...} and "found": {...} of both */
+    const char  *old, *current; /* "job": {...} and "found": {...} of both */
     int          count;
 };
 
 /* Adds a line for a member with different values. */
 static oxl_result manifest_compare(struct manifest_comparison *c, const char *member, const char *label)
 {
-    char      *there = NULL, *here = NULL;
-    oxl_result rc = manifest_read_value(c->t->ctx, manifest_find(c->there, member), &there);
-    if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->here, member), &here);
-    if (rc == OXL_OK && (there || here) && (!there || !here || strcmp(there, here) != 0) && c->count++ < MANIFEST_DIFFERENCES)
-        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, there ? there : "not given", here ? here : "not given");
-    oxl_free(c->t->ctx, there);
-    oxl_free(c->t->ctx, here);
+    char      *old = NULL, *current = NULL;
+    oxl_result rc = manifest_read_value(c->t->ctx, manifest_find(c->old, member), &old);
+    if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->current, member), &current);
+    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0) && c->count++ < MANIFEST_DIFFERENCES)
+        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given", current ? current : "not given");
+    oxl_free(c->t->ctx, old);
+    oxl_free(c->t->ctx, current);
     return rc;
 }
 
-OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *there, const char *here)
+OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current)
 {
     static const char *const   others[][2] = {{"version", "version"},
                                               {"scene", "survey"},
@@ -180,7 +180,7 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *there, 
                                               {"points", "points of the survey"},
                                               {"extent", "extent of the survey"},
                                               {"start", "model to start from"}};
-    struct manifest_comparison c           = {t, there, here, 0};
+    struct manifest_comparison c           = {t, old, current, 0};
     oxl_result                 rc          = OXL_OK;
     for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {
         char member[40], label[48];

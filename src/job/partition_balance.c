@@ -45,7 +45,7 @@ static void balance_measure(const struct balance_sum *s, int count, double *peak
     *spread = mean > 0 ? sqrt(OXL_MAX(variance, 0)) / mean : 0;
 }
 
-static oxl_balance balance_of(const oxl_block *block, int count)
+static oxl_balance balance_summary(const oxl_block *block, int count)
 {
     struct balance_sum points = {0}, views = {0};
     oxl_balance        b = {.blocks = count};
@@ -71,16 +71,16 @@ static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, co
 }
 
 /* What the other cut would give. */
-static oxl_result balance_other(oxl_context *ctx, const struct partition *p, const oxl_job_options *o, oxl_balance *out)
+static oxl_result balance_alternative(oxl_context *ctx, const struct partition *p, const oxl_job_options *o, oxl_balance *out)
 {
     oxl_job_options  other  = *o;
     oxl_block       *blocks = NULL;
     struct partition q;
     oxl_result       rc;
     other.partition.cut = o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT;
-    rc                  = partition_again(ctx, p, &other.partition, &q);
+    rc                  = partition_variant(ctx, p, &other.partition, &q);
     if (rc == OXL_OK) rc = balance_blocks(ctx, &q, &other, &blocks);
-    if (rc == OXL_OK) *out = balance_of(blocks, q.block_count);
+    if (rc == OXL_OK) *out = balance_summary(blocks, q.block_count);
     oxl_free(ctx, blocks);
     partition_free(ctx, &q);
     return rc;
@@ -93,9 +93,10 @@ OXL_INTERNAL oxl_result partition_report(oxl_context *ctx, const struct partitio
     *out = (oxl_partition_report){.dimensions = p->dimensions, .cut = o->partition.cut, .block_count = p->block_count};
     memcpy(out->extent, p->extent, sizeof out->extent);
     rc = balance_blocks(ctx, p, o, &out->block);
-    if (rc == OXL_OK) out->balance[o->partition.cut] = balance_of(out->block, p->block_count);
+    if (rc == OXL_OK) out->balance[o->partition.cut] = balance_summary(out->block, p->block_count);
     if (rc == OXL_OK)
-        rc = balance_other(ctx, p, o, &out->balance[o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT]);
+        rc = balance_alternative(ctx, p, o,
+                                 &out->balance[o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT]);
     if (rc != OXL_OK) oxl_partition_report_free(ctx, out);
     return rc;
 }
@@ -109,7 +110,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 /* ---------------------------------------------------------------- the command */
 
 /* The COLMAP model alone is enough when the images are elsewhere. */
-static oxl_result balance_look_for_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
+static oxl_result balance_check_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");
     if (!images) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
@@ -129,7 +130,7 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     struct partition     p     = {0};
     oxl_partition_report own   = {0};
     oxl_lock            *lock  = NULL;
-    oxl_result           rc    = balance_look_for_images(ctx, scene_path, &o.scene);
+    oxl_result           rc    = balance_check_images(ctx, scene_path, &o.scene);
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);

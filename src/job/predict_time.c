@@ -14,13 +14,13 @@
     1.25 /* steps of a run over those that are timed: seven runs of five surveys took 0.95 to 2.07 times as long */
 #define PREDICT_TIME_WITHIN  1.7 /* the factor to either side that holds them */
 #define PREDICT_TIME_SECONDS 1.0 /* each model is timed for at most about so long */
-#define PREDICT_TIME_APART   0.7 /* distance of new Gaussians from their parents, in standard deviations */
+#define PREDICT_TIME_SPACING 0.7 /* distance of new Gaussians from their parents, in standard deviations */
 enum {
     PREDICT_TIME_WARM  = 1,      /* steps that make room and wake threads, not counted */
     PREDICT_TIME_STEPS = 48,     /* that are timed, at most; the median counts: what else the machine does comes in bursts */
-    PREDICT_TIME_LEAST = 4,      /* in short runs, */
+    PREDICT_TIME_MIN   = 4,      /* in short runs, */
     PREDICT_TIME_SHARE = 100,    /* where each model is timed for this part of the run */
-    PREDICT_TIME_MOST  = 1000000 /* points: of more, the blocks will be timed; Gaussians: more of them cost in proportion */
+    PREDICT_TIME_MAX   = 1000000 /* points: of more, the blocks will be timed; Gaussians: more of them cost in proportion */
 };
 
 struct time_probe {
@@ -81,17 +81,17 @@ static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->second);
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->gradient);
     for (int k = 0; rc == OXL_OK && steps < r->steps && spent < PREDICT_TIME_SECONDS; k++) {
-        const oxl_camera *whole  = predict_time_camera(r, k);
-        const oxl_camera  camera = halved ? camera_halve(whole) : *whole;
-        const double      begun  = os_seconds();
-        rc                       = context_stopped(r->ctx);
+        const oxl_camera *whole   = predict_time_camera(r, k);
+        const oxl_camera  camera  = halved ? camera_halve(whole) : *whole;
+        const double      started = os_seconds();
+        rc                        = context_stopped(r->ctx);
         if (rc == OXL_OK) rc = predict_time_step(r, model, &camera);
         if (k < PREDICT_TIME_WARM) continue;
-        took[steps] = os_seconds() - begun;
+        took[steps] = os_seconds() - started;
         spent += took[steps++];
     }
     if (rc == OXL_OK) rc = renderer_download(r->ctx, r->renderer, DOWNLOAD_TO_CHANGE);
-    if (rc == OXL_OK) *seconds = stats_pick(took, (size_t)steps, 0.5);
+    if (rc == OXL_OK) *seconds = stats_select(took, (size_t)steps, 0.5);
     predict_time_end_model(r);
     return rc;
 }
@@ -103,7 +103,7 @@ static oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, si
     oxl_result rc    = point ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to time %zu Gaussians", count);
     for (size_t i = 0; rc == OXL_OK && i < count; i++) {
         const size_t row = i % model->count;
-        const double far = i < model->count ? 0 : 2 * PREDICT_TIME_APART * vecmath_exp(model->plane[OXL_LOG_SCALE][row]);
+        const double far = i < model->count ? 0 : 2 * PREDICT_TIME_SPACING * vecmath_exp(model->plane[OXL_LOG_SCALE][row]);
         for (int a = 0; a < 3; a++)
             point[i].position[a] = model->plane[OXL_MEAN + a][row] + far * (random_unit(random_bits(1, i, (uint64_t)a)) - 0.5);
     }
@@ -121,12 +121,12 @@ OXL_INTERNAL double predict_time_expected(const oxl_train_options *o, size_t poi
 /* Share of the run, in steps, that its mean number of Gaussians is on the way from `points` to `count`. */
 static double predict_time_grown(const oxl_train_options *o, double points, double count)
 {
-    double now = points, way = 0;
+    double now = points, progress = 0;
     for (int step = 1; step <= o->iterations; step++) {
         if (schedule_densifies_at(o, step)) now = OXL_MIN((1 + PREDICT_TIME_GROWTH) * now, count);
-        way += count > points ? (now - points) / (count - points) : 1;
+        progress += count > points ? (now - points) / (count - points) : 1;
     }
-    return way / o->iterations;
+    return progress / o->iterations;
 }
 
 /* step[0..2]: seconds of a step of the starting model, of the same at half the sides (when the run has such steps), of the grown one. */
@@ -155,11 +155,11 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
     struct time_probe r      = {.ctx    = ctx,
                                 .scene  = scene,
                                 .render = oxl_render_options_default(),
-                                .steps  = OXL_CLAMP(o->iterations / PREDICT_TIME_SHARE, PREDICT_TIME_LEAST, PREDICT_TIME_STEPS)};
+                                .steps  = OXL_CLAMP(o->iterations / PREDICT_TIME_SHARE, PREDICT_TIME_MIN, PREDICT_TIME_STEPS)};
     const size_t      points = oxl_scene_point_count(scene), count = OXL_MAX(points, (size_t)gaussians);
-    const size_t      timed   = OXL_MIN(count, (size_t)PREDICT_TIME_MOST);
+    const size_t      timed   = OXL_MIN(count, (size_t)PREDICT_TIME_MAX);
     double            step[3] = {0}, coarse, seconds;
-    if (points == 0 || points > PREDICT_TIME_MOST || oxl_scene_view_count(scene) == 0) return 0;
+    if (points == 0 || points > PREDICT_TIME_MAX || oxl_scene_view_count(scene) == 0) return 0;
     r.render.near_plane = (float)scene_near_plane(scene);
     coarse = schedule_coarse_share(o, oxl_scene_view(scene, 0)->camera.width, oxl_scene_view(scene, 0)->camera.height);
     if (predict_time_all(&r, o, coarse, timed, step) != OXL_OK) return 0;

@@ -126,7 +126,7 @@ static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file
 }
 
 /* Unreadable images are skipped; the evaluation has reported them. */
-static oxl_result render_file_take_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *p)
+static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *p)
 {
     const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->image);
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
@@ -156,8 +156,8 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
-    if (rc == OXL_OK && what->images) rc = render_file_take_image(ctx, scene, view, out);
-    if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_hides_colours(scene_imaging(scene))) {
+    if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
+    if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_alters_colours(scene_imaging(scene))) {
         renderer_set_medium(f->renderer, NULL);
         rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->clear, NULL);
     }
@@ -277,16 +277,16 @@ oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *lis
 }
 
 static oxl_result render_files_replace(oxl_context *ctx, oxl_scene *scene, const oxl_render_output *what, const char *folder,
-                                       const int *view, int asked)
+                                       const int *view, int requested)
 {
     struct text list = {.ctx = ctx};
     char       *text;
     oxl_result  rc;
-    for (int i = 0; i < asked; i++) {
+    for (int i = 0; i < requested; i++) {
         const char *name = oxl_scene_view(scene, view[i])->name;
         text_add(&list, "%s.png\n", name);
         if (what->images) text_add(&list, "%s.image.png\n", name);
-        if (what->images && !what->clear && imaging_hides_colours(scene_imaging(scene))) text_add(&list, "%s.clear.png\n", name);
+        if (what->images && !what->clear && imaging_alters_colours(scene_imaging(scene))) text_add(&list, "%s.clear.png\n", name);
         if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
     }
     text_add(&list, "%s", "");
@@ -298,19 +298,19 @@ static oxl_result render_files_replace(oxl_context *ctx, oxl_scene *scene, const
 }
 
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
-                                        const char *folder, const int *view, int asked, int *count)
+                                        const char *folder, const int *view, int requested, int *count)
 {
     struct render_files f    = {.model = model, .scene = scene, .what = what};
     struct render_file *file = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *file);
     oxl_result          rc   = os_make_folder(ctx, folder);
     *count                   = 0;
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    if (rc == OXL_OK) rc = render_files_replace(ctx, scene, what, folder, view, asked);
+    if (rc == OXL_OK) rc = render_files_replace(ctx, scene, what, folder, view, requested);
     if (rc == OXL_OK) rc = renderer_create(ctx, &f.renderer);
-    while (rc == OXL_OK && *count < asked) {
+    while (rc == OXL_OK && *count < requested) {
         int        rendered, written;
         oxl_result wrote;
-        rc    = render_files_render(ctx, &f, view + *count, asked - *count, file, &rendered);
+        rc    = render_files_render(ctx, &f, view + *count, requested - *count, file, &rendered);
         wrote = render_files_write(ctx, file, rendered, folder, &written);
         *count += written;
         if (wrote != OXL_OK) rc = wrote;

@@ -47,7 +47,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
     if (rc == OXL_OK) {
         const struct cost_load load = cost_load_of_scene(job->scene);
         oxl_job_options        o    = job->options;
-        if (!budget_thin(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
+        if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
         scene_set_cache(job->scene, o.scene.image_cache_bytes);
         task.train          = o.train;
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
@@ -65,7 +65,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
 
 static int rounds_coarse_is_done(const struct job *job, const struct block_record *record)
 {
-    return record->there && record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
+    return record->exists && record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
 }
 
 /* The coarse model and the plans that follow from it. */
@@ -95,7 +95,7 @@ static oxl_result rounds_prepare(struct job *job)
 }
 
 /* The same by several processes: one trains, the others wait. */
-static oxl_result rounds_prepare_among_others(struct job *job)
+static oxl_result rounds_prepare_shared(struct job *job)
 {
     const char       *folder = JOB_BLOCK(job, job->partition.block_count);
     oxl_lock         *lock   = NULL;
@@ -140,7 +140,7 @@ static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_mode
     oxl_result               rc = OXL_OK;
     if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK)
-        rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
+        rc = record.exists ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
     if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = job_no_memory(job);
     if (rc == OXL_OK) rounds_mark_visible(r, plan, &model, keep);
     if (rc == OXL_OK) rc = merge_rows(job->ctx, &model, keep, context);
@@ -210,7 +210,7 @@ static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_
     return own->count == 0 || windows == 0;
 }
 
-static oxl_result rounds_leave(struct job *job, int block, const struct block_task *task, const oxl_model *own)
+static oxl_result rounds_write_block(struct job *job, int block, const struct block_task *task, const oxl_model *own)
 {
     const struct block_record record = {.iterations = task->until, .gaussians = own->count};
     const char               *path   = PATH(JOB_BLOCK(job, block), "model.ply");
@@ -243,7 +243,7 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     rc = rounds_read_imaging(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
     oxl_model_free(job->ctx, &others);
-    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own)) rc = rounds_leave(job, block, &task, &own);
+    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own)) rc = rounds_write_block(job, block, &task, &own);
     else {
         if (rc == OXL_OK) rc = rounds_context(r, block, &context);
         if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
@@ -255,13 +255,13 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
 }
 
 /* Rounds that a block has finished. */
-static oxl_result rounds_done(struct rounds *r, int block, int *done)
+static oxl_result rounds_completed(struct rounds *r, int block, int *done)
 {
     const char         *folder = JOB_BLOCK(r->job, block);
     struct block_record record = {0};
     const oxl_result    rc     = block_read(r->job->ctx, folder, r->job->key.data, &record);
     *done                      = 0;
-    while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done))
+    while (rc == OXL_OK && *done < JOB_ROUNDS && record.exists && record.iterations >= block_plan_until(&r->plan[block], *done))
         ++*done;
     return rc;
 }
@@ -272,7 +272,7 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
     const char *folder = JOB_BLOCK(job, block);
     int         done   = 0;
     oxl_result  rc     = rounds_train(r, block, round, folder);
-    if (rc == OXL_OK) rc = rounds_done(r, block, &done);
+    if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
     job->unfinished += rc == OXL_OK && done <= round;
     job->done += job->part;
     return rc;
@@ -280,13 +280,13 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
 
 /* ---------------------------------------------------------------- all rounds of all blocks */
 
-static oxl_result rounds_all(struct rounds *r)
+static oxl_result rounds_run_blocks(struct rounds *r)
 {
     oxl_result rc = OXL_OK;
     for (int round = 0; round < JOB_ROUNDS; round++)
         for (int k = 0; k < r->job->partition.block_count && rc == OXL_OK && !r->job->unfinished; k++) {
             int done = 0;
-            rc       = rounds_done(r, k, &done);
+            rc       = rounds_completed(r, k, &done);
             if (rc == OXL_OK && done > round) r->job->done += r->plan[k].work / JOB_ROUNDS, r->job->done_before = r->job->done;
             else if (rc == OXL_OK) rc = rounds_step(r, k, round);
         }
@@ -300,7 +300,7 @@ static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *r
     *ready        = 1;
     for (int j = 0; j < r->job->partition.block_count && rc == OXL_OK && *ready; j++) {
         int done = JOB_ROUNDS;
-        if (j != block && r->plan[block].neighbour[j]) rc = rounds_done(r, j, &done);
+        if (j != block && r->plan[block].neighbour[j]) rc = rounds_completed(r, j, &done);
         *ready = done >= (j < block ? round + 1 : round);
     }
     return rc;
@@ -315,7 +315,7 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
     int         round = 0, ready = 0;
     oxl_result  rc = lock_folder_if_free(job->ctx, folder, &lock);
     *trained       = 0;
-    if (rc == OXL_OK && lock) rc = rounds_done(r, block, &round);
+    if (rc == OXL_OK && lock) rc = rounds_completed(r, block, &round);
     if (rc == OXL_OK && lock && round < JOB_ROUNDS) rc = rounds_is_ready(r, block, round, &ready);
     if (rc == OXL_OK && ready) {
         rc       = rounds_step(r, block, round);
@@ -326,17 +326,17 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 }
 
 /* One block to its end; while it waits for others, they are trained unless another process does that. */
-static oxl_result rounds_one(struct rounds *r, int block)
+static oxl_result rounds_run_block(struct rounds *r, int block)
 {
     const int  blocks = r->job->partition.block_count;
     int        done = 0, trained = 0;
-    oxl_result rc = rounds_done(r, block, &done);
+    oxl_result rc = rounds_completed(r, block, &done);
     while (rc == OXL_OK && done < JOB_ROUNDS && !r->job->unfinished) {
         trained = 0;
         for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++)
             rc = rounds_try(r, (block + k) % blocks, &trained);
         if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, JOB_WAIT);
-        if (rc == OXL_OK) rc = rounds_done(r, block, &done);
+        if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
     }
     return rc;
 }
@@ -372,7 +372,7 @@ static void rounds_end(struct rounds *r)
 static int rounds_merged_fits(const struct job *job)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    return budget_holds(&load, &job->options, (double)job->total.gaussians);
+    return budget_fits(&load, &job->options, (double)job->total.gaussians);
 }
 
 /* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs them. */
@@ -382,7 +382,8 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     const int              step = (int)ceil(ROUNDS_GROWTH * job->part_until);
     oxl_job_options        o    = job->options;
     o.train                     = block_refinement(&job->options.train, sh_degree, job->part_until);
-    if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 && budget_thin(job->ctx, &load, &o)) {
+    if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
+        budget_limit_gaussians(job->ctx, &load, &o)) {
         scene_set_cache(job->scene, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
         o.train.densify_every = step;
         o.train.densify_until = (float)((step + 0.5) / job->part_until);
@@ -424,7 +425,7 @@ OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
-    if (rc == OXL_OK && record.there) {
+    if (rc == OXL_OK && record.exists) {
         job_add_record(job, &record);
         job->total.iterations = job->options.train.iterations;
     }
@@ -437,7 +438,7 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
 {
     struct block_plan plan = {0};
     const oxl_result  rc   = block_plan_read(job, block, &plan);
-    const int         done = plan.views > 0 && record->there && record->iterations >= plan.last;
+    const int         done = plan.views > 0 && record->exists && record->iterations >= plan.last;
     if (rc == OXL_OK && !done && *missing < 0) *missing = block;
     block_plan_free(job->ctx, &plan);
     return rc;
@@ -465,11 +466,11 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job)
 {
     struct rounds r = {.job = job};
     int           missing;
-    oxl_result    rc = job->options.block >= 0 ? rounds_prepare_among_others(job) : rounds_prepare(job);
+    oxl_result    rc = job->options.block >= 0 ? rounds_prepare_shared(job) : rounds_prepare(job);
     job->done_before = job->done;
     if (rc != OXL_OK || job->unfinished) return rc;
     rc = rounds_begin(&r);
-    if (rc == OXL_OK) rc = job->options.block >= 0 ? rounds_one(&r, job->options.block) : rounds_all(&r);
+    if (rc == OXL_OK) rc = job->options.block >= 0 ? rounds_run_block(&r, job->options.block) : rounds_run_blocks(&r);
     rounds_end(&r);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_train_merged(job);

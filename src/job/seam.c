@@ -98,14 +98,14 @@ done:
 OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
                                      oxl_split split, struct seam *out)
 {
-    struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
-    struct renderer   *r      = NULL;
-    int               *view   = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    const int          asked  = view ? scene_views_of(scene, split, view) : 0;
-    oxl_result         rc     = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    *out                      = (struct seam){0};
+    struct metrics_sum sum[2]    = {{0, 0, 0}, {0, 0, 0}};
+    struct renderer   *r         = NULL;
+    int               *view      = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int          requested = view ? scene_views_of(scene, split, view) : 0;
+    oxl_result         rc        = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    *out                         = (struct seam){0};
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
-    for (int i = 0; i < asked && rc == OXL_OK; i++) {
+    for (int i = 0; i < requested && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         if (rc == OXL_OK) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
     }

@@ -27,7 +27,7 @@ static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to,
 }
 
 /* blocks/start from blocks/000. */
-static oxl_result start_keep(oxl_context *ctx, const char *out, const char *start)
+static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *start)
 {
     oxl_result rc = os_make_folder(ctx, start);
     if (rc == OXL_OK) rc = start_copy(ctx, PATH(out, "blocks/000"), start, "imaging.txt");
@@ -90,7 +90,7 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
     if (!o->restart && o->block < 0) {
         if (same && was) start->after = atoi(was + sizeof START_CONTINUED - 1); /* one that was under way, or is finished */
         else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
-        if (rc == OXL_OK && start->after > 0 && !same) rc = start_keep(ctx, out, folder);
+        if (rc == OXL_OK && start->after > 0 && !same) rc = start_back_up(ctx, out, folder);
         if (rc == OXL_OK && start->after > 0) path = kept;
     }
     if (rc == OXL_OK && path) rc = start_read(ctx, path, start->after, found, &start->model);

@@ -47,8 +47,8 @@ static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_j
 
 /* ---------------------------------------------------------------- words */
 
-static void survey_say(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
-static void survey_say(oxl_survey *s, const char *format, ...)
+static void survey_write(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
+static void survey_write(oxl_survey *s, const char *format, ...)
 {
     const size_t used = strlen(s->text);
     va_list      args;
@@ -58,47 +58,48 @@ static void survey_say(oxl_survey *s, const char *format, ...)
 }
 
 /* "about 4 min (3 to 6)" */
-static void survey_say_duration(oxl_survey *s, double seconds, const double range[2])
+static void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
 {
     const double      unit   = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
     const char *const name   = seconds < 90 ? "s" : seconds < 5400 ? "min" : "h";
     const int         digits = unit > 60;
-    survey_say(s, "about %.*f %s (%.*f to %.*f)", digits, seconds / unit, name, digits, range[0] / unit, digits, range[1] / unit);
+    survey_write(s, "about %.*f %s (%.*f to %.*f)", digits, seconds / unit, name, digits, range[0] / unit, digits,
+                 range[1] / unit);
 }
 
 static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
 {
-    survey_say(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks", s->images,
-               s->images_missing, s->train_views, s->test_views, s->masks);
-    if (s->masked > 0) survey_say(s, " (%.0f %% of their pixels black, ignored)", 100 * s->masked);
-    survey_say(s, "\n");
-    survey_say(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width,
-               s->height);
+    survey_write(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks", s->images,
+                 s->images_missing, s->train_views, s->test_views, s->masks);
+    if (s->masked > 0) survey_write(s, " (%.0f %% of their pixels black, ignored)", 100 * s->masked);
+    survey_write(s, "\n");
+    survey_write(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller",
+                 s->width, s->height);
     if (s->points > 0)
-        survey_say(s, "points       %zu, each in %.1f images on average, reprojection error %.2f px\n", s->points, s->mean_track,
-                   s->mean_error);
+        survey_write(s, "points       %zu, each in %.1f images on average, reprojection error %.2f px\n", s->points,
+                     s->mean_track, s->mean_error);
     if (s->points > 0)
-        survey_say(s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
-                   s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
-                   s->extent);
-    survey_say(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
-               s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
-    survey_say(s, ", %.2f GB of memory", s->memory / 1e9);
-    if (s->memory_free > 0) survey_say(s, " (%.1f GB free)", s->memory_free / 1e9);
-    survey_say(s, ", ");
-    survey_say_duration(s, s->seconds, s->seconds_range);
-    survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+        survey_write(s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
+                     s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
+                     s->bounds_max[2] - s->bounds_min[2], s->extent);
+    survey_write(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
+                 s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
+    survey_write(s, ", %.2f GB of memory", s->memory / 1e9);
+    if (s->memory_free > 0) survey_write(s, " (%.1f GB free)", s->memory_free / 1e9);
+    survey_write(s, ", ");
+    survey_write_duration(s, s->seconds, s->seconds_range);
+    survey_write(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
 }
 
 /* How many steps, and why. */
 static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
 {
     const int images = s->images - s->images_missing;
-    survey_say(s, "iterations   %d", iterations);
+    survey_write(s, "iterations   %d", iterations);
     if (iterations > o->train.iterations)
-        survey_say(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
-    else if (o->iterations_for > 0) survey_say(s, ": up to %d images", o->iterations_for);
-    survey_say(s, "\n");
+        survey_write(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
+    else if (o->iterations_for > 0) survey_write(s, ": up to %d images", o->iterations_for);
+    survey_write(s, "\n");
 }
 
 /* How many blocks, and why. */
@@ -111,17 +112,17 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     struct partition p   = {0};
     oxl_result       rc  = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
-    survey_say(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
-    if (!set) survey_say(s, "in one the run takes up to %.2f GB", needs / 1e9);
-    if (o->ram) survey_say(s, ", --ram is %.2f GB", limit / 1e9);
-    else if (!set && s->memory_free > 0) survey_say(s, ", %.1f GB are free", s->memory_free / 1e9);
-    survey_say(s, "\n");
+    survey_write(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
+    if (!set) survey_write(s, "in one the run takes up to %.2f GB", needs / 1e9);
+    if (o->ram) survey_write(s, ", --ram is %.2f GB", limit / 1e9);
+    else if (!set && s->memory_free > 0) survey_write(s, ", %.1f GB are free", s->memory_free / 1e9);
+    survey_write(s, "\n");
     partition_free(ctx, &p);
     return OXL_OK;
 }
 
 /* To a millionth of the extent of the points. */
-static int survey_is_one_place(const oxl_scene *scene, const oxl_survey *s)
+static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 {
     double apart = 0, size = 0;
     for (int k = 0; k < 3; k++) {
@@ -140,25 +141,25 @@ static int survey_is_one_place(const oxl_scene *scene, const oxl_survey *s)
 static void survey_write_warnings(oxl_survey *s, int one_place)
 {
     if (s->images_missing > 0)
-        survey_say(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
-    if (s->unusable > 0) survey_say(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
+        survey_write(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
+    if (s->unusable > 0) survey_write(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->missed > LINT_MISSED_SURVEY)
-        survey_say(s,
-                   "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
-                   "points3D are of one model and that poses are world to camera\n",
-                   100 * s->missed);
-    if (s->points == 0) survey_say(s, "warning: no points: training starts from random points and may fail; export them too\n");
-    else if (s->points < 500) survey_say(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
+        survey_write(s,
+                     "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
+                     "points3D are of one model and that poses are world to camera\n",
+                     100 * s->missed);
+    if (s->points == 0) survey_write(s, "warning: no points: training starts from random points and may fail; export them too\n");
+    else if (s->points < 500) survey_write(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
     if (s->mean_error > 2)
-        survey_say(s,
-                   "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
-                   s->mean_error);
-    if (s->train_views == 1) survey_say(s, "warning: a single training view: depth cannot be learned from it\n");
-    else if (one_place) survey_say(s, "warning: all cameras are at the same place: depth cannot be learned from them\n");
-    else if (s->train_views < 10) survey_say(s, "warning: only %d training views; expect holes\n", s->train_views);
-    if (s->test_views == 0) survey_say(s, "warning: no view is held out, so the metrics are of training views\n");
+        survey_write(
+            s, "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
+            s->mean_error);
+    if (s->train_views == 1) survey_write(s, "warning: a single training view: depth cannot be learned from it\n");
+    else if (one_place) survey_write(s, "warning: all cameras are at the same place: depth cannot be learned from them\n");
+    else if (s->train_views < 10) survey_write(s, "warning: only %d training views; expect holes\n", s->train_views);
+    if (s->test_views == 0) survey_write(s, "warning: no view is held out, so the metrics are of training views\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
-        survey_say(
+        survey_write(
             s, "warning: memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
 }
 
@@ -195,7 +196,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     survey_write_facts(ctx, out);
     survey_write_iterations(options, whole.train.iterations, out);
     if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
-    survey_write_warnings(out, survey_is_one_place(scene, out));
+    survey_write_warnings(out, survey_has_no_baseline(scene, out));
     return rc;
 }
 

@@ -11,7 +11,7 @@
 
 enum {
     TRAINING_STEPS    = 5, /* of each view, before what it lacks says anything of it */
-    TRAINING_LEAST    = 6 /* views; among fewer none is odd */,
+    TRAINING_MIN      = 6 /* views; among fewer none is odd */,
     TRAINING_SHOWN    = 4,
     TRAINING_SMALLEST = 24,
     TRAINING_LARGEST  = 200 /* px, of the longer side */
@@ -45,7 +45,7 @@ static int training_nearest(const struct training_views *t, int of, int out[QUAL
 
 static double training_median(double *value, int count)
 {
-    return count > 0 ? stats_pick(value, (size_t)count, 0.5) : 0;
+    return count > 0 ? stats_select(value, (size_t)count, 0.5) : 0;
 }
 
 /* ---------------------------------------------------------------- what a view lacks */
@@ -190,7 +190,7 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
 {
     const double exposure = training_limit(t);
     oxl_result   rc       = OXL_OK;
-    for (int i = 0; i < t->m->count && t->m->count >= TRAINING_LEAST && rc == OXL_OK; i++) {
+    for (int i = 0; i < t->m->count && t->m->count >= TRAINING_MIN && rc == OXL_OK; i++) {
         struct training_row *row     = &t->row[i];
         double               shifted = 0;
         int                  blurred = 0;

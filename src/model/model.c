@@ -381,7 +381,7 @@ struct model_nearest {
     double        distance[MODEL_NEIGHBOURS];
 };
 
-static void model_consider(struct model_nearest *n, const struct model_site *site, size_t index)
+static void model_update_nearest(struct model_nearest *n, const struct model_site *site, size_t index)
 {
     const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
     double       d = dx * dx + dy * dy + dz * dz;
@@ -394,24 +394,24 @@ static void model_consider(struct model_nearest *n, const struct model_site *sit
         }
 }
 
-static void model_search(const struct model_tree *tree, size_t first, size_t end, struct model_nearest *n)
+static void model_search_nearest(const struct model_tree *tree, size_t first, size_t end, struct model_nearest *n)
 {
     while (end - first > MODEL_LEAF) {
         const size_t middle = first + (end - first) / 2;
         const int    axis   = tree->split[middle];
         const double beyond = n->x[axis] - tree->site[middle].x[axis];
-        if (beyond < 0) model_search(tree, first, middle, n);
-        else model_search(tree, middle + 1, end, n);
+        if (beyond < 0) model_search_nearest(tree, first, middle, n);
+        else model_search_nearest(tree, middle + 1, end, n);
         if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is farther than all three */
-        model_consider(n, &tree->site[middle], middle);
+        model_update_nearest(n, &tree->site[middle], middle);
         if (beyond < 0) first = middle + 1;
         else end = middle;
     }
-    for (size_t i = first; i < end; i++) model_consider(n, &tree->site[i], i);
+    for (size_t i = first; i < end; i++) model_update_nearest(n, &tree->site[i], i);
 }
 
 /* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single point. */
-static void model_measure(oxl_context *ctx, const struct model_tree *tree, double *square)
+static void model_neighbour_distances(oxl_context *ctx, const struct model_tree *tree, double *square)
 {
     const int     neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
     const int64_t count      = (int64_t)tree->count;
@@ -419,7 +419,7 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
     for (int64_t i = 0; i < count; i++) {
         struct model_nearest n   = {.x = tree->site[i].x, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
         double               sum = 0;
-        model_search(tree, 0, tree->count, &n);
+        model_search_nearest(tree, 0, tree->count, &n);
         for (int k = 0; k < neighbours; k++) sum += n.distance[k];
         square[tree->site[i].row] = neighbours ? sum / neighbours : 0;
     }
@@ -428,7 +428,7 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 /* ---------------------------------------------------------------- start from points: the rows */
 
-#define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
+#define MODEL_SQUARE_MIN 1e-4 /* of the median's; see model_widths */
 
 /* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our
  * unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
@@ -439,7 +439,7 @@ static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
     if (!apart) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
     for (size_t i = 0; i < count; i++)
         if (square[i] > 0) apart[n++] = square[i];
-    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * stats_pick(apart, n, 0.5), DBL_MIN);
+    if (n) least = OXL_MAX(MODEL_SQUARE_MIN * stats_select(apart, n, 0.5), DBL_MIN);
     oxl_free(ctx, apart);
     for (size_t i = 0; i < count; i++) square[i] = 0.5 * vecmath_log(OXL_MAX(square[i], least));
     return OXL_OK;
@@ -497,7 +497,7 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
         tree.site[i].row = i;
     }
     model_build_tree(&tree, 0, count);
-    model_measure(ctx, &tree, width);
+    model_neighbour_distances(ctx, &tree, width);
     rc = model_widths(ctx, width, count);
     if (rc == OXL_OK) model_fill(out, key, width);
 done:
@@ -540,7 +540,7 @@ OXL_INTERNAL unsigned char model_byte(double x)
 
 /* ---------------------------------------------------------------- origin and scale as text, in comments of files */
 
-#define MODEL_ORIGIN_MOST 1e15 /* limit of |origin| */
+#define MODEL_ORIGIN_MAX 1e15 /* limit of |origin| */
 
 /* So many finite numbers after blanks; 0: there are others. */
 static int model_read_numbers(const char *text, double *value, int count)
@@ -548,7 +548,7 @@ static int model_read_numbers(const char *text, double *value, int count)
     const char *end = text + strlen(text);
     for (int n = 0; n < count; n++) {
         while (*text == ' ') text++;
-        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_ORIGIN_MOST)) return 0;
+        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_ORIGIN_MAX)) return 0;
     }
     return 1;
 }
@@ -559,9 +559,9 @@ OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const c
     const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
     double    value[3];
     if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
-    else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MOST)
+    else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
         model->scale = value[0] == 1 ? 0 : value[0];
     else if (is_origin || is_scale)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
-                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MOST);
+                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MAX);
 }

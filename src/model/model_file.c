@@ -15,7 +15,7 @@
 #include "../core/bytes.h"
 #include "../core/vecmath.h"
 
-#define MODEL_FILE_SCALE_MOST 88.7f /* log of the largest size that a float holds */
+#define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
 
 enum {
     MODEL_FILE_COLUMNS    = 62,  /* of the standard layout */
@@ -114,7 +114,7 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
     for (int p = 0; p < oxl_model_planes(model); p++)
         for (size_t i = 0; i < count; i++) keep[i] &= model_file_finite(model->plane[p][i]) != 0;
     for (int a = 0; a < 3; a++)
-        for (size_t i = 0; i < count; i++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MOST;
+        for (size_t i = 0; i < count; i++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
     for (int k = 0; k < MODEL_LOBE_PLANES; k++)
         for (size_t i = 0; i < model->lobes; i++) keep[i] &= model_file_finite(model->plane[OXL_LOBE + k][i]) != 0;
     model_keep_rows(model, keep);
@@ -189,7 +189,7 @@ static oxl_result model_file_write_lobes(oxl_context *ctx, const struct os_write
 enum model_file_rows { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
 
 /* Some rows of a model, page by page if they are in a file. */
-static oxl_result model_file_write_some(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+static oxl_result model_file_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
                                         enum model_file_rows which, int file_degree)
 {
     const size_t pages = model->pages ? model_pages_count(model) : 1;
@@ -223,7 +223,7 @@ OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *pa
     if (rc != OXL_OK) return rc;
     rc = model_file_write_header(ctx, &w, &all, column, columns);
     for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
-        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_file_write_some(ctx, &w, &model[m], which, file_degree);
+        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_file_write_part(ctx, &w, &model[m], which, file_degree);
     return os_writer_close(ctx, &w, rc);
 }
 

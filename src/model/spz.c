@@ -19,15 +19,15 @@
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR       0.15 /* range for colours slightly below 0 and above 1 */
-#define SPZ_DEFLATE_MOST 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
+#define SPZ_COLOUR      0.15 /* range for colours slightly below 0 and above 1 */
+#define SPZ_DEFLATE_MAX 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
 
 enum {
-    SPZ_HEADER    = 16,
-    SPZ_BITS_MOST = 20, /* fractional; the reference writes 12 */
-    SPZ_BUCKET_1  = 2,  /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
-    SPZ_BUCKET    = 4,  /* these lose 0.07 dB, at 1.6 times the size */
-    SPZ_DEGREES   = 4   /* the reference has degree 4, whose coefficients are skipped */
+    SPZ_HEADER   = 16,
+    SPZ_BITS_MAX = 20, /* fractional; the reference writes 12 */
+    SPZ_BUCKET_1 = 2,  /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
+    SPZ_BUCKET   = 4,  /* these lose 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES  = 4   /* the reference has degree 4, whose coefficients are skipped */
 };
 
 /* ---------------------------------------------------------------- gzip (RFC 1952) */
@@ -79,7 +79,7 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
     at     = spz_gzip_header(p, file->size, &comment);
     packed = at ? file->size - at - 8 : 0;
     *size  = bytes_u32(p + file->size - 4);
-    if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MOST > packed || packed > INT_MAX)
+    if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MAX > packed || packed > INT_MAX)
         return spz_fail(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
@@ -295,7 +295,7 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
 static int spz_bits(const oxl_model *model)
 {
     float farthest = 0;
-    int   bits     = SPZ_BITS_MOST;
+    int   bits     = SPZ_BITS_MAX;
     for (int k = 0; k < 3; k++)
         for (size_t i = 0; i < model->count; i++) farthest = OXL_MAX(farthest, fabsf(model->plane[OXL_MEAN + k][i]));
     while (bits >= 0 && (double)farthest * (1 << bits) > 8388606) bits--;

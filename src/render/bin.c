@@ -9,7 +9,7 @@
 #include "kernels.h"
 
 #define BIN_PARTS      64  /* limit of parts of the depth order; each is counted and scattered independently */
-#define BIN_PART_LEAST 128 /* approximate minimum of splats per part, since each part has a counter per tile */
+#define BIN_PART_MIN   128 /* approximate minimum of splats per part, since each part has a counter per tile */
 #define BIN_NARROW     6   /* columns of tiles: wider boxes are tested column by column */
 #define BIN_RADIX_BITS 11
 #define BIN_RADIX      (1 << BIN_RADIX_BITS)
@@ -54,7 +54,7 @@ static int bin_popcount16(unsigned x)
     return (int)((x + (x >> 8)) & 0x1F);
 }
 
-static oxl_result bin_collect(oxl_context *ctx, struct bins *b)
+static oxl_result bin_collect_visible(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s     = b->scratch;
     size_t              total = 0;
@@ -174,7 +174,7 @@ SIMD_INLINE void bin_join(struct bin_spans *spans, const struct bin_spans *other
 }
 
 /* A splat with another shape at the same position. */
-SIMD_INLINE struct splat bin_reshaped(const struct splat *s, const struct lobe *lobe)
+SIMD_INLINE struct splat bin_lobe_splat(const struct splat *s, const struct lobe *lobe)
 {
     struct splat other = *s;
     other.a = lobe->a, other.k = lobe->k, other.e = lobe->e, other.peak = lobe->peak;
@@ -218,7 +218,7 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     struct bin_spans   spans, more;
     uint32_t           count = 0, blocks[PACK];
     if (lobe) {
-        second      = bin_reshaped(s, lobe);
+        second      = bin_lobe_splat(s, lobe);
         other       = bin_contour(&second, b->cut);
         main        = *s;
         main.half_x = lobe->main_x, main.half_y = lobe->main_y;
@@ -246,19 +246,19 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
 /* ---------------------------------------------------------------- to the tiles */
 
 /* Slots for the splat's pairs, and as many for the sums of its second lobe. */
-static uint32_t bin_room(const struct bins *b, uint32_t row)
+static uint32_t bin_slot_count(const struct bins *b, uint32_t row)
 {
     const uint32_t tiles = bin_box_tiles(&b->splat[row]);
     return bins_lobe(b, row) ? 2 * tiles : tiles;
 }
 
 /* Slots are assigned in depth order, by the boxes; parts have about equal numbers of slots. */
-static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
+static oxl_result bin_assign_slots(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s    = b->scratch;
     size_t              slot = 0, total = 0;
     int                 part = 0;
-    for (size_t i = 0; i < b->visible_count; i++) total += bin_room(b, b->order[i]);
+    for (size_t i = 0; i < b->visible_count; i++) total += bin_slot_count(b, b->order[i]);
     if (total > UINT32_MAX) {
         return oxl_fail(ctx, OXL_ERR_MEMORY,
                         "%zu (tile, splat) pairs in one view are more than this build can number\nfix: a smaller --max-side",
@@ -268,7 +268,7 @@ static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
         struct splat *splat = &b->splat[b->order[i]];
         while (part < s->parts && slot >= total * (size_t)part / (size_t)s->parts) s->part_end[part++] = i;
         splat->first_slot = (uint32_t)slot;
-        slot += bin_room(b, b->order[i]);
+        slot += bin_slot_count(b, b->order[i]);
     }
     while (part <= s->parts) s->part_end[part++] = b->visible_count;
     b->slot_count = total;
@@ -349,11 +349,11 @@ OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, 
     if (!b->scratch && !(b->scratch = oxl_calloc(ctx, 1, sizeof *b->scratch))) {
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the binning");
     }
-    if ((rc = bin_collect(ctx, b)) != OXL_OK) return rc;
+    if ((rc = bin_collect_visible(ctx, b)) != OXL_OK) return rc;
     bin_sort(b);
-    b->scratch->parts = (int)OXL_CLAMP(b->visible_count / BIN_PART_LEAST, 1, BIN_PARTS);
+    b->scratch->parts = (int)OXL_CLAMP(b->visible_count / BIN_PART_MIN, 1, BIN_PARTS);
     if ((rc = bin_reserve_tiles(ctx, b)) != OXL_OK) return rc;
-    if ((rc = bin_lay_out(ctx, b)) != OXL_OK) return rc;
+    if ((rc = bin_assign_slots(ctx, b)) != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int part = 0; part < b->scratch->parts; part++) {
         const struct bin_part job = {b, part, width};

@@ -379,8 +379,8 @@ struct loss_value {
     double total, l1, ssim, mse; /* means over unmasked pixels and three channels */
 };
 struct loss_scratch { /* kept between steps, to avoid allocations */
-    void  *strip, *rows, *sums, *whole;
-    size_t strip_capacity, rows_capacity, sums_capacity, whole_capacity;
+    void  *strip, *rows, *sums, *valid;
+    size_t strip_capacity, rows_capacity, sums_capacity, valid_capacity;
     size_t cleared; /* number of values cleared, */
     int    width;   /* for this width */
 };

@@ -14,12 +14,12 @@
  */
 #include "kernels.h"
 
-#define LOSS_HALF        5                           /* px: half width of the window */
-#define LOSS_BAND        8                           /* rows blurred vertically together, which share loaded rows */
-#define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows in reach of a band's windows */
-#define LOSS_PHASES      4                           /* see loss_columns */
-#define LOSS_GAP         2                           /* zeros read past the end of a phase by the horizontal blur */
-#define LOSS_MAPS        4                           /* of x and y: */
+#define LOSS_HALF        5                            /* px: half width of the window */
+#define LOSS_BATCH       8                            /* rows blurred vertically together, which share loaded rows */
+#define LOSS_REACH       (LOSS_BATCH + 2 * LOSS_HALF) /* rows in reach of a batch's windows */
+#define LOSS_PHASES      4                            /* see loss_columns */
+#define LOSS_GAP         2                            /* zeros read past the end of a phase by the horizontal blur */
+#define LOSS_MAPS        4                            /* of x and y: */
 #define LOSS_X           0
 #define LOSS_Y           1
 #define LOSS_SQUARES     2 /* x^2 + y^2 */
@@ -40,7 +40,7 @@ struct loss_strip {
     real                   l1_scale;            /* (1 - w) / number of unmasked values */
     real                   ssim_scale;          /* w / number of unmasked windows */
     int                    channel, first, end; /* rows */
-    size_t                 one;                 /* 1, see loss_blur_along */
+    size_t                 one;                 /* 1, see loss_blur_horizontal */
     real                  *scratch;             /* loss_scratch_size(width) */
     double (*sums)[LOSS_SUMS];                  /* (H) of this channel: |x - y|, SSIM, (x - y)^2 */
 };
@@ -68,18 +68,18 @@ static size_t loss_stride(int width)
 
 static size_t loss_scratch_size(int width)
 {
-    return loss_stride(width) * ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BAND + LOSS_MAPS + LOSS_DERIVATIVES + 2);
+    return loss_stride(width) * ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BATCH + LOSS_MAPS + LOSS_DERIVATIVES + 2);
 }
 
 struct loss_rows { /* layout of the scratch memory */
     size_t columns, phase, stride;
-    real  *x, *y;      /* (LOSS_REACH, stride) rings */
-    real  *down;       /* (LOSS_MAPS, LOSS_BAND, stride) maps of a band, blurred down; later its derivatives */
-    real  *blurred;    /* (LOSS_MAPS, stride) maps of one row, blurred along it too */
-    real  *derivative; /* (LOSS_DERIVATIVES, stride) of one row */
-    real  *returned;   /* (LOSS_DERIVATIVES, LOSS_REACH, stride) rings of derivatives, blurred along */
-    real  *counts;     /* (stride) 1 or 0 for each pixel or window of a row, 0 past the ends */
-    real  *gradient;   /* (stride) of one row */
+    real  *x, *y;            /* (LOSS_REACH, stride) rings */
+    real  *vertical;         /* (LOSS_MAPS, LOSS_BATCH, stride) maps of a batch, blurred vertically; later its derivatives */
+    real  *blurred;          /* (LOSS_MAPS, stride) maps of one row, blurred horizontally, too */
+    real  *derivative;       /* (LOSS_DERIVATIVES, stride) of one row */
+    real  *derivative_rings; /* (LOSS_DERIVATIVES, LOSS_REACH, stride) rings of derivatives, blurred horizontally */
+    real  *counts;           /* (stride) 1 or 0 for each pixel or window of a row, 0 past the ends */
+    real  *gradient;         /* (stride) of one row */
 };
 
 SIMD_INLINE struct loss_rows loss_rows(const struct loss_strip *s)
@@ -89,11 +89,11 @@ SIMD_INLINE struct loss_rows loss_rows(const struct loss_strip *s)
                           .stride  = loss_stride(s->job->width),
                           .x       = s->scratch + PACK};
     r.y                = r.x + r.stride * LOSS_REACH;
-    r.down             = r.y + r.stride * LOSS_REACH;
-    r.blurred          = r.down + r.stride * LOSS_MAPS * LOSS_BAND;
+    r.vertical         = r.y + r.stride * LOSS_REACH;
+    r.blurred          = r.vertical + r.stride * LOSS_MAPS * LOSS_BATCH;
     r.derivative       = r.blurred + r.stride * LOSS_MAPS;
-    r.returned         = r.derivative + r.stride * LOSS_DERIVATIVES;
-    r.counts           = r.returned + r.stride * LOSS_DERIVATIVES * LOSS_REACH;
+    r.derivative_rings = r.derivative + r.stride * LOSS_DERIVATIVES;
+    r.counts           = r.derivative_rings + r.stride * LOSS_DERIVATIVES * LOSS_REACH;
     r.gradient         = r.counts + r.stride;
     return r;
 }
@@ -104,13 +104,13 @@ SIMD_INLINE real *loss_ring(const struct loss_rows *r, real *ring, int row)
     return ring + (size_t)(row + LOSS_REACH) % LOSS_REACH * r->stride;
 }
 
-/* The rows of a ring in reach of the band's windows. */
-SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int band, const real *rows[LOSS_REACH])
+/* The rows of a ring in reach of the batch's windows. */
+SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int batch, const real *rows[LOSS_REACH])
 {
-    for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, band - LOSS_HALF + k);
+    for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, batch - LOSS_HALF + k);
 }
 
-SIMD_INLINE void loss_split(const real *restrict in, int width, size_t phase, real *restrict out)
+SIMD_INLINE void loss_deinterleave(const real *restrict in, int width, size_t phase, real *restrict out)
 {
     const size_t whole = (size_t)width / LOSS_PHASES;
 #pragma omp simd
@@ -123,7 +123,7 @@ SIMD_INLINE void loss_split(const real *restrict in, int width, size_t phase, re
     for (size_t i = whole * LOSS_PHASES; i < (size_t)width; i++) out[i % LOSS_PHASES * phase + whole] = in[i];
 }
 
-SIMD_INLINE void loss_join(const real *restrict in, int width, size_t phase, real *restrict out)
+SIMD_INLINE void loss_interleave(const real *restrict in, int width, size_t phase, real *restrict out)
 {
     const size_t whole = (size_t)width / LOSS_PHASES;
 #pragma omp simd
@@ -137,18 +137,18 @@ SIMD_INLINE void loss_join(const real *restrict in, int width, size_t phase, rea
 }
 
 /* A row of an image (3,H,W). */
-SIMD_INLINE size_t loss_at(const struct loss_strip *s, int row)
+SIMD_INLINE size_t loss_row_offset(const struct loss_strip *s, int row)
 {
     return ((size_t)s->channel * (size_t)s->job->height + (size_t)row) * (size_t)s->job->width;
 }
 
-/* A row of a weight map; without one the counts of loss_open stay. */
+/* A row of a weight map; without one the counts of loss_begin_counts stay. */
 SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map, int row)
 {
-    if (map) loss_split(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
+    if (map) loss_deinterleave(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
 }
 
-SIMD_INLINE void loss_open(const struct loss_strip *s, const struct loss_rows *r)
+SIMD_INLINE void loss_begin_counts(const struct loss_strip *s, const struct loss_rows *r)
 {
     for (int j = 0; !s->job->weight && j < s->job->width; j++)
         r->counts[(size_t)j % LOSS_PHASES * r->phase + (size_t)j / LOSS_PHASES] = 1;
@@ -157,7 +157,7 @@ SIMD_INLINE void loss_open(const struct loss_strip *s, const struct loss_rows *r
 /* ---------------------------------------------------------------- blurs */
 
 /* A window is symmetric: values at equal distances are added before they are weighted. s5: sum of the two at distance 5, and so on. */
-SIMD_INLINE real loss_fold(const int fused, real s5, real s4, real s3, real s2, real s1, real centre)
+SIMD_INLINE real loss_symmetric_sum(const int fused, real s5, real s4, real s3, real s2, real s1, real centre)
 {
     real sum = LOSS_WINDOW[0] * s5;
     sum      = muladd(fused, LOSS_WINDOW[1], s4, sum);
@@ -168,8 +168,8 @@ SIMD_INLINE real loss_fold(const int fused, real s5, real s4, real s3, real s2, 
 }
 
 /* Columns of all phases. `one` is 1 but not a constant: otherwise clang reuses loads between columns and does not vectorise. */
-SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const struct loss_rows *r, const real *row,
-                                 real *restrict out)
+SIMD_INLINE void loss_blur_horizontal(const int fused, const size_t one, const struct loss_rows *r, const real *row,
+                                      real *restrict out)
 {
     const real *restrict a1 = row - 1, *restrict a2 = a1 + one, *restrict a3 = a2 + one, *restrict a4 = a3 + one;
     const real *restrict b1 = row + r->phase - 1, *restrict b2 = b1 + one, *restrict b3 = b2 + one;
@@ -181,10 +181,10 @@ SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const struct
             const size_t j = j0 + l;
             const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j], p7 = c2[j], p8 = d2[j],
                        p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
-            out[j]                = loss_fold(fused, p0 + p10, p1 + p9, p2 + p8, p3 + p7, p4 + p6, p5);
-            out[r->phase + j]     = loss_fold(fused, p1 + p11, p2 + p10, p3 + p9, p4 + p8, p5 + p7, p6);
-            out[2 * r->phase + j] = loss_fold(fused, p2 + p12, p3 + p11, p4 + p10, p5 + p9, p6 + p8, p7);
-            out[3 * r->phase + j] = loss_fold(fused, p3 + p13, p4 + p12, p5 + p11, p6 + p10, p7 + p9, p8);
+            out[j]                = loss_symmetric_sum(fused, p0 + p10, p1 + p9, p2 + p8, p3 + p7, p4 + p6, p5);
+            out[r->phase + j]     = loss_symmetric_sum(fused, p1 + p11, p2 + p10, p3 + p9, p4 + p8, p5 + p7, p6);
+            out[2 * r->phase + j] = loss_symmetric_sum(fused, p2 + p12, p3 + p11, p4 + p10, p5 + p9, p6 + p8, p7);
+            out[3 * r->phase + j] = loss_symmetric_sum(fused, p3 + p13, p4 + p12, p5 + p11, p6 + p10, p7 + p9, p8);
         }
     }
 }
@@ -194,9 +194,9 @@ SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
     return map == LOSS_X ? x : map == LOSS_Y ? y : map == LOSS_SQUARES ? muladd(fused, x, x, y * y) : x * y;
 }
 
-/* A pack of columns of a map, blurred vertically for the rows of a band; x[k], y[k]: the k-th row in reach. */
-SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *const x[LOSS_REACH], const real *const y[LOSS_REACH],
-                                size_t j0, size_t stride, real *restrict out)
+/* A pack of columns of a map, blurred vertically for the rows of a batch; x[k], y[k]: the k-th row in reach. */
+SIMD_INLINE void loss_blur_vertical(const int fused, const int map, const real *const x[LOSS_REACH],
+                                    const real *const y[LOSS_REACH], size_t j0, size_t stride, real *restrict out)
 {
 #pragma omp simd
     for (size_t l = 0; l < PACK; l++) {
@@ -210,14 +210,14 @@ SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *cons
         const real   m12 = loss_map(fused, map, x[12][j], y[12][j]), m13 = loss_map(fused, map, x[13][j], y[13][j]);
         const real   m14 = loss_map(fused, map, x[14][j], y[14][j]), m15 = loss_map(fused, map, x[15][j], y[15][j]);
         const real   m16 = loss_map(fused, map, x[16][j], y[16][j]), m17 = loss_map(fused, map, x[17][j], y[17][j]);
-        out[l]              = loss_fold(fused, m0 + m10, m1 + m9, m2 + m8, m3 + m7, m4 + m6, m5);
-        out[stride + l]     = loss_fold(fused, m1 + m11, m2 + m10, m3 + m9, m4 + m8, m5 + m7, m6);
-        out[2 * stride + l] = loss_fold(fused, m2 + m12, m3 + m11, m4 + m10, m5 + m9, m6 + m8, m7);
-        out[3 * stride + l] = loss_fold(fused, m3 + m13, m4 + m12, m5 + m11, m6 + m10, m7 + m9, m8);
-        out[4 * stride + l] = loss_fold(fused, m4 + m14, m5 + m13, m6 + m12, m7 + m11, m8 + m10, m9);
-        out[5 * stride + l] = loss_fold(fused, m5 + m15, m6 + m14, m7 + m13, m8 + m12, m9 + m11, m10);
-        out[6 * stride + l] = loss_fold(fused, m6 + m16, m7 + m15, m8 + m14, m9 + m13, m10 + m12, m11);
-        out[7 * stride + l] = loss_fold(fused, m7 + m17, m8 + m16, m9 + m15, m10 + m14, m11 + m13, m12);
+        out[l]              = loss_symmetric_sum(fused, m0 + m10, m1 + m9, m2 + m8, m3 + m7, m4 + m6, m5);
+        out[stride + l]     = loss_symmetric_sum(fused, m1 + m11, m2 + m10, m3 + m9, m4 + m8, m5 + m7, m6);
+        out[2 * stride + l] = loss_symmetric_sum(fused, m2 + m12, m3 + m11, m4 + m10, m5 + m9, m6 + m8, m7);
+        out[3 * stride + l] = loss_symmetric_sum(fused, m3 + m13, m4 + m12, m5 + m11, m6 + m10, m7 + m9, m8);
+        out[4 * stride + l] = loss_symmetric_sum(fused, m4 + m14, m5 + m13, m6 + m12, m7 + m11, m8 + m10, m9);
+        out[5 * stride + l] = loss_symmetric_sum(fused, m5 + m15, m6 + m14, m7 + m13, m8 + m12, m9 + m11, m10);
+        out[6 * stride + l] = loss_symmetric_sum(fused, m6 + m16, m7 + m15, m8 + m14, m9 + m13, m10 + m12, m11);
+        out[7 * stride + l] = loss_symmetric_sum(fused, m7 + m17, m8 + m16, m9 + m15, m10 + m14, m11 + m13, m12);
     }
 }
 
@@ -233,7 +233,7 @@ SIMD_INLINE real loss_sum_lanes(const real *lane) /* (PACK), pairwise */
 /* ---------------------------------------------------------------- the stages of the sweep */
 
 /* Stage 1: a row of x and y into their rings; zeros outside the image. */
-SIMD_INLINE void loss_take_row(const struct loss_strip *s, const struct loss_rows *r, int row)
+SIMD_INLINE void loss_load_row(const struct loss_strip *s, const struct loss_rows *r, int row)
 {
     real *x = loss_ring(r, r->x, row), *y = loss_ring(r, r->y, row);
     if (row < 0 || row >= s->job->height) {
@@ -241,23 +241,23 @@ SIMD_INLINE void loss_take_row(const struct loss_strip *s, const struct loss_row
         memset(y, 0, LOSS_PHASES * r->phase * sizeof *y);
         return;
     }
-    loss_split(s->job->x + loss_at(s, row), s->job->width, r->phase, x);
-    loss_split(s->job->y + loss_at(s, row), s->job->width, r->phase, y);
+    loss_deinterleave(s->job->x + loss_row_offset(s, row), s->job->width, r->phase, x);
+    loss_deinterleave(s->job->y + loss_row_offset(s, row), s->job->width, r->phase, y);
 }
 
-/* Stage 2: the four maps, blurred down for the windows centred on the rows of a band. */
-SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int band)
+/* Stage 2: the four maps, blurred vertically for the windows centred on the rows of a batch. */
+SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int batch)
 {
     const real  *x[LOSS_REACH], *y[LOSS_REACH];
-    const size_t map = LOSS_BAND * r->stride;
-    loss_window(r, r->x, band, x);
-    loss_window(r, r->y, band, y);
+    const size_t map = LOSS_BATCH * r->stride;
+    loss_window(r, r->x, batch, x);
+    loss_window(r, r->y, batch, y);
     for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
         for (size_t j = p; j < p + r->columns; j += PACK) {
-            loss_blur_down(fused, LOSS_X, x, y, j, r->stride, r->down + j);
-            loss_blur_down(fused, LOSS_Y, x, y, j, r->stride, r->down + map + j);
-            loss_blur_down(fused, LOSS_SQUARES, x, y, j, r->stride, r->down + 2 * map + j);
-            loss_blur_down(fused, LOSS_PRODUCT, x, y, j, r->stride, r->down + 3 * map + j);
+            loss_blur_vertical(fused, LOSS_X, x, y, j, r->stride, r->vertical + j);
+            loss_blur_vertical(fused, LOSS_Y, x, y, j, r->stride, r->vertical + map + j);
+            loss_blur_vertical(fused, LOSS_SQUARES, x, y, j, r->stride, r->vertical + 2 * map + j);
+            loss_blur_vertical(fused, LOSS_PRODUCT, x, y, j, r->stride, r->vertical + 3 * map + j);
         }
 }
 
@@ -289,46 +289,47 @@ SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s,
     return loss_sum_lanes(sum);
 }
 
-/* Stage 3: the maps blurred along a row of the band -> S and its derivatives there, blurred along the row, into their rings. */
-SIMD_INLINE void loss_return_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+/* Stage 3: the maps of a row of the batch, blurred horizontally -> S and its derivatives there, blurred horizontally, into their rings. */
+SIMD_INLINE void loss_derivative_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int batch, int row)
 {
     real sum;
     for (size_t k = 0; k < LOSS_MAPS; k++)
-        loss_blur_along(fused, s->one, r, r->down + (k * LOSS_BAND + (size_t)(row - band)) * r->stride,
-                        r->blurred + k * r->stride);
+        loss_blur_horizontal(fused, s->one, r, r->vertical + (k * LOSS_BATCH + (size_t)(row - batch)) * r->stride,
+                             r->blurred + k * r->stride);
     loss_fill_counts(s, r, s->window_ok, row);
     sum = loss_differentiate(fused, s, r);
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
-        loss_blur_along(fused, s->one, r, r->derivative + k * r->stride,
-                        loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row));
+        loss_blur_horizontal(fused, s->one, r, r->derivative + k * r->stride,
+                             loss_ring(r, r->derivative_rings + k * LOSS_REACH * r->stride, row));
     if (row >= s->first && row < s->end) s->sums[row][1] = sum;
 }
 
 /* Outside the image: derivatives are 0. */
-SIMD_INLINE void loss_return_nothing(const struct loss_rows *r, int row)
+SIMD_INLINE void loss_clear_derivative_row(const struct loss_rows *r, int row)
 {
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
-        memset(loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row), 0, LOSS_PHASES * r->phase * sizeof *r->returned);
+        memset(loss_ring(r, r->derivative_rings + k * LOSS_REACH * r->stride, row), 0,
+               LOSS_PHASES * r->phase * sizeof *r->derivative_rings);
 }
 
-/* Stage 4: the derivatives, blurred down for the rows of a band. */
-SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *r, int band)
+/* Stage 4: the derivatives, blurred vertically for the rows of a batch. */
+SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *r, int batch)
 {
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++) {
         const real *rows[LOSS_REACH];
-        loss_window(r, r->returned + k * LOSS_REACH * r->stride, band, rows);
+        loss_window(r, r->derivative_rings + k * LOSS_REACH * r->stride, batch, rows);
         for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
             for (size_t j = p; j < p + r->columns; j += PACK)
-                loss_blur_down(fused, LOSS_X, rows, rows, j, r->stride, r->down + k * LOSS_BAND * r->stride + j);
+                loss_blur_vertical(fused, LOSS_X, rows, rows, j, r->stride, r->vertical + k * LOSS_BATCH * r->stride + j);
     }
 }
 
-/* Stage 5: the gradient of a row of the band, with the part of L1. */
-SIMD_INLINE void loss_emit_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+/* Stage 5: the gradient of a row of the batch, with the part of L1. */
+SIMD_INLINE void loss_gradient_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int batch, int row)
 {
     const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
-    const real *restrict dx = r->down + (size_t)(row - band) * r->stride;
-    const real *restrict dm = dx + LOSS_BAND * r->stride, *restrict dxy = dm + LOSS_BAND * r->stride;
+    const real *restrict dx = r->vertical + (size_t)(row - batch) * r->stride;
+    const real *restrict dm = dx + LOSS_BATCH * r->stride, *restrict dxy = dm + LOSS_BATCH * r->stride;
     const real *restrict counts = r->counts;
     real *restrict out          = r->gradient;
     real l1[PACK] = {0}, square[PACK] = {0};
@@ -346,7 +347,7 @@ SIMD_INLINE void loss_emit_row(const int fused, const struct loss_strip *s, cons
                 square[l] += counts[j] * difference * difference;
             }
         }
-    loss_join(out, s->job->width, r->phase, s->job->dx + loss_at(s, row));
+    loss_interleave(out, s->job->width, r->phase, s->job->dx + loss_row_offset(s, row));
     s->sums[row][0] = loss_sum_lanes(l1);
     s->sums[row][2] = loss_sum_lanes(square);
 }
@@ -355,20 +356,20 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
 {
     const struct loss_rows r     = loss_rows(s);
     const int              start = OXL_MAX(s->first - LOSS_HALF, 0), below = OXL_MIN(s->end + LOSS_HALF, s->job->height);
-    loss_open(s, &r);
-    for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_take_row(s, &r, row);
-    for (int row = start - LOSS_HALF; row < start; row++) loss_return_nothing(&r, row);
-    for (int band = start; band < s->end + LOSS_HALF; band += LOSS_BAND) {
-        const int given = band - LOSS_HALF; /* the band whose windows end in this band */
-        for (int row = band + LOSS_HALF; row < band + LOSS_HALF + LOSS_BAND; row++) loss_take_row(s, &r, row);
-        if (band < below) loss_blur_maps(fused, &r, band);
-        for (int row = band; row < band + LOSS_BAND; row++) {
-            if (row < below) loss_return_row(fused, s, &r, band, row);
-            else loss_return_nothing(&r, row);
+    loss_begin_counts(s, &r);
+    for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_load_row(s, &r, row);
+    for (int row = start - LOSS_HALF; row < start; row++) loss_clear_derivative_row(&r, row);
+    for (int batch = start; batch < s->end + LOSS_HALF; batch += LOSS_BATCH) {
+        const int previous = batch - LOSS_HALF; /* whose windows end in this batch */
+        for (int row = batch + LOSS_HALF; row < batch + LOSS_HALF + LOSS_BATCH; row++) loss_load_row(s, &r, row);
+        if (batch < below) loss_blur_maps(fused, &r, batch);
+        for (int row = batch; row < batch + LOSS_BATCH; row++) {
+            if (row < below) loss_derivative_row(fused, s, &r, batch, row);
+            else loss_clear_derivative_row(&r, row);
         }
-        if (given + LOSS_BAND > s->first) loss_blur_derivatives(fused, &r, given);
-        for (int row = OXL_MAX(given, s->first); row < OXL_MIN(given + LOSS_BAND, s->end); row++)
-            loss_emit_row(fused, s, &r, given, row);
+        if (previous + LOSS_BATCH > s->first) loss_blur_derivatives(fused, &r, previous);
+        for (int row = OXL_MAX(previous, s->first); row < OXL_MIN(previous + LOSS_BATCH, s->end); row++)
+            loss_gradient_row(fused, s, &r, previous, row);
     }
 }
 
@@ -379,9 +380,9 @@ static void loss_l1_strip(const struct loss_strip *s)
 {
     const size_t width = (size_t)s->job->width;
     for (int row = s->first; row < s->end; row++) {
-        const real *restrict x = s->job->x + loss_at(s, row), *restrict y = s->job->y + loss_at(s, row);
+        const real *restrict x = s->job->x + loss_row_offset(s, row), *restrict y = s->job->y + loss_row_offset(s, row);
         const real *restrict weight = s->job->weight ? s->job->weight + (size_t)row * width : NULL;
-        real *restrict dx           = s->job->dx + loss_at(s, row);
+        real *restrict dx           = s->job->dx + loss_row_offset(s, row);
         double l1 = 0, square = 0;
         for (size_t j = 0; j < width; j++) {
             const real d = x[j] - y[j], w = weight ? weight[j] : 1;
@@ -396,7 +397,7 @@ static void loss_l1_strip(const struct loss_strip *s)
 /* ---------------------------------------------------------------- the whole image */
 
 /* 1 where the horizontal window is unmasked. Returns the number of unmasked pixels of the row. */
-static int64_t loss_whole_along(const real *restrict weight, int width, real *restrict out)
+static int64_t loss_valid_horizontal(const real *restrict weight, int width, real *restrict out)
 {
     int64_t count = 0;
     for (int x = 0; x < width; x++) {
@@ -409,41 +410,41 @@ static int64_t loss_whole_along(const real *restrict weight, int width, real *re
 }
 
 /* 1 where all rows of the window are unmasked. Returns their number. */
-static int64_t loss_whole_down(const real *along, const struct loss_job *job, int row, real *restrict out)
+static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job *job, int row, real *restrict out)
 {
     int64_t count = 0;
     for (int x = 0; x < job->width; x++) out[x] = 1;
     for (int v = OXL_MAX(row - LOSS_HALF, 0); v <= OXL_MIN(row + LOSS_HALF, job->height - 1); v++) {
-        const real *restrict in = along + (size_t)v * (size_t)job->width;
+        const real *restrict in = horizontal + (size_t)v * (size_t)job->width;
         for (int x = 0; x < job->width; x++) out[x] *= in[x];
     }
     for (int x = 0; x < job->width; x++) count += out[x] > 0;
     return count;
 }
 
-/* scratch->whole (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for its row only. */
-static oxl_result loss_whole_windows(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch, double *values,
+/* scratch->valid (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for its row only. */
+static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch, double *values,
                                      double *windows)
 {
     const size_t w = (size_t)job->width, image = w * (size_t)job->height;
     int64_t      pixels = 0, count = 0;
-    real        *whole, *along;
-    oxl_result   rc = oxl_reserve(ctx, &scratch->whole, &scratch->whole_capacity, 2 * image, sizeof *whole);
+    real        *valid, *horizontal;
+    oxl_result   rc = oxl_reserve(ctx, &scratch->valid, &scratch->valid_capacity, 2 * image, sizeof *valid);
     if (rc != OXL_OK) return rc;
-    whole = scratch->whole;
-    along = whole + image;
+    valid      = scratch->valid;
+    horizontal = valid + image;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : pixels)
     for (int y = 0; y < job->height; y++)
-        pixels += loss_whole_along(job->weight + (size_t)y * w, job->width, along + (size_t)y * w);
+        pixels += loss_valid_horizontal(job->weight + (size_t)y * w, job->width, horizontal + (size_t)y * w);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : count)
-    for (int y = 0; y < job->height; y++) count += loss_whole_down(along, job, y, whole + (size_t)y * w);
+    for (int y = 0; y < job->height; y++) count += loss_valid_vertical(horizontal, job, y, valid + (size_t)y * w);
     *values  = 3 * (double)pixels;
     *windows = 3 * (double)count;
     return OXL_OK;
 }
 
 /* Each piece is a span of rows in all three channels, close to the thread's tiles (renderer.c), for cache locality. */
-static int loss_cut(int height, int pieces, struct loss_strip *strip)
+static int loss_make_strips(int height, int pieces, struct loss_strip *strip)
 {
     int count = 0;
     for (int piece = 0; piece < pieces; piece++)
@@ -488,14 +489,14 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * 3 * (size_t)pieces, sizeof(real));
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
-    if (rc == OXL_OK && job->weight) rc = loss_whole_windows(ctx, job, scratch, &values, &windows);
+    if (rc == OXL_OK && job->weight) rc = loss_valid_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
     loss_clear(scratch, job->width, room * 3 * (size_t)pieces);
     strip  = scratch->strip;
-    strips = loss_cut(job->height, pieces, strip);
+    strips = loss_make_strips(job->height, pieces, strip);
     for (int i = 0; i < strips; i++) {
         strip[i].job        = job;
-        strip[i].window_ok  = job->weight ? scratch->whole : NULL;
+        strip[i].window_ok  = job->weight ? scratch->valid : NULL;
         strip[i].l1_scale   = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
         strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
         strip[i].one        = 1;
@@ -516,6 +517,6 @@ OXL_INTERNAL void loss_free(oxl_context *ctx, struct loss_scratch *scratch)
     oxl_free(ctx, scratch->strip);
     oxl_free(ctx, scratch->rows);
     oxl_free(ctx, scratch->sums);
-    oxl_free(ctx, scratch->whole);
+    oxl_free(ctx, scratch->valid);
     *scratch = (struct loss_scratch){0};
 }

@@ -13,15 +13,15 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define MEDIUM_LEAST 0.02 /* of J: what is seen through more water than this lets through says nothing about it */
-#define MEDIUM_DARK  0.02 /* J at the start, at least */
+#define MEDIUM_MIN  0.02 /* of J: what is seen through more water than this lets through says nothing about it */
+#define MEDIUM_DARK 0.02 /* J at the start, at least */
 
 /* Of J: attenuation and, with a lamp, falloff. *log_near: ln (reference / r), 0 where the falloff does not change with r. */
 static void medium_through(const struct medium *m, float range, float through[3], float *log_near)
 {
-    const float near = m->lit ? OXL_MAX(range, LAMP_RANGE_LEAST * m->reference) : 1;
-    *log_near        = m->lit ? (float)(real_log2(0, m->reference / near) * 0.693147181f) : 0;
-    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * (range - m->shift));
+    const float near = m->has_falloff ? OXL_MAX(range, LAMP_RANGE_MIN * m->reference) : 1;
+    *log_near        = m->has_falloff ? (float)(real_log2(0, m->reference / near) * 0.693147181f) : 0;
+    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * (range - m->training_range));
 }
 
 SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job, size_t pack)
@@ -29,7 +29,7 @@ SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job
     const struct medium *m     = job->medium;
     struct medium_pack  *out   = &job->pack[pack];
     const struct vec3    eye   = job->kernel_camera->eye;
-    const float          least = m->lit ? LAMP_RANGE_LEAST * m->reference : 0;
+    const float          least = m->has_falloff ? LAMP_RANGE_MIN * m->reference : 0;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const size_t i = pack * PACK + (size_t)l;
@@ -37,12 +37,13 @@ SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job
         const float  z = job->in.plane[OXL_MEAN + 2][i] - eye.z;
         out->range[l]  = real_sqrt(x * x + y * y + z * z);
         out->log_near[l] =
-            m->lit ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * 0.693147181f : 0;
+            m->has_falloff ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * 0.693147181f : 0;
     }
     for (int c = 0; c < (m->on ? 3 : 1); c++)
 #pragma omp simd
         for (int l = 0; l < PACK; l++)
-            out->through[c][l] = real_exp(fused, m->falloff * out->log_near[l] - m->direct[c] * (out->range[l] - m->shift));
+            out->through[c][l] =
+                real_exp(fused, m->falloff * out->log_near[l] - m->direct[c] * (out->range[l] - m->training_range));
     for (int c = 0; c < 3 && m->on; c++)
 #pragma omp simd
         for (int l = 0; l < PACK; l++) out->rest[c][l] = real_exp(fused, -m->scatter[c] * out->range[l]);
@@ -73,13 +74,13 @@ SIMD_DISPATCH(OXL_INTERNAL, medium_forward, struct medium_job)
 static float medium_row(const struct medium *m, const struct medium_pack *p, unsigned l, const float g[3],
                         double sum[MEDIUM_SUMS])
 {
-    const float range = p->range[l], falloff = m->lit && range > LAMP_RANGE_LEAST * m->reference ? m->falloff / range : 0;
+    const float range = p->range[l], falloff = m->has_falloff && range > LAMP_RANGE_MIN * m->reference ? m->falloff / range : 0;
     float       dr = 0, lit = 0;
     for (int c = 0; c < 3; c++) {
         const float direct = g[c] * p->clear[c][l] * p->through[c][l];
         lit += direct;
         if (!m->on) continue;
-        sum[c] += -((double)range - (double)m->shift) * direct;
+        sum[c] += -((double)range - (double)m->training_range) * direct;
         sum[3 + c] += (double)g[c] * m->veil[c] * range * p->rest[c][l];
         sum[6 + c] += (double)g[c] * (1 - p->rest[c][l]);
         dr += g[c] * m->veil[c] * m->scatter[c] * p->rest[c][l] - m->direct[c] * direct;
@@ -167,7 +168,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
         }
         for (int c = 0; c < 3 && views > 0; c++) {
             const double *s = sum[sum[1][6] > 0], factor = s[c] / s[6], more = s[3 + c] / s[6];
-            const double  by = backwards ? 1 / OXL_MAX(factor, MEDIUM_LEAST) : factor, add = backwards ? -more * by : more;
+            const double  by = backwards ? 1 / OXL_MAX(factor, MEDIUM_MIN) : factor, add = backwards ? -more * by : more;
             double        colour;
             for (int k = 0; k < bands; k++)
                 model->plane[OXL_SH + 3 * k + c][i] = (float)(by * model->plane[OXL_SH + 3 * k + c][i]);

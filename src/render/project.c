@@ -354,26 +354,27 @@ SIMD_INLINE struct vec3 project_jacobian_backward(const struct kernel_camera *ke
 }
 
 /* Gradients of a splat's geometry. */
-struct project_pull {
+struct project_geometry_gradient {
     struct vec3 mean, log_scale;
     real        q[4], u, v;
 };
 
 /* MATH 11, 13. sums: those of lane l. */
-SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *kernel_camera, const struct project_geometry *geometry,
-                                             real sums[SPLAT_SUMS][PACK], int l)
+SIMD_INLINE struct project_geometry_gradient project_geometry_gradient(const struct kernel_camera    *kernel_camera,
+                                                                       const struct project_geometry *geometry,
+                                                                       real sums[SPLAT_SUMS][PACK], int l)
 {
-    const struct project_geometry g = *geometry;
-    struct project_pull           out;
+    const struct project_geometry    g = *geometry;
+    struct project_geometry_gradient out;
     /* the pixel's exponent is -(A w^2 + E dy^2)/2 with A = yy/det, k = -xy/yy, E = 1/yy of the unscaled covariance */
-    const real                    A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
-    const real                    du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
-    const real                    dA = -sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l], dE = -sums[SUM_YY][l] / 2;
+    const real                       A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
+    const real                       du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
+    const real                       dA = -sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l], dE = -sums[SUM_YY][l] / 2;
     /* through (A, k, E) to the covariance and its root B; with c0 = b0 + k b1, since for a needle b0 and -k b1 are large and
      * nearly equal */
-    const real                    dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
-    const struct vec3             db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
-    const struct vec3             db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
+    const real                       dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
+    const struct vec3                db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
+    const struct vec3                db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
     out.log_scale =
         scale3(2, add3(multiply3(g.c0, add3(scale3(dxx, g.c0), scale3(dxy, g.b1))), multiply3(scale3(dyy, g.b1), g.b1)));
     const struct vec3 dm0 = multiply3(db0, g.scale), dm1 = multiply3(db1, g.scale); /* dL/d(J R rot) */
@@ -400,8 +401,8 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     int                           in_front;
     const struct project_geometry g    = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, without cancellation */
-    const struct project_pull     p    = project_pull(kernel_camera, &g, d->sums, l);
-    const int                     ok   = seen >> l & 1;
+    const struct project_geometry_gradient p  = project_geometry_gradient(kernel_camera, &g, d->sums, l);
+    const int                              ok = seen >> l & 1;
     d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
     d->u[l] = p.u, d->v[l] = p.v;
     job->out.plane[OXL_LOG_SCALE][i]     = ok ? p.log_scale.x : 0;
@@ -420,14 +421,14 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
 SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {
-    const struct kernel_camera   *kernel_camera = job->kernel_camera;
-    int                           in_front;
-    const struct project_geometry g           = project_lobe_geometry(fused, &job->in, kernel_camera, i, &in_front);
-    const real                    rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
-    const real                    rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
-    const struct project_pull     p           = project_pull(kernel_camera, &g, sums, l);
-    const real                    pull        = sums[SUM_G][l];
-    const int                     ok          = seen >> l & 1; /* seen: of the rows with a lobe */
+    const struct kernel_camera            *kernel_camera = job->kernel_camera;
+    int                                    in_front;
+    const struct project_geometry          g           = project_lobe_geometry(fused, &job->in, kernel_camera, i, &in_front);
+    const real                             rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
+    const real                             rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
+    const struct project_geometry_gradient p           = project_geometry_gradient(kernel_camera, &g, sums, l);
+    const real                             pull        = sums[SUM_G][l];
+    const int                              ok          = seen >> l & 1; /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
     job->out.plane[OXL_LOG_SCALE][i] += ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOG_SCALE + 1][i] += ok ? p.log_scale.y : 0;

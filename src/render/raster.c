@@ -55,12 +55,12 @@ SIMD_INLINE struct raster_tile raster_tile(const struct raster_job *job)
  * Inside the image a block's row of four pixels is copied as one piece.
  */
 
-SIMD_INLINE int raster_at(int row, int column)
+SIMD_INLINE int raster_lane(int row, int column)
 {
     return (row / 4 * 4 + column / 4) * PACK + row % 4 * 4 + column % 4;
 }
 
-SIMD_INLINE int raster_whole(const struct raster_tile *tile)
+SIMD_INLINE int raster_is_full(const struct raster_tile *tile)
 {
     return tile->columns == TILE && tile->rows == TILE;
 }
@@ -69,39 +69,39 @@ SIMD_INLINE int raster_whole(const struct raster_tile *tile)
 SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real *blocks)
 {
     const real *in = plane + (size_t)tile->y * (size_t)job->width + tile->x;
-    if (raster_whole(tile)) {
+    if (raster_is_full(tile)) {
         for (int row = 0; row < TILE; row++, in += job->width)
-            for (int quad = 0; quad < TILE; quad += 4) memcpy(blocks + raster_at(row, quad), in + quad, 4 * sizeof *in);
+            for (int quad = 0; quad < TILE; quad += 4) memcpy(blocks + raster_lane(row, quad), in + quad, 4 * sizeof *in);
         return;
     }
     memset(blocks, 0, TILE_PIXELS * sizeof *blocks);
     for (int row = 0; row < tile->rows; row++, in += job->width)
-        for (int column = 0; column < tile->columns; column++) blocks[raster_at(row, column)] = in[column];
+        for (int column = 0; column < tile->columns; column++) blocks[raster_lane(row, column)] = in[column];
 }
 
 SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_tile *tile, const real *blocks, real *plane)
 {
     real *out = plane + (size_t)tile->y * (size_t)job->width + tile->x;
-    if (raster_whole(tile)) {
+    if (raster_is_full(tile)) {
         for (int row = 0; row < TILE; row++, out += job->width)
-            for (int quad = 0; quad < TILE; quad += 4) memcpy(out + quad, blocks + raster_at(row, quad), 4 * sizeof *out);
+            for (int quad = 0; quad < TILE; quad += 4) memcpy(out + quad, blocks + raster_lane(row, quad), 4 * sizeof *out);
         return;
     }
     for (int row = 0; row < tile->rows; row++, out += job->width)
-        for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_at(row, column)];
+        for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_lane(row, column)];
 }
 
 /* Every pixel starts with S - s = S; those outside the image have ended, with T = 0. */
 SIMD_INLINE void raster_open(const struct raster_tile *tile, real *t)
 {
     for (int i = 0; i < TILE_PIXELS; i++) t[i] = 1;
-    if (raster_whole(tile)) return;
+    if (raster_is_full(tile)) return;
     for (int row = 0; row < TILE; row++)
-        for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++) t[raster_at(row, column)] = 0;
+        for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++) t[raster_lane(row, column)] = 0;
 }
 
 /* Blocks with a pixel that has not ended. */
-SIMD_INLINE uint32_t raster_alive(const real *t)
+SIMD_INLINE uint32_t raster_active_blocks(const real *t)
 {
     uint32_t alive = 0;
     for (int block = 0; block < TILE_BLOCKS; block++) {
@@ -194,7 +194,7 @@ static const real RASTER_Y[4][PACK] = {{0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3
 #define RASTER_FAR ((real)-120) /* exponents of lobes below it count as o G = 0: real_exp2 ends at -126 */
 
 /* o G at (x, y), at most ALPHA_MAX, and 0 where the exponent is below `least`. */
-SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, real least, real x, real y)
+SIMD_INLINE real raster_lobe_alpha(const int fused, const struct raster_splat *s, real least, real x, real y)
 {
     const real dy = y - s->v, w = muladd(fused, s->k, dy, x - s->u);
     const real exponent = muladd(fused, s->a * w, w, muladd(fused, s->e * dy, dy, s->peak));
@@ -205,8 +205,8 @@ SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, rea
 
 /* Shared by forward and backward, for equal bits. The weight alpha T is computed as a difference of T, so the weights of a pixel and
  * its final T sum to 1. With a second lobe alpha and weight may be negative. */
-struct raster_share {
-    real value, lobe; /* of the two lobes, see raster_value */
+struct raster_contribution {
+    real value, lobe; /* of the two lobes, see raster_lobe_alpha */
     real alpha;
     real t;           /* T afterwards */
     int  contributes; /* 0: the pixel had ended, or ends here */
@@ -214,13 +214,13 @@ struct raster_share {
 };
 
 /* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
-SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, const int lobed, const struct raster_batch *batch,
-                                             int n, real x, real y, real t)
+SIMD_INLINE struct raster_contribution raster_contribution(const int fused, const int mixed, const int lobed,
+                                                           const struct raster_batch *batch, int n, real x, real y, real t)
 {
-    struct raster_share p;
-    real                next;
-    p.value = raster_value(fused, &batch->splat[n], lobed ? RASTER_FAR : batch->least, x, y);
-    p.lobe  = lobed ? raster_value(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
+    struct raster_contribution p;
+    real                       next;
+    p.value = raster_lobe_alpha(fused, &batch->splat[n], lobed ? RASTER_FAR : batch->least, x, y);
+    p.lobe  = lobed ? raster_lobe_alpha(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
     p.alpha = p.value;
     if (lobed) {
         const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
@@ -253,12 +253,12 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const struct raster_share p = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
-        out->left[l]                = p.contributes ? p.t : out->left[l];
-        out->r[l]                   = muladd(fused, p.weight, red, out->r[l]);
-        out->g[l]                   = muladd(fused, p.weight, green, out->g[l]);
-        out->b[l]                   = muladd(fused, p.weight, blue, out->b[l]);
-        out->t[l]                   = p.t;
+        const struct raster_contribution p = raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
+        out->left[l]                       = p.contributes ? p.t : out->left[l];
+        out->r[l]                          = muladd(fused, p.weight, red, out->r[l]);
+        out->g[l]                          = muladd(fused, p.weight, green, out->g[l]);
+        out->b[l]                          = muladd(fused, p.weight, blue, out->b[l]);
+        out->t[l]                          = p.t;
     }
 }
 
@@ -313,7 +313,7 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
         raster_collect(lobed, job, &tile, pair, alive, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
             if (batch.splats[block]) raster_composite_block(fused, lobed, &batch, block, &p);
-        if (tile.end - pair > RASTER_BATCH) alive = raster_alive(p.t);
+        if (tile.end - pair > RASTER_BATCH) alive = raster_active_blocks(p.t);
     }
     raster_close(job, &tile, &p);
 }
@@ -339,9 +339,9 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
     real *restrict weight = batch->weight[n][block];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const struct raster_share p     = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
-        const real                light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
-        const real                rest  = muladd(fused, -p.weight, light, d->behind[l]);
+        const struct raster_contribution p = raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
+        const real light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
+        const real rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
             const real odds = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? odds : 0;
             const real grad = contributes * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
@@ -442,7 +442,7 @@ SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster
 }
 
 /* The sum of (o dS/dalpha)^2. */
-SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch, int n)
+SIMD_INLINE real raster_sum_squares(const int fused, const struct raster_batch *batch, int n)
 {
     const real o            = real_exp2(fused, batch->splat[n].peak);
     real       sum[1][PACK] = {{0}}, whole;
@@ -484,7 +484,7 @@ SIMD_INLINE void raster_flush(const int fused, const int lobed, const int score,
 {
     const struct pair *pair = &batch->pair[n];
     if (score) {
-        job->score[pair->slot] = raster_square(fused, batch, n);
+        job->score[pair->slot] = raster_sum_squares(fused, batch, n);
         return;
     }
     raster_sum(fused, 0, batch, n, d, job->sums[pair->slot]);
@@ -513,7 +513,7 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
         for (int block = 0; block < TILE_BLOCKS; block++)
             if (batch.splats[block]) raster_differentiate_block(fused, lobed, score, &batch, block, &d);
         for (int n = 0; n < batch.count; n++) raster_flush(fused, lobed, score, job, &batch, n, &d);
-        if (tile.end - pair > RASTER_BATCH) alive = raster_alive(d.t);
+        if (tile.end - pair > RASTER_BATCH) alive = raster_active_blocks(d.t);
     }
     for (; pair < tile.end; pair++) raster_zero_sums(lobed, score, job, pair);
 }

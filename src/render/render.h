@@ -29,11 +29,11 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
 /* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for renderer_loss with rgb NULL. A device caches images in a share of its
  * memory: `image` may be NULL if renderer_has_image returns 1. */
 OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
-OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
-                                            const struct image_window *window, int halved);
+OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
+                                           const struct image_window *window, int halved);
 
 /* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the image of
- * renderer_take_image; keeps its gradient for renderer_backward. */
+ * renderer_set_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
     double dlog_gain[3]; /* dL/d(log gain), with renderer_set_gain */

@@ -51,7 +51,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
-    oxl_free(ctx, r->share);
+    oxl_free(ctx, r->tile_range);
     oxl_free(ctx, r);
 }
 
@@ -123,7 +123,8 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
 {
     const size_t rows = packs * PACK;
     oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->share, &r->share_capacity, (size_t)ctx->threads, sizeof *r->share);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, (void **)&r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads, sizeof *r->tile_range);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
@@ -134,7 +135,7 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
 
 /* ---------------------------------------------------------------- from a device to the CPU */
 
-/* Copies the image of renderer_take_image, since the loss is not computed yet. */
+/* Copies the image of renderer_set_image, since the loss is not computed yet. */
 static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
@@ -146,7 +147,7 @@ static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 
 /* With --backend auto, a device without enough memory is replaced by the CPU, unless steps are to be reported yet. Returns rc in all
  * other cases. */
-OXL_INTERNAL oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc)
+OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
     char why[160];
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
@@ -211,7 +212,7 @@ static void render_project(oxl_context *ctx, struct renderer *r)
 
 OXL_INTERNAL int render_has_medium(const struct renderer *r)
 {
-    return r->medium.on || r->medium.lit;
+    return r->medium.on || r->medium.has_falloff;
 }
 
 OXL_INTERNAL struct medium_job render_medium_job(struct renderer *r, int64_t task)
@@ -250,7 +251,7 @@ static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)own + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
-    unshifted.shift = 0;
+    unshifted.training_range = 0;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
         const struct medium_job job =
@@ -319,26 +320,27 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
 
 /* Shares of about equal work. A thread keeps the same part of the image in all stages, for its cache, and threads share cache lines
  * only at the borders of shares. */
-static void render_share_tiles(const oxl_context *ctx, struct renderer *r)
+static void render_divide_tiles(const oxl_context *ctx, struct renderer *r)
 {
     const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
     const uint64_t whole = r->bins.pair_count + RENDER_TILE_COST * (uint64_t)tiles;
     for (int k = 0, tile = 0; k < ctx->threads; k++) {
-        const uint64_t end = whole * (uint64_t)(k + 1) / (uint64_t)ctx->threads;
-        r->share[k].next   = tile;
+        const uint64_t end    = whole * (uint64_t)(k + 1) / (uint64_t)ctx->threads;
+        r->tile_range[k].next = tile;
         while (tile < tiles && r->bins.tile_start[tile + 1] + RENDER_TILE_COST * (uint64_t)(tile + 1) <= end) tile++;
-        r->share[k].end = tile;
+        r->tile_range[k].end = tile;
     }
 }
 
-static void render_work_off(struct renderer *r, struct render_share *share, int isa, const float *drgb, render_tile_fn *work)
+static void render_draw_tiles(struct renderer *r, struct render_tile_range *range, int isa, const float *drgb,
+                              render_tile_fn *work)
 {
-    for (int tile = 0; tile < share->end;) {
+    for (int tile = 0; tile < range->end;) {
 #ifdef _OPENMP
 #pragma omp atomic capture
 #endif
-        tile = share->next++;
-        if (tile < share->end) {
+        tile = range->next++;
+        if (tile < range->end) {
             const struct raster_job job = render_raster_job(r, tile, drgb);
             work(isa, &job);
         }
@@ -348,10 +350,11 @@ static void render_work_off(struct renderer *r, struct render_share *share, int 
 /* Each thread processes its own share, then tiles of other shares. */
 OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
 {
-    render_share_tiles(ctx, r);
+    render_divide_tiles(ctx, r);
 #pragma omp parallel for schedule(static, 1) num_threads(ctx->threads)
     for (int own = 0; own < ctx->threads; own++)
-        for (int k = 0; k < ctx->threads; k++) render_work_off(r, &r->share[(own + k) % ctx->threads], ctx->isa, drgb, work);
+        for (int k = 0; k < ctx->threads; k++)
+            render_draw_tiles(r, &r->tile_range[(own + k) % ctx->threads], ctx->isa, drgb, work);
 }
 
 /* Allocates and prepares for the parallel regions of forward. */
@@ -402,7 +405,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (r->device && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
-        rc = render_leave_device(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
+        rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc != OXL_OK || r->device) return rc;
     }
     rc = render_begin(ctx, r, model, camera, options);

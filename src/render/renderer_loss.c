@@ -8,14 +8,14 @@ OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
     return r->device && r->backend->has_image(r->device, view);
 }
 
-OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
-                                            const struct image_window *window, int halved)
+OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
+                                           const struct image_window *window, int halved)
 {
     size_t     pixels;
     oxl_result rc;
     if (r->device) {
         rc = r->backend->take_image(r->device, view, image, halved);
-        if (image) rc = render_leave_device(ctx, r, rc);
+        if (image) rc = render_fall_back_to_cpu(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
     pixels    = (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
@@ -37,7 +37,7 @@ OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
 }
 
 /* Something lies between the rendered image and the loss. */
-static int render_exposes(const struct renderer *r)
+static int render_has_gains(const struct renderer *r)
 {
     return r->has_gain || r->lamp;
 }
@@ -85,8 +85,8 @@ static void render_lamp_backward(struct renderer *r, const float gain[3], size_t
 }
 
 /* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the gradient uploaded. */
-static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
-                                      float ssim_weight, double dlog_gain[3], struct loss_value *out)
+static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                         float ssim_weight, double dlog_gain[3], struct loss_value *out)
 {
     const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *rendered = NULL;
@@ -105,7 +105,7 @@ static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, cons
 }
 
 /* A pixel of a window counts as one of the full image does: the loss is a mean. */
-static void render_weigh_window(struct renderer *r, size_t pixels)
+static void render_scale_window_gradient(struct renderer *r, size_t pixels)
 {
     const float share = (float)pixels / (4 * r->kernel_camera.half_width * r->kernel_camera.half_height);
     if (share == 1) return;
@@ -123,13 +123,14 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     if (r->device && !r->lamp) return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
-    if (rc == OXL_OK && render_exposes(r)) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
+    if (rc == OXL_OK && render_has_gains(r))
+        rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
     else if (rc == OXL_OK) {
         const struct loss_job job = {r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
     if (rc == OXL_OK) out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
-    if (rc == OXL_OK) render_weigh_window(r, pixels);
+    if (rc == OXL_OK) render_scale_window_gradient(r, pixels);
     return rc;
 }
 

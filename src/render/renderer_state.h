@@ -8,9 +8,9 @@
 #define RENDER_TILE_COST 16 /* cost of an empty tile, in pairs */
 
 /* Consecutive tiles that a thread starts with. */
-struct render_share {
+struct render_tile_range {
     int  next, end;
-    char apart[64 - 2 * sizeof(int)]; /* on a cache line of its own */
+    char padding[64 - 2 * sizeof(int)]; /* on a cache line of its own */
 };
 
 struct renderer {
@@ -42,18 +42,18 @@ struct renderer {
     float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
     double             dlamp[LAMP_TERMS];
     size_t             exposed_capacity, lamp_capacity;
-    float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
+    float             *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
     int                masked;
     struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
     int                depth_points;
     double             depth_weight;
     int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on */
     float (*sums)[SPLAT_SUMS];
-    float               *score; /* (slots) */
-    struct bins          bins;
-    struct loss_scratch  loss;
-    struct render_share *share; /* (threads) */
-    size_t share_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity,
+    float                    *score; /* (slots) */
+    struct bins               bins;
+    struct loss_scratch       loss;
+    struct render_tile_range *tile_range; /* (threads) */
+    size_t tile_range_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity,
         transmittance_capacity, sums_capacity, score_capacity, target_capacity, weight_capacity;
 };
 
@@ -68,7 +68,7 @@ OXL_INTERNAL int                render_has_medium(const struct renderer *r);
 OXL_INTERNAL struct medium_job  render_medium_job(struct renderer *r, int64_t task);
 OXL_INTERNAL void               render_medium_backward(oxl_context *ctx, struct renderer *r, const float *drgb);
 OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work);
-OXL_INTERNAL oxl_result         render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc);
+OXL_INTERNAL oxl_result         render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
 OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out);
 
 #endif

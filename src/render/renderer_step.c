@@ -20,7 +20,7 @@ static void render_step_planes(const struct render_step *s, int first_plane, int
 }
 
 /* Rows of a pack whose visibility bit the step cleared: values that were not finite. */
-static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
+static void render_count_nonfinite(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
 {
     for (unsigned l = 0; before != after && l < PACK; l++)
         if ((before & ~after) >> l & 1) {
@@ -62,7 +62,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
         adam_step(ctx->isa, &job);
         for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
-            render_count_aside(seen[pack - job.first_pack], r->visible[pack], pack, &here);
+            render_count_nonfinite(seen[pack - job.first_pack], r->visible[pack], pack, &here);
         skipped += here.rows;
         first_skipped = OXL_MIN(first_skipped, here.first);
     }
@@ -80,7 +80,7 @@ static int render_shows_centre(const struct renderer *r, size_t row)
 }
 
 /* Statistics for gradients at this depth. */
-static float *render_band(const struct renderer_sums *s, float depth)
+static float *render_depth_sums(const struct renderer_sums *s, float depth)
 {
     return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
 }
@@ -92,7 +92,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)s->count; i++)
         if (renderer_row_visible(r, (size_t)i) && render_shows_centre(r, (size_t)i)) {
-            render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
+            render_depth_sums(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
             s->views[i] += 1;
         }
     return OXL_OK;

@@ -206,7 +206,7 @@ enum {
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
 /* 1: the direction is inside the field of view: within the centres of the outermost pixels, and where the polynomial is monotonic. */
-static int camera_covers(const struct colmap_camera *camera, const double direction[2], double pixel[2])
+static int camera_in_field(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
     double       k[4], beyond[2], r2, beyond2;
@@ -225,13 +225,13 @@ static int camera_trace(const struct colmap_camera *camera, const double target[
     double pixel[2], good = 0, bad = 0;
     for (int i = 1; i <= CAMERA_STEPS && bad == 0; i++) {
         const double t = i * (1.0 / CAMERA_STEPS), direction[2] = {t * target[0], t * target[1]};
-        if (camera_covers(camera, direction, pixel)) good = t;
+        if (camera_in_field(camera, direction, pixel)) good = t;
         else bad = t;
     }
     if (bad == 0) return -1;
     for (int i = 0; i < 40; i++) {
         const double t = 0.5 * (good + bad), direction[2] = {t * target[0], t * target[1]};
-        if (camera_covers(camera, direction, pixel)) good = t;
+        if (camera_in_field(camera, direction, pixel)) good = t;
         else bad = t;
     }
     end[0] = bad * target[0];
@@ -295,7 +295,7 @@ static int camera_covers_pixel(const struct colmap_camera *camera, const oxl_cam
 {
     const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
     double       pixel[2];
-    return camera_covers(camera, direction, pixel);
+    return camera_in_field(camera, direction, pixel);
 }
 
 /* Checks all border pixels and removes a pixel row or column from each side that has one outside the field of view.

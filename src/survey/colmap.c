@@ -44,11 +44,11 @@ static oxl_result colmap_read_camera(struct colmap_reader *r, struct colmap_came
         token = r->cursor;
         rc    = colmap_finite(r, "PARAMS", &c->parameter[i]);
         if (rc == OXL_OK && i < camera_model_at(c->model)->focal_count && !(c->parameter[i] > 0))
-            rc = colmap_wrong(r, token, "a focal length", "more than 0 px");
+            rc = colmap_fail_token(r, token, "a focal length", "more than 0 px");
     }
     colmap_skip_blanks(r);
     if (rc == OXL_OK && r->cursor != r->end)
-        rc = colmap_wrong(r, r->cursor, "the end of the line", "after the model's parameters");
+        rc = colmap_fail_token(r, r->cursor, "the end of the line", "after the model's parameters");
     c->width  = (int)width;
     c->height = (int)height;
     c->file   = "cameras.txt";
@@ -161,7 +161,7 @@ static int colmap_is_pose(const struct colmap_reader *r)
     if (!colmap_peek_whole(&p, r->end, &camera) || p == r->end) return 0;
     if (!colmap_peek_real(&p, r->end, &name)) return 1;
     square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
-    return fabs(square - 1) < 1e-2 && colmap_knows_camera(r, camera) && colmap_count_fields(r->cursor, r->end) % 3 != 0;
+    return fabs(square - 1) < 1e-2 && colmap_has_camera(r, camera) && colmap_count_fields(r->cursor, r->end) % 3 != 0;
 }
 
 /* The second line of an image. If it is missing, the reader does not advance. */

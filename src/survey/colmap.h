@@ -57,12 +57,12 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* fills the firs
 
 /* Moves the window so that it begins at `next`; enlarges it if it is full from there on. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
-OXL_INTERNAL oxl_result colmap_widen(struct colmap_reader *r, size_t room); /* to `room` bytes */
-OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);          /* 0: end of file, or see r->rc */
+OXL_INTERNAL oxl_result colmap_grow_window(struct colmap_reader *r, size_t room); /* to `room` bytes */
+OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);                /* 0: end of file, or see r->rc */
 OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is not blank and not a comment */
 
 /* The error of the field at `token`: "seen ..., wanted WHAT, KIND". */
-OXL_INTERNAL oxl_result  colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind);
+OXL_INTERNAL oxl_result  colmap_fail_token(struct colmap_reader *r, const char *token, const char *what, const char *kind);
 OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_warning kind);
 OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]); /* a field, printable in a message */
 
@@ -85,7 +85,7 @@ OXL_INTERNAL int        colmap_check_point(struct colmap_reader *r, struct colma
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
 
 /* For text and binary files. The name is at r->cursor .. r->end. */
-OXL_INTERNAL int        colmap_knows_camera(const struct colmap_reader *r, int64_t id);
+OXL_INTERNAL int        colmap_has_camera(const struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);

@@ -15,9 +15,9 @@
 #include "../core/bytes.h"
 
 enum {
-    BINARY_CAMERA_LEAST = 24 + 2 * 8,          /* bytes of a camera of the fewest parameters */
+    BINARY_CAMERA_MIN   = 24 + 2 * 8,          /* bytes of a camera of the fewest parameters */
     BINARY_POSE         = 4 + 7 * 8 + 4,       /* of an image, before its name */
-    BINARY_IMAGE_LEAST  = BINARY_POSE + 2 + 8, /* a name of one letter, no 2D points */
+    BINARY_IMAGE_MIN    = BINARY_POSE + 2 + 8, /* a name of one letter, no 2D points */
     BINARY_OBSERVATION  = 24,
     BINARY_POINT        = 51, /* with the length of its track */
     BINARY_TRACK        = 8,
@@ -147,7 +147,7 @@ static oxl_result binary_cameras(struct colmap_reader *r)
 {
     struct colmap *out   = r->out;
     uint64_t       count = 0;
-    oxl_result     rc    = binary_count(r, "the number of cameras", BINARY_CAMERA_LEAST, &count);
+    oxl_result     rc    = binary_count(r, "the number of cameras", BINARY_CAMERA_MIN, &count);
     if (rc == OXL_OK && count == 0) rc = binary_fail(r, 0, "a camera", "none");
     while (rc == OXL_OK && out->camera_count < count) {
         struct colmap_camera camera = {0};
@@ -244,7 +244,7 @@ static oxl_result binary_images(struct colmap_reader *r, int keep_observations)
 {
     struct colmap *out   = r->out;
     uint64_t       count = 0;
-    oxl_result     rc    = binary_count(r, "the number of images", BINARY_IMAGE_LEAST, &count);
+    oxl_result     rc    = binary_count(r, "the number of images", BINARY_IMAGE_MIN, &count);
     if (rc == OXL_OK && count == 0)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
                       "%s: byte 0: seen no image, wanted one or more\nfix: take a model with registered images (sparse/0, "

@@ -10,7 +10,7 @@
  */
 #include "colmap.h"
 
-enum { POINTS_PIECES = 16, POINTS_TEXT_LEAST = 16, POINTS_TRACK_LEAST = 4 }; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
+enum { POINTS_PIECES = 16, POINTS_TEXT_MIN = 16, POINTS_TRACK_MIN = 4 }; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
 
 struct points_piece {
     struct colmap_reader reader; /* a copy with the same tables of ids and its own lines */
@@ -126,7 +126,7 @@ static const char *points_line_begin(const char *from, const char *to)
 }
 
 /* begin (POINTS_PIECES + 1): pieces are whole lines; the last line may have no newline. */
-static void points_cut(const struct colmap_reader *r, const char **begin)
+static void points_divide_window(const struct colmap_reader *r, const char **begin)
 {
     const char  *end  = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
     const size_t size = (size_t)(end - r->next);
@@ -138,10 +138,10 @@ static void points_cut(const struct colmap_reader *r, const char **begin)
 static oxl_result points_reserve_rows(struct colmap_reader *r, struct points_rows *rows)
 {
     const size_t size = (size_t)(r->limit - r->window);
-    oxl_result   rc = oxl_reserve(r->ctx, (void **)&rows->point, &rows->point_capacity, size / POINTS_TEXT_LEAST + POINTS_PIECES,
-                                  sizeof *rows->point);
+    oxl_result   rc   = oxl_reserve(r->ctx, (void **)&rows->point, &rows->point_capacity, size / POINTS_TEXT_MIN + POINTS_PIECES,
+                                    sizeof *rows->point);
     if (rc == OXL_OK)
-        rc = oxl_reserve(r->ctx, (void **)&rows->track, &rows->track_capacity, size / POINTS_TRACK_LEAST + POINTS_PIECES,
+        rc = oxl_reserve(r->ctx, (void **)&rows->track, &rows->track_capacity, size / POINTS_TRACK_MIN + POINTS_PIECES,
                          sizeof *rows->track);
     return rc;
 }
@@ -155,8 +155,8 @@ static void points_read_pieces(struct colmap_reader *r, const struct points_rows
         piece[i].reader        = *r;
         piece[i].reader.limit  = begin[i + 1];
         piece[i].reader.at_end = 1;
-        piece[i].point         = rows->point + at / POINTS_TEXT_LEAST + i;
-        piece[i].track         = rows->track + at / POINTS_TRACK_LEAST + i;
+        piece[i].point         = rows->point + at / POINTS_TEXT_MIN + i;
+        piece[i].track         = rows->track + at / POINTS_TRACK_MIN + i;
         points_read_piece(&piece[i], begin[i], 1, 0);
     }
 }
@@ -217,7 +217,7 @@ static oxl_result points_read_window(struct colmap_reader *r, struct points_rows
     const char         *begin[POINTS_PIECES + 1];
     oxl_result          rc = points_reserve_rows(r, rows);
     if (rc != OXL_OK) return rc;
-    points_cut(r, begin);
+    points_divide_window(r, begin);
     points_read_pieces(r, rows, begin, piece);
     rc      = points_report(r, begin, piece);
     r->next = begin[POINTS_PIECES];

@@ -49,7 +49,7 @@ enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
 
 /* ---------------------------------------------------------------- the window */
 
-OXL_INTERNAL oxl_result colmap_widen(struct colmap_reader *r, size_t room)
+OXL_INTERNAL oxl_result colmap_grow_window(struct colmap_reader *r, size_t room)
 {
     const size_t rest   = r->window ? (size_t)(r->limit - r->window) : 0;
     char        *window = oxl_regrow(r->ctx, r->window, rest, room, 1);
@@ -69,7 +69,7 @@ OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
     r->offset += (uint64_t)(r->next - r->window);
     r->next  = r->window;
     r->limit = r->window + rest;
-    if (rest + 1 == r->room && colmap_widen(r, 2 * r->room) != OXL_OK) return r->rc;
+    if (rest + 1 == r->room && colmap_grow_window(r, 2 * r->room) != OXL_OK) return r->rc;
     r->rc = context_stopped(r->ctx);
     if (r->rc == OXL_OK) r->rc = os_reader_read(r->ctx, &r->file, r->window + rest, r->room - 1 - rest, &got);
     r->at_end = got < r->room - 1 - rest;
@@ -84,7 +84,7 @@ OXL_INTERNAL int colmap_is_blank(char c)
 }
 
 /* N of "# Number of images: N, ..." among the comments at the window's start. */
-static uint64_t colmap_announcement(const struct colmap_reader *r)
+static uint64_t colmap_declared_count(const struct colmap_reader *r)
 {
     static const char words[] = "# Number of ";
     uint64_t          number  = 0;
@@ -109,7 +109,7 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
             "fix: " COLMAP_FIX_EXPORT,
             r->path, r->declared, what, count);
     r->out->warnings++;
-    r->out->is_cut = 1;
+    r->out->is_truncated = 1;
 }
 
 OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name)
@@ -123,12 +123,12 @@ OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *f
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->window;
     wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* one byte to detect the end, and the zero byte */
-    return r->room < wanted ? colmap_widen(r, wanted) : OXL_OK;
+    return r->room < wanted ? colmap_grow_window(r, wanted) : OXL_OK;
 }
 
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
 {
-    if (colmap_open_bytes(r, folder, name) == OXL_OK && colmap_begin(r) == OXL_OK) r->declared = colmap_announcement(r);
+    if (colmap_open_bytes(r, folder, name) == OXL_OK && colmap_begin(r) == OXL_OK) r->declared = colmap_declared_count(r);
     return r->rc;
 }
 
@@ -213,7 +213,7 @@ static int colmap_has_comma(const char *p, const char *end)
     return 0;
 }
 
-OXL_INTERNAL oxl_result colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind)
+OXL_INTERNAL oxl_result colmap_fail_token(struct colmap_reader *r, const char *token, const char *what, const char *kind)
 {
     char        buffer[64];
     const char *seen = colmap_printable(token, r->end, buffer);
@@ -245,7 +245,7 @@ OXL_INTERNAL oxl_result colmap_real(struct colmap_reader *r, const char *what, d
     colmap_skip_blanks(r);
     token = r->cursor;
     if (parse_double(&r->cursor, r->end, out) && colmap_at_field_end(r)) return OXL_OK;
-    return colmap_wrong(r, token, what, "a number");
+    return colmap_fail_token(r, token, what, "a number");
 }
 
 OXL_INTERNAL oxl_result colmap_finite(struct colmap_reader *r, const char *what, double *out)
@@ -255,7 +255,7 @@ OXL_INTERNAL oxl_result colmap_finite(struct colmap_reader *r, const char *what,
     colmap_skip_blanks(r);
     token = r->cursor;
     rc    = colmap_real(r, what, out);
-    return rc != OXL_OK || fabs(*out) <= DBL_MAX ? rc : colmap_wrong(r, token, what, "a finite number");
+    return rc != OXL_OK || fabs(*out) <= DBL_MAX ? rc : colmap_fail_token(r, token, what, "a finite number");
 }
 
 OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high, int64_t *out)
@@ -268,7 +268,7 @@ OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, 
     if (low == INT64_MIN) snprintf(kind, sizeof kind, "an integer");
     else if (high == INT64_MAX) snprintf(kind, sizeof kind, "an integer of at least %" PRId64, low);
     else snprintf(kind, sizeof kind, "an integer from %" PRId64 " to %" PRId64, low, high);
-    return colmap_wrong(r, token, what, kind);
+    return colmap_fail_token(r, token, what, kind);
 }
 
 OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int64_t *out)
@@ -283,8 +283,8 @@ OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *wha
 }
 
 /* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
-static oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride, size_t count,
-                               const char *what)
+static oxl_result colmap_index_insert(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
+                                      size_t count, const char *what)
 {
     const int64_t id = colmap_id_at(rows, stride, count);
     uint32_t     *slot;
@@ -303,7 +303,7 @@ OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct 
     oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
     if (rc != OXL_OK) return rc;
     out->camera[out->camera_count] = *camera;
-    rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof *camera, out->camera_count, "camera id");
+    rc = colmap_index_insert(r, &r->cameras, out->camera, sizeof *camera, out->camera_count, "camera id");
     out->camera_count += rc == OXL_OK;
     return rc;
 }
@@ -314,7 +314,7 @@ OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct c
     oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
     if (rc != OXL_OK) return rc;
     out->image[out->image_count] = *image;
-    rc                           = colmap_enter(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
+    rc                           = colmap_index_insert(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
     out->image_count += rc == OXL_OK;
     return rc;
 }
@@ -348,7 +348,7 @@ static void colmap_camera_ids(const struct colmap *c, char *out, size_t size)
     else snprintf(out, size, "%zu from %" PRId64 " to %" PRId64, c->camera_count, low, high);
 }
 
-OXL_INTERNAL int colmap_knows_camera(const struct colmap_reader *r, int64_t id)
+OXL_INTERNAL int colmap_has_camera(const struct colmap_reader *r, int64_t id)
 {
     return *colmap_index_slot(&r->cameras, r->out->camera, sizeof *r->out->camera, id) != 0;
 }
@@ -356,7 +356,7 @@ OXL_INTERNAL int colmap_knows_camera(const struct colmap_reader *r, int64_t id)
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
 {
     char ids[80];
-    if (colmap_knows_camera(r, id)) return OXL_OK;
+    if (colmap_has_camera(r, id)) return OXL_OK;
     colmap_camera_ids(r->out, ids, sizeof ids);
     return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: camera id %" PRId64 " is not in %s (ids there: %s)\nfix: " COLMAP_FIX_SAME,
                     r->path, r->line, id, r->out->camera->file, ids);
@@ -398,7 +398,7 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
     while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
         for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
     size = (size_t)(r->end - r->cursor);
-    if (size == 0) return colmap_wrong(r, r->cursor, "NAME", "a file in the image folder");
+    if (size == 0) return colmap_fail_token(r, r->cursor, "NAME", "a file in the image folder");
     if (!colmap_name_is_safe(r->cursor, r->end))
         return oxl_fail(r->ctx, OXL_ERR_INPUT,
                         "%s:%d: seen the name '%.*s', wanted a path inside the image folder\n"

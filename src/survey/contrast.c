@@ -17,11 +17,11 @@ enum {
     CONTRAST_VIEWS  = 128,     /* limit of images */
     CONTRAST_SAMPLE = 1 << 18, /* limit of observations */
     CONTRAST_CELLS  = 7,       /* a patch is 7 x 7 of them */
-    CONTRAST_LEAST  = 100      /* minimum of observations */
+    CONTRAST_MIN    = 100      /* minimum of observations */
 };
-#define CONTRAST_CELL      2.0 /* px in the farthest view of a point */
-#define CONTRAST_CELL_MOST 8.0 /* px: nearer views are left out */
-#define CONTRAST_FLOOR     1.0 /* 8-bit levels^2 added to the variance, so that rounding and sensor noise do not count as contrast */
+#define CONTRAST_CELL     2.0 /* px in the farthest view of a point */
+#define CONTRAST_CELL_MAX 8.0 /* px: nearer views are left out */
+#define CONTRAST_FLOOR    1.0 /* 8-bit levels^2 added to the variance, so that rounding and sensor noise do not count as contrast */
 
 struct contrast_sample { /* one point in one image */
     size_t point;
@@ -85,7 +85,7 @@ static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
         for (size_t i = first; i < end; i++) {
             struct contrast_sample *s = &w->sample[i];
             if (s->valid) s->cell = (float)(CONTRAST_CELL * size * oxl_scene_view(scene, s->view)->camera.fx / s->z);
-            s->valid = s->valid && s->cell <= CONTRAST_CELL_MOST;
+            s->valid = s->valid && s->cell <= CONTRAST_CELL_MAX;
         }
     }
 }
@@ -212,7 +212,7 @@ static void contrast_fit(struct contrast_work *w, int views, struct contrast *ou
         zz += w->sample[i].z * w->sample[i].z;
         zc += w->sample[i].z * w->sample[i].value;
     }
-    if (out->observations < CONTRAST_LEAST || !(zz > 0)) return;
+    if (out->observations < CONTRAST_MIN || !(zz > 0)) return;
     out->beta     = -zc / zz;
     out->error    = contrast_error(w, views, out->beta, zz);
     out->measured = 1;

@@ -8,7 +8,7 @@
 #include "survey.h"
 
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
-enum { BANDS_MOST = 1 << 22 }; /* limit of observations; every k-th if there are more */
+enum { BANDS_MAX = 1 << 22 };  /* limit of observations; every k-th if there are more */
 
 static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
@@ -22,7 +22,7 @@ static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int v
 /* view: index by survey image; -1: none. */
 static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
 {
-    const size_t step = c->track_count / BANDS_MOST + 1;
+    const size_t step = c->track_count / BANDS_MAX + 1;
     size_t       seen = 0;
     for (size_t i = 0; i < c->point_count; i++)
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
@@ -31,13 +31,13 @@ static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene,
         }
 }
 
-static void depth_bands_by_projection(struct depth_bands *b, const oxl_scene *scene, const int *asked, int count)
+static void depth_bands_by_projection(struct depth_bands *b, const oxl_scene *scene, const int *requested, int count)
 {
-    const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MOST + 1;
+    const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MAX + 1;
     for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
         for (int k = 0; k < count; k++) {
             const double *p = oxl_scene_points(scene)[i].position, *origin = oxl_scene_origin(scene);
-            depth_bands_add(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
+            depth_bands_add(b, scene, requested[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
         }
 }
 
@@ -49,7 +49,7 @@ static int depth_bands_compare(const void *a, const void *b)
     return x->pixel != y->pixel ? (x->pixel > y->pixel) - (x->pixel < y->pixel) : (x->z > y->z) - (x->z < y->z);
 }
 
-OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count,
+OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested, int count,
                                           struct depth_bands *out)
 {
     const struct colmap *c       = scene_colmap(scene);
@@ -57,16 +57,16 @@ OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *sce
     const size_t         most    = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
     int                 *view    = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
     *out        = (struct depth_bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
-    out->sample = oxl_alloc(ctx, OXL_MIN(most, BANDS_MOST) + 1, sizeof *out->sample);
+    out->sample = oxl_alloc(ctx, OXL_MIN(most, BANDS_MAX) + 1, sizeof *out->sample);
     if (!view || !out->sample) {
         oxl_free(ctx, view);
         depth_bands_free(ctx, out);
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
     }
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
-    for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, asked[k]) - c->image] = asked[k];
+    for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, requested[k]) - c->image] = requested[k];
     if (tracked) depth_bands_by_tracks(out, scene, c, view);
-    else depth_bands_by_projection(out, scene, asked, count);
+    else depth_bands_by_projection(out, scene, requested, count);
     qsort(out->sample, out->count, sizeof *out->sample, depth_bands_compare);
     oxl_free(ctx, view);
     return OXL_OK;

@@ -137,7 +137,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
 }
 
 /* 16 bits to 8, rounded to nearest: 0..65535 to 0..255, in place. */
-static uint8_t *image_narrow(uint16_t *wide, size_t count)
+static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
 {
     uint8_t *narrow = (uint8_t *)wide;
     for (size_t i = 0; wide && i < count; i++) {
@@ -199,7 +199,7 @@ OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int cha
     *out = (struct pixels){.width = w, .height = h, .channels = channels};
     if (stbi_is_16_bit_from_memory(data, (int)file.size))
         out->data =
-            image_narrow(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels), (size_t)w * h * channels);
+            image_to_8_bits(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels), (size_t)w * h * channels);
     else out->data = stbi_load_from_memory(data, (int)file.size, &w, &h, &in_file, channels);
     if (!out->data) {
         const char *reason = stbi_failure_reason();
@@ -365,7 +365,7 @@ static void image_add_bilinear(const struct pixels *in, const double p[2], uint3
 }
 
 /* 1: p (px of the source image) is inside the image and not masked. */
-static int image_counts(const struct image_warp *w, const double p[2])
+static int image_is_valid_at(const struct image_warp *w, const double p[2])
 {
     if (!(p[0] >= 0 && p[0] <= w->source->width && p[1] >= 0 && p[1] <= w->source->height)) return 0;
     if (w->mask->data) {
@@ -391,7 +391,7 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
             camera_distort(w->from, direction, p);
             p[0] *= w->zoom[0];
             p[1] *= w->zoom[1];
-            counts &= image_counts(w, p);
+            counts &= image_is_valid_at(w, p);
             if (counts) image_add_bilinear(w->source, p, sum);
         }
         for (int c = 0; c < 3; c++)

@@ -115,7 +115,7 @@ struct image_sink {
     oxl_result   rc;
 };
 
-static void image_take(void *user, void *part, int size)
+static void image_sink_append(void *user, void *part, int size)
 {
     struct image_sink *s = user;
     if (s->rc == OXL_OK) s->rc = oxl_reserve(s->ctx, &s->data, &s->capacity, s->size + (size_t)size, 1);
@@ -134,7 +134,7 @@ oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quali
     if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
     bytes = image_interleave(ctx, image->rgb, count);
     if (!bytes) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
-    stbi_write_jpg_to_func(image_take, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
+    stbi_write_jpg_to_func(image_sink_append, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
     oxl_free(ctx, bytes);
     if (sink.rc != OXL_OK) {
         oxl_free(ctx, sink.data);

@@ -67,7 +67,7 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 }
 
 /* The longest number in the name, without leading zeros, the last of equally long ones; 0: none. */
-static uint64_t imaging_moment(const char *name)
+static uint64_t imaging_timestamp(const char *name)
 {
     const char *base = path_base_name(name), *best = NULL;
     int         most = 0, length;
@@ -88,24 +88,25 @@ static int imaging_compare_keys(const void *a, const void *b)
     return (*x > *y) - (*x < *y);
 }
 
-struct imaging_moment {
+struct imaging_timestamp {
     uint64_t of;
     int      view;
 };
 
 static int imaging_compare_moments(const void *a, const void *b)
 {
-    const struct imaging_moment *x = a, *y = b;
-    const int                    order = imaging_compare_keys(&x->of, &y->of);
+    const struct imaging_timestamp *x = a, *y = b;
+    const int                       order = imaging_compare_keys(&x->of, &y->of);
     return order ? order : (x->view > y->view) - (x->view < y->view);
 }
 
 /* Two images of one moment are a pair, if their cameras differ. */
 static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
-    struct imaging_moment *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
+    struct imaging_timestamp *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
     if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pairs of %d views", m->views);
-    for (int i = 0; i < m->views; i++) sorted[i] = (struct imaging_moment){imaging_moment(oxl_scene_view(scene, i)->name), i};
+    for (int i = 0; i < m->views; i++)
+        sorted[i] = (struct imaging_timestamp){imaging_timestamp(oxl_scene_view(scene, i)->name), i};
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_moments);
     for (int first = 0, end; first < m->views; first = end) {
         for (end = first + 1; end < m->views && sorted[end].of == sorted[first].of;) end++;
@@ -135,14 +136,14 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
 /* ---------------------------------------------------------------- gains */
 
 /* The nearest view of known gain after `view`, in steps of `way`, of the same camera or of any; -1: none. */
-static int imaging_neighbour(const struct imaging *m, int view, int way, int any)
+static int imaging_neighbour(const struct imaging *m, int view, int step, int any)
 {
-    for (int i = view + way; i >= 0 && i < m->views; i += way)
+    for (int i = view + step; i >= 0 && i < m->views; i += step)
         if (m->known[i] && (any || m->camera[i] == m->camera[view])) return i;
     return -1;
 }
 
-OXL_INTERNAL void imaging_between(const struct imaging *m, int view, float out[3])
+OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float out[3])
 {
     int before = imaging_neighbour(m, view, -1, 0), after = imaging_neighbour(m, view, 1, 0);
     if (before < 0 && after < 0) before = imaging_neighbour(m, view, -1, 1), after = imaging_neighbour(m, view, 1, 1);
@@ -163,7 +164,7 @@ static int imaging_partner(const struct imaging *m, int view)
 static void imaging_deviation(const struct imaging *m, int view, double out[3])
 {
     float between[3];
-    imaging_between(m, view, between);
+    imaging_interpolate(m, view, between);
     for (int c = 0; c < 3; c++) out[c] = (double)m->log_gain[3 * view + c] - (double)between[c];
 }
 
@@ -186,7 +187,7 @@ OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float out[3
     const int    partner = imaging_partner(m, view);
     const double share   = partner >= 0 ? imaging_share(m) : 0;
     double       other[3];
-    imaging_between(m, view, out);
+    imaging_interpolate(m, view, out);
     if (partner < 0) return;
     imaging_deviation(m, partner, other);
     for (int c = 0; c < 3; c++) out[c] += (float)(share * other[c]);
@@ -244,7 +245,7 @@ static void lamp_evaluate(float x, float out[LAMP_DEGREE + 1])
     }
 }
 
-static float lamp_place(float at, int count)
+static float lamp_coordinate(float at, int count)
 {
     return (2 * at + 1) / (float)count - 1;
 }
@@ -269,11 +270,11 @@ OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_are
 {
     for (int y = 0; y < area->height; y++) {
         float py[LAMP_DEGREE + 1], a[LAMP_DEGREE + 1] = {0}; /* of this row: sum over k of a[k] x^k */
-        lamp_evaluate(lamp_place(area->y + (float)y, area->full_height), py);
+        lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
         for (int t = 0; t < LAMP_TERMS; t++)
             for (int k = 0; k <= LAMP_DEGREE; k++) a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
         for (int i = 0; i < area->width; i++) {
-            const float x = lamp_place(area->x + (float)i, area->full_width);
+            const float x = lamp_coordinate(area->x + (float)i, area->full_width);
             gain[(size_t)y * (size_t)area->width + (size_t)i] =
                 (float)vecmath_exp(a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4]))));
         }
@@ -287,9 +288,9 @@ OXL_INTERNAL void lamp_project(const float *by, const struct lamp_area *area, do
         const float *row = by + (size_t)y * (size_t)area->width;
         float        py[LAMP_DEGREE + 1];
         double       power[LAMP_DEGREE + 1] = {0}; /* sum over the row of by x^k */
-        lamp_evaluate(lamp_place(area->y + (float)y, area->full_height), py);
+        lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
         for (int i = 0; i < area->width; i++) {
-            const double x = lamp_place(area->x + (float)i, area->full_width), q = row[i];
+            const double x = lamp_coordinate(area->x + (float)i, area->full_width), q = row[i];
             power[0] += q, power[1] += q * x, power[2] += q * x * x, power[3] += q * x * x * x, power[4] += q * x * x * x * x;
         }
         for (int t = 0; t < LAMP_TERMS; t++)
@@ -299,7 +300,7 @@ OXL_INTERNAL void lamp_project(const float *by, const struct lamp_area *area, do
 }
 
 /* 1: the view is the first of its camera, which has enough of the training views for a lamp of its own, but not all. */
-static int lamp_is_own(const oxl_scene *scene, int view)
+static int lamp_is_separate(const oxl_scene *scene, int view)
 {
     const uint64_t camera = imaging_camera(scene, view);
     int            count = 0, others = 0;
@@ -314,12 +315,12 @@ static int lamp_is_own(const oxl_scene *scene, int view)
     return 0;
 }
 
-OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MOST])
+OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX])
 {
     int count = 1;
     lamp[0]   = (struct lamp){.view = -1};
-    for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MOST; i++)
-        if (lamp_is_own(scene, i)) lamp[count++] = (struct lamp){.view = i};
+    for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MAX; i++)
+        if (lamp_is_separate(scene, i)) lamp[count++] = (struct lamp){.view = i};
     return count;
 }
 
@@ -377,7 +378,7 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
         imaging_write_line(t, "bB", m->scatter, 3, NULL);
         imaging_write_line(t, "Binf", m->veil, 3, NULL);
     }
-    if (m->lit) {
+    if (m->has_falloff) {
         text_add(t, "# falloff P R: J times (R / r)^P\n");
         imaging_write_line(t, "falloff", falloff, 2, NULL);
     }
@@ -452,9 +453,9 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
     for (int k = 0; k < 3; k++)
         if (imaging_skip_word(&at, end, names[k])) return m->on = imaging_read_numbers(at, end, 0, 1e6, values[k], 3);
     if (!imaging_skip_word(&at, end, "falloff") || !imaging_read_numbers(at, end, 0, 1e9, falloff, 2)) return 0;
-    m->falloff    = OXL_MIN(falloff[0], LAMP_FALLOFF_MOST);
-    m->reference  = falloff[1];
-    return m->lit = falloff[1] > 0;
+    m->falloff            = OXL_MIN(falloff[0], LAMP_FALLOFF_MAX);
+    m->reference          = falloff[1];
+    return m->has_falloff = falloff[1] > 0;
 }
 
 /* 1: the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
@@ -464,14 +465,14 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
     int         which = 0;
     if (!imaging_skip_word(&at, end, "lamp")) return 0;
     if (imaging_skip_word(&at, end, "all")) {
-        if (!imaging_read_numbers(at, end, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST, lamp.shape, LAMP_TERMS)) return 0;
+        if (!imaging_read_numbers(at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
     } else {
-        if (!imaging_read_values(&at, end, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST, lamp.shape, LAMP_TERMS)) return 0;
+        if (!imaging_read_values(&at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
         lamp.view = imaging_find_name(scene, at, end);
         if (lamp.view < 0) return 1;
     }
     while (which < m->lamps && m->lamp[which].view != lamp.view) which++;
-    if (which == LAMP_MOST) return 0;
+    if (which == LAMP_MAX) return 0;
     m->lamps       = OXL_MAX(m->lamps, which + 1);
     m->lamp[which] = lamp;
     return 1;
@@ -479,12 +480,12 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
 
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
 {
-    return m->on || m->lamps > 0 || imaging_hides_colours(m);
+    return m->on || m->lamps > 0 || imaging_alters_colours(m);
 }
 
-OXL_INTERNAL int imaging_hides_colours(const struct imaging *m)
+OXL_INTERNAL int imaging_alters_colours(const struct imaging *m)
 {
-    return m->medium.on || m->medium.lit;
+    return m->medium.on || m->medium.has_falloff;
 }
 
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
@@ -517,11 +518,11 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
     int    view;
     for (int c = 0; c < 3; c++) {
         while (at < end && *at == ' ') at++;
-        if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_LEAST && gain[c] <= 1 / EXPOSURE_LEAST))
+        if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_MIN && gain[c] <= 1 / EXPOSURE_MIN))
             return oxl_fail(
                 ctx, OXL_ERR_INPUT,
                 "%s:%d: gain of channel %d is missing or no number from %g to %g\nfix: write the file again by training", path,
-                line, c, EXPOSURE_LEAST, 1 / EXPOSURE_LEAST);
+                line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
     }
     while (at < end && *at == ' ') at++;
     view = imaging_find_name(scene, at, end);
@@ -580,9 +581,9 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
  * they differ: the later block's gains are raised, and its colours lowered, by that.
  */
 
-/* Averages the gains of a block with those of earlier blocks. shift (3): added to its log gains. count (views): blocks that
+/* Averages the gains of a block with those of earlier blocks. count (views): blocks that
  * contained the view so far. */
-OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block)
+OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
 {
     for (int i = 0; i < all->views; i++) {
         if (!block->known[i]) continue;
@@ -594,6 +595,6 @@ OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct ima
         }
     }
     all->on |= block->on;
-    if (imaging_hides_colours(block)) all->medium = block->medium;
+    if (imaging_alters_colours(block)) all->medium = block->medium;
     if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
 }

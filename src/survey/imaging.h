@@ -4,20 +4,20 @@
 
 #include "../core/core.h"
 
-#define EXPOSURE_LEAST 0.05 /* gains lie between this and its inverse */
-/* c' = J (reference / r)^falloff exp(-direct r) + veil (1 - exp(-scatter r)); r: range, not less than LAMP_RANGE_LEAST of the reference
+#define EXPOSURE_MIN 0.05 /* gains lie between this and its inverse */
+/* c' = J (reference / r)^falloff exp(-direct r) + veil (1 - exp(-scatter r)); r: range, not less than LAMP_RANGE_MIN of the reference
  * in the falloff. */
-#define LAMP_RANGE_LEAST  0.125f
-#define LAMP_FALLOFF_MOST 2
-#define LAMP_SHAPE_MOST   4 /* log units, of a coefficient */
+#define LAMP_RANGE_MIN   0.125f
+#define LAMP_FALLOFF_MAX 2
+#define LAMP_SHAPE_MAX   4 /* log units, of a coefficient */
 struct medium {
     int   on;                             /* 0: clear water */
-    int   lit;                            /* 0: no falloff */
+    int   has_falloff;                    /* 0: no falloff */
     float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1; 0 in clear water */
     float falloff, reference;             /* 0..2, units of the scene */
-    float shift;                          /* in training: J is as seen through this range; 0 elsewhere */
+    float training_range;                 /* in training: J is as seen through this range; 0 elsewhere */
 };
-enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MOST = 8, LAMP_VIEWS = 8 };
+enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MAX = 8, LAMP_VIEWS = 8 };
 /* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
  * Legendre polynomials in x and y, each -1..1 across the image, so that the mean over the image is 0: by degree in y, then in x. */
 struct lamp {
@@ -27,7 +27,7 @@ struct lamp {
 struct imaging {
     struct medium medium;
     int           lamps; /* 0: none */
-    struct lamp   lamp[LAMP_MOST];
+    struct lamp   lamp[LAMP_MAX];
     int           on;       /* 0: gains are 1 */
     int           views;    /* of the scene */
     float        *log_gain; /* (views,3) */
@@ -50,7 +50,7 @@ static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
 }
 OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void   imaging_clear(struct imaging *m);
-OXL_INTERNAL void   imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void   imaging_interpolate(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
 OXL_INTERNAL void   imaging_predict(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
@@ -69,7 +69,7 @@ OXL_INTERNAL void               lamp_gain(const float shape[LAMP_TERMS], const s
 /* sum (14): of by (H,W) x each term. */
 OXL_INTERNAL void               lamp_project(const float *by, const struct lamp_area *area, double sum[LAMP_TERMS]);
 /* One for each camera with LAMP_VIEWS training views, and the first for all others; flat. Their number. */
-OXL_INTERNAL int                imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MOST]);
+OXL_INTERNAL int                imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
 /* Which of them is the view's; -1: none. */
 OXL_INTERNAL int                imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
@@ -77,13 +77,13 @@ OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_s
                                                    oxl_image *image); /* to what is rendered; before the gain */
 OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
-OXL_INTERNAL int imaging_hides_colours(
+OXL_INTERNAL int imaging_alters_colours(
     const struct imaging *m); /* 1: water, or light that falls with range: viewers need a model of their own */
 OXL_INTERNAL oxl_result      imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 /* Adds a block's gains to the mean over blocks, and takes its lamp and water; count (views): how many there were. */
-OXL_INTERNAL void            imaging_join(struct imaging *all, int *count, const struct imaging *block);
+OXL_INTERNAL void            imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
 
 /* ---------------------------------------------------------------- where an image shows a point: camera.c, scene.c */
@@ -102,7 +102,7 @@ struct photometry {
     int      parts;                          /* of those asked for, the ones that the residuals are evidence for */
     double   direct[3], scatter[3], veil[3]; /* as of struct medium */
     double   error[9];                       /* standard errors of their logarithms */
-    float    shape[LAMP_MOST][LAMP_TERMS];   /* of the lamps, as imaging_set_lamps has them */
+    float    shape[LAMP_MAX][LAMP_TERMS];    /* of the lamps, as imaging_set_lamps has them */
     float   *log_gain;                       /* (views,3) of zero mean */
     uint8_t *known;                          /* (views) 1: log_gain is fitted */
     double   colour[3];                      /* mean of the images over that of the points' own colours; 0: these are black */

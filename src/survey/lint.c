@@ -9,7 +9,7 @@
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */
-    LINT_LEAST  = 4,       /* minimum of entries to check an image */
+    LINT_MIN    = 4,       /* minimum of entries to check an image */
     LINT_NAMED  = 3        /* images or masks named per message */
 };
 #define LINT_MARGIN 0.05 /* tolerance outside the image, of the longer side */
@@ -45,7 +45,7 @@ static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_v
     size_t               at   = 0;
     for (size_t i = 0; i < c->point_count; i++) {
         const struct colmap_point *point = &c->point[i];
-        const int                  taken = scene_takes_point(point, oxl_scene_origin(scene));
+        const int                  taken = scene_accepts_point(point, oxl_scene_origin(scene));
         for (uint32_t k = 0; k < point->track_count; k++) {
             const int view = view_of[c->track[point->first_track + k].image_row];
             if (at++ % step != 0 || view < 0 || !taken) continue;
@@ -55,9 +55,9 @@ static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_v
     }
 }
 
-static int lint_is_wrong(const struct lint_view *v)
+static int lint_has_misses(const struct lint_view *v)
 {
-    return v->seen >= LINT_LEAST && (double)v->missed > LINT_MISSED * (double)v->seen;
+    return v->seen >= LINT_MIN && (double)v->missed > LINT_MISSED * (double)v->seen;
 }
 
 /* A few wrong poses are named; if the remaining views do not fit either, the whole survey is reported. */
@@ -66,12 +66,12 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
     const int count = oxl_scene_view_count(scene);
     size_t    seen = 0, missed = 0;
     int       wrong = 0, named = 0;
-    for (int i = 0; i < count; i++) wrong += lint_is_wrong(&views[i]);
+    for (int i = 0; i < count; i++) wrong += lint_has_misses(&views[i]);
     for (int i = 0; i < count; i++)
-        if (2 * wrong > count || !lint_is_wrong(&views[i])) seen += views[i].seen, missed += views[i].missed;
+        if (2 * wrong > count || !lint_has_misses(&views[i])) seen += views[i].seen, missed += views[i].missed;
     s->missed = seen ? (double)missed / (double)seen : 0;
     for (int i = 0; i < count && s->missed <= LINT_MISSED_SURVEY; i++)
-        if (lint_is_wrong(&views[i]) && named++ < LINT_NAMED)
+        if (lint_has_misses(&views[i]) && named++ < LINT_NAMED)
             oxl_log(ctx, OXL_LOG_WARNING,
                     "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"
                     "fix: remove it from the model with colmap image_deleter",
@@ -115,7 +115,7 @@ static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
     return rc == OXL_OK ? image_check_shape(ctx, path, width, height, scene_source_camera(scene, view)) : rc;
 }
 
-static void lint_stretched(oxl_context *ctx, const char *path, int width, int height, int *stretched)
+static void lint_warn_aspect(oxl_context *ctx, const char *path, int width, int height, int *stretched)
 {
     if (++*stretched <= LINT_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING,
@@ -139,7 +139,7 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     for (size_t i = 0; i < count; i++) white += pixels.data[i] != 0;
     if (count) *counts = (double)white / (double)count;
     if (count && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK)
-        lint_stretched(ctx, path, pixels.width, pixels.height, stretched);
+        lint_warn_aspect(ctx, path, pixels.width, pixels.height, stretched);
     if (count && white == 0)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: the mask is all black, so it excludes the whole image\n"
@@ -160,7 +160,7 @@ OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene)
         rc         = scene_mask_path(ctx, scene, oxl_scene_view(scene, i)->name, &path);
         if (rc == OXL_OK && path && image_size(ctx, path, &width, &height) == OXL_OK &&
             image_check_shape(ctx, path, width, height, scene_source_camera(scene, i)) != OXL_OK)
-            lint_stretched(ctx, path, width, height, &stretched);
+            lint_warn_aspect(ctx, path, width, height, &stretched);
         oxl_free(ctx, path);
     }
     if (stretched > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more masks", stretched - LINT_NAMED);

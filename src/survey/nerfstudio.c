@@ -134,7 +134,7 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, co
 
 /* ---------------------------------------------------------------- points */
 
-static oxl_result nerfstudio_take_points(struct colmap_reader *r, const struct ply *ply)
+static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct ply *ply)
 {
     static const char *const names[6] = {"x", "y", "z", "red", "green", "blue"};
     const int                vertex   = ply_find_element(ply, "vertex");
@@ -173,7 +173,7 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
                ? oxl_path_join(r->ctx, folder, name)
                : NULL;
     rc   = path ? ply_open(r->ctx, path, &ply) : OXL_OK;
-    if (path && rc == OXL_OK) rc = nerfstudio_take_points(r, &ply);
+    if (path && rc == OXL_OK) rc = nerfstudio_copy_points(r, &ply);
     if (path && rc == OXL_OK) ply_close(r->ctx, &ply);
     oxl_free(r->ctx, path);
     oxl_free(r->ctx, folder);

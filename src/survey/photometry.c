@@ -15,13 +15,13 @@
 #include "../core/vecmath.h"
 
 enum {
-    PHOTOMETRY_VIEWS  = 128,  /* limit of images */
-    PHOTOMETRY_SAMPLE = 8000, /* limit of observations */
-    PHOTOMETRY_TRACK  = 32,   /* observations of a point, at most; */
-    PHOTOMETRY_FEWEST = 3,    /* and at least */
-    PHOTOMETRY_ENOUGH = 500,  /* observations */
-    PHOTOMETRY_STEPS  = 12,   /* of Gauss-Newton, at most */
-    PHOTOMETRY_MOST   = 9 + LAMP_MOST * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
+    PHOTOMETRY_VIEWS      = 128,  /* limit of images */
+    PHOTOMETRY_SAMPLE     = 8000, /* limit of observations */
+    PHOTOMETRY_TRACK      = 32,   /* observations of a point, at most; */
+    PHOTOMETRY_FEWEST     = 3,    /* and at least */
+    PHOTOMETRY_ENOUGH     = 500,  /* observations */
+    PHOTOMETRY_STEPS      = 12,   /* of Gauss-Newton, at most */
+    PHOTOMETRY_PARAMETERS = 9 + LAMP_MAX * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
 };
 #define PHOTOMETRY_DARK   0.02 /* of white: darker and brighter patches are left out */
 #define PHOTOMETRY_BRIGHT 0.98
@@ -39,7 +39,7 @@ static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
  * times (docs/log/WATER.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
 /* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill determined. */
-#define PHOTOMETRY_APART 0.1
+#define PHOTOMETRY_SEPARATE 0.1
 
 struct photometry_sample { /* a point in an image */
     size_t point;
@@ -55,10 +55,10 @@ struct photometry_work {
     int                       views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
     struct photometry_sample *sample;
     size_t                    samples;
-    double                   *normal;  /* (PHOTOMETRY_MOST^2) lower triangle */
+    double                   *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
     double                   *scratch; /* (3 PHOTOMETRY_SAMPLE) */
-    double                    right[PHOTOMETRY_MOST], at[PHOTOMETRY_MOST], sigma;
-    struct lamp               lamp[LAMP_MOST];
+    double                    right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
+    struct lamp               lamp[LAMP_MAX];
     int                       lamps, gains;     /* the first parameter that is a gain */
     int                       apart;            /* 1: cameras have shapes of their own */
     int                       parameters, free; /* parts */
@@ -69,9 +69,9 @@ struct photometry_work {
 /* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo pair. */
 static void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w)
 {
-    const int views           = oxl_scene_view_count(scene);
-    int       train           = 0;
-    int64_t   seen[LAMP_MOST] = {0};
+    const int views          = oxl_scene_view_count(scene);
+    int       train          = 0;
+    int64_t   seen[LAMP_MAX] = {0};
     for (int i = 0; i < views; i++) train += !oxl_scene_view(scene, i)->is_test;
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
     for (int i = 0; i < views; i++) {
@@ -110,7 +110,7 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
     for (size_t i = 0; i < c->point_count; i += step) {
         const size_t first    = w->samples;
         double       farthest = 0;
-        if (!scene_takes_point(&c->point[i], origin)) continue;
+        if (!scene_accepts_point(&c->point[i], origin)) continue;
         for (uint32_t k = 0; k < c->point[i].track_count && w->samples < PHOTOMETRY_SAMPLE; k++) {
             struct photometry_sample *s    = &w->sample[w->samples];
             const int                 view = w->view[c->track[c->point[i].first_track + k].image_row];
@@ -126,7 +126,7 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
 }
 
 /* Mean colour of the patch. */
-static void photometry_look(const struct training_image *p, struct photometry_sample *s)
+static void photometry_sample_colour(const struct training_image *p, struct photometry_sample *s)
 {
     const size_t plane = (size_t)p->width * (size_t)p->height;
     const int    x0 = (int)(s->x - s->size), x1 = (int)(s->x + s->size), y0 = (int)(s->y - s->size), y1 = (int)(s->y + s->size);
@@ -145,7 +145,7 @@ static void photometry_look(const struct training_image *p, struct photometry_sa
     }
 }
 
-static oxl_result photometry_look_at_all(oxl_context *ctx, oxl_scene *scene, struct photometry_work *w)
+static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, struct photometry_work *w)
 {
     for (int v = 0; v < w->views; v++) {
         const struct training_image *image;
@@ -156,7 +156,7 @@ static oxl_result photometry_look_at_all(oxl_context *ctx, oxl_scene *scene, str
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         for (size_t i = 0; i < w->samples; i++) {
             if (w->sample[i].view != v) continue;
-            if (image) photometry_look(image, &w->sample[i]);
+            if (image) photometry_sample_colour(image, &w->sample[i]);
             else w->sample[i].valid = 0;
         }
     }
@@ -254,7 +254,7 @@ static double photometry_sigma(struct photometry_work *w, const double *at, doub
                 if (p.weight[k] > 0) scratch[n++] = fabs(p.rest[k]);
         }
     }
-    return OXL_MAX(n ? 1.48 * stats_pick(scratch, n, 0.5) : 1, 1e-4);
+    return OXL_MAX(n ? 1.48 * stats_select(scratch, n, 0.5) : 1, 1e-4);
 }
 
 /* ---------------------------------------------------------------- normal equations */
@@ -262,13 +262,13 @@ static double photometry_sigma(struct photometry_work *w, const double *at, doub
 static void photometry_add(struct photometry_work *w, int row, int column, double value)
 {
     if (row < column) OXL_SWAP(int, row, column);
-    w->normal[(size_t)row * PHOTOMETRY_MOST + (size_t)column] += value;
+    w->normal[(size_t)row * PHOTOMETRY_PARAMETERS + (size_t)column] += value;
 }
 
 static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p)
 {
-    enum { OWN = 3 + 2 * LAMP_TERMS, MOST = 3 + LAMP_MOST * LAMP_TERMS }; /* of an observation, of a point */
+    enum { OWN = 3 + 2 * LAMP_TERMS, MOST = 3 + LAMP_MAX * LAMP_TERMS }; /* of an observation, of a point */
     const int shared = 3 + w->lamps * LAMP_TERMS;
     int       index[MOST];
     double    u[MOST] = {0}, gains[PHOTOMETRY_TRACK];
@@ -311,13 +311,13 @@ static int photometry_is_free(const struct photometry_work *w, int index)
     return w->free & (index < 9 ? PHOTOMETRY_WATER : index < w->gains ? PHOTOMETRY_LAMP : PHOTOMETRY_GAINS);
 }
 
-static double photometry_of_prior(const struct photometry_work *w, int index)
+static double photometry_prior_sigma(const struct photometry_work *w, int index)
 {
     return photometry_prior[index < 9 ? index / 3 : index >= w->gains ? 3 : index < 9 + LAMP_TERMS ? 4 : 5];
 }
 
 /* Mean of the prior; that of bB is bD. */
-static double photometry_before(const double *at, int index)
+static double photometry_prior_mean(const double *at, int index)
 {
     return index < 3 ? -0.7 : index < 6 ? at[index - 3] : index < 9 ? -1.2 : 0; /* 0.5 over the median range; 0.3 of white */
 }
@@ -326,16 +326,16 @@ static double photometry_prior_cost(const struct photometry_work *w, const doubl
 {
     double sum = 0;
     for (int i = 0; i < w->parameters; i++) {
-        const double e = (at[i] - photometry_before(at, i)) / photometry_of_prior(w, i);
+        const double e = (at[i] - photometry_prior_mean(at, i)) / photometry_prior_sigma(w, i);
         if (photometry_is_free(w, i)) sum += e * e;
     }
     return sum;
 }
 
-static void photometry_normal(struct photometry_work *w)
+static void photometry_normal_equations(struct photometry_work *w)
 {
     struct photometry_point p;
-    memset(w->normal, 0, sizeof *w->normal * PHOTOMETRY_MOST * (size_t)w->parameters);
+    memset(w->normal, 0, sizeof *w->normal * PHOTOMETRY_PARAMETERS * (size_t)w->parameters);
     memset(w->right, 0, sizeof w->right);
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
@@ -345,8 +345,8 @@ static void photometry_normal(struct photometry_work *w)
         }
     }
     for (int i = 0; i < w->parameters; i++) {
-        const double of = w->sigma * w->sigma / (photometry_of_prior(w, i) * photometry_of_prior(w, i));
-        const double e  = photometry_before(w->at, i) - w->at[i];
+        const double of = w->sigma * w->sigma / (photometry_prior_sigma(w, i) * photometry_prior_sigma(w, i));
+        const double e  = photometry_prior_mean(w->at, i) - w->at[i];
         photometry_add(w, i, i, of);
         w->right[i] += of * e;
         if (i < 3 || i >= 6) continue;
@@ -360,7 +360,7 @@ static void photometry_normal(struct photometry_work *w)
     for (int i = 0; i < w->parameters; i++) { /* fixed */
         if (photometry_is_free(w, i)) continue;
         for (int k = 0; k < w->parameters; k++)
-            w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_MOST + (size_t)OXL_MIN(i, k)] = i == k;
+            w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_PARAMETERS + (size_t)OXL_MIN(i, k)] = i == k;
         w->right[i] = 0;
     }
 }
@@ -369,9 +369,9 @@ static void photometry_normal(struct photometry_work *w)
 static int photometry_factor(double *m, int n)
 {
     for (int i = 0; i < n; i++) {
-        double *row = m + (size_t)i * PHOTOMETRY_MOST;
+        double *row = m + (size_t)i * PHOTOMETRY_PARAMETERS;
         for (int j = 0; j <= i; j++) {
-            const double *other = m + (size_t)j * PHOTOMETRY_MOST;
+            const double *other = m + (size_t)j * PHOTOMETRY_PARAMETERS;
             double        sum   = row[j];
             for (int k = 0; k < j; k++) sum -= row[k] * other[k];
             if (i == j && !(sum > 0)) return 0;
@@ -384,12 +384,12 @@ static int photometry_factor(double *m, int n)
 static void photometry_solve(const double *m, int n, double *x)
 {
     for (int i = 0; i < n; i++) {
-        for (int k = 0; k < i; k++) x[i] -= m[(size_t)i * PHOTOMETRY_MOST + (size_t)k] * x[k];
-        x[i] /= m[(size_t)i * PHOTOMETRY_MOST + (size_t)i];
+        for (int k = 0; k < i; k++) x[i] -= m[(size_t)i * PHOTOMETRY_PARAMETERS + (size_t)k] * x[k];
+        x[i] /= m[(size_t)i * PHOTOMETRY_PARAMETERS + (size_t)i];
     }
     for (int i = n; i-- > 0;) {
-        for (int k = i + 1; k < n; k++) x[i] -= m[(size_t)k * PHOTOMETRY_MOST + (size_t)i] * x[k];
-        x[i] /= m[(size_t)i * PHOTOMETRY_MOST + (size_t)i];
+        for (int k = i + 1; k < n; k++) x[i] -= m[(size_t)k * PHOTOMETRY_PARAMETERS + (size_t)i] * x[k];
+        x[i] /= m[(size_t)i * PHOTOMETRY_PARAMETERS + (size_t)i];
     }
 }
 
@@ -400,9 +400,9 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
     w->sigma       = photometry_sigma(w, w->at, scratch);
     cost           = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
     for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
-        double to[PHOTOMETRY_MOST], x[PHOTOMETRY_MOST], better;
-        photometry_normal(w);
-        for (int i = 0; i < w->parameters; i++) w->normal[(size_t)i * (PHOTOMETRY_MOST + 1)] *= 1 + damping;
+        double to[PHOTOMETRY_PARAMETERS], x[PHOTOMETRY_PARAMETERS], better;
+        photometry_normal_equations(w);
+        for (int i = 0; i < w->parameters; i++) w->normal[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
         memcpy(x, w->right, sizeof x);
         if (!photometry_factor(w->normal, w->parameters)) break;
         photometry_solve(w->normal, w->parameters, x);
@@ -426,11 +426,11 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
 static void photometry_errors(struct photometry_work *w, struct photometry *out)
 {
     const double alike = sqrt((double)w->samples / (double)OXL_MAX(out->points, 1));
-    photometry_normal(w);
+    photometry_normal_equations(w);
     if (!photometry_factor(w->normal, w->parameters)) return;
     for (int i = 0; i < 9; i++) {
-        double x[PHOTOMETRY_MOST] = {0};
-        x[i]                      = 1;
+        double x[PHOTOMETRY_PARAMETERS] = {0};
+        x[i]                            = 1;
         photometry_solve(w->normal, w->parameters, x);
         out->error[i] = alike * w->sigma * sqrt(OXL_MAX(x[i], 0));
     }
@@ -447,33 +447,33 @@ static double photometry_fit(struct photometry_work *w, int parts, double *scrat
 }
 
 /* Whether the cameras' lamps differ, from the fit of one. */
-static void photometry_set_apart(struct photometry_work *w, int asked, double *scratch, struct photometry *out)
+static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, double *scratch, struct photometry *out)
 {
-    double one[PHOTOMETRY_MOST], apart;
-    if (w->lamps == 1 || !(asked & PHOTOMETRY_LAMP)) return;
+    double one[PHOTOMETRY_PARAMETERS], apart;
+    if (w->lamps == 1 || !(requested & PHOTOMETRY_LAMP)) return;
     memcpy(one, w->at, sizeof one);
     w->apart = 1;
-    apart    = photometry_fit(w, asked, scratch);
-    w->apart = out->residual > (1 + PHOTOMETRY_APART) * apart;
+    apart    = photometry_fit(w, requested, scratch);
+    w->apart = out->residual > (1 + PHOTOMETRY_SEPARATE) * apart;
     if (w->apart) out->residual = apart;
     else memcpy(w->at, one, sizeof one);
 }
 
 /* All parts, then each left out, then those that the residuals are evidence for. */
-static void photometry_choose_parts(struct photometry_work *w, int asked, double *scratch, struct photometry *out)
+static void photometry_choose_parts(struct photometry_work *w, int requested, double *scratch, struct photometry *out)
 {
-    double all[PHOTOMETRY_MOST];
+    double all[PHOTOMETRY_PARAMETERS];
     w->parameters = w->gains + 3 * w->views;
     memset(w->at, 0, sizeof w->at);
     for (int i = 0; i < 9; i++) w->at[i] = i < 6 ? PHOTOMETRY_START : PHOTOMETRY_VEIL;
-    out->parts    = asked;
-    out->residual = photometry_fit(w, asked, scratch);
-    photometry_set_apart(w, asked, scratch, out);
+    out->parts    = requested;
+    out->residual = photometry_fit(w, requested, scratch);
+    photometry_fit_separate_lamps(w, requested, scratch, out);
     memcpy(all, w->at, sizeof all);
     for (int k = 0; k < 3; k++) {
-        if (!(asked >> k & 1)) continue;
+        if (!(requested >> k & 1)) continue;
         memcpy(w->at, all, sizeof all);
-        out->without[k] = photometry_fit(w, asked & ~(1 << k), scratch);
+        out->without[k] = photometry_fit(w, requested & ~(1 << k), scratch);
         if (out->without[k] < (1 + photometry_evidence[k]) * out->residual) out->parts &= ~(1 << k);
     }
     memcpy(w->at, all, sizeof all);
@@ -511,11 +511,11 @@ static void photometry_compare_colours(const struct colmap *c, const struct phot
     }
 }
 
-static void photometry_report(struct photometry_work *w, double median, int asked, double *scratch, struct photometry *out)
+static void photometry_report(struct photometry_work *w, double median, int requested, double *scratch, struct photometry *out)
 {
     out->observations = w->samples;
     for (size_t i = 0; i < w->samples; i++) out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
-    photometry_choose_parts(w, asked, scratch, out);
+    photometry_choose_parts(w, requested, scratch, out);
     if (out->parts & PHOTOMETRY_WATER) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_WATER); c++) {
         out->direct[c]  = vecmath_exp(w->at[c]) / median;
@@ -537,7 +537,7 @@ static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, str
     w->view            = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
     w->chosen          = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
     w->sample          = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
-    w->normal          = oxl_alloc(ctx, (size_t)PHOTOMETRY_MOST * PHOTOMETRY_MOST, sizeof *w->normal);
+    w->normal          = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->normal);
     w->scratch         = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
     out->log_gain      = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
     out->known         = oxl_calloc(ctx, views + 1, sizeof *out->known);
@@ -568,7 +568,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     w.gains = 9 + w.lamps * LAMP_TERMS;
     if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
     if (rc == OXL_OK) photometry_choose_samples(scene, median, &w);
-    if (rc == OXL_OK) rc = photometry_look_at_all(ctx, scene, &w);
+    if (rc == OXL_OK) rc = photometry_sample_colours(ctx, scene, &w);
     if (rc == OXL_OK) photometry_compact(&w);
     if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) {
         photometry_compare_colours(c, &w, out);

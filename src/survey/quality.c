@@ -10,7 +10,7 @@
 #include "../core/vecmath.h"
 
 enum {
-    QUALITY_LEAST = 6, /* views; with fewer none is reported */
+    QUALITY_MIN   = 6, /* views; with fewer none is reported */
     QUALITY_NAMED = 5, /* images per message */
     QUALITY_WHITE = 254,
     QUALITY_BLACK = 4
@@ -84,7 +84,7 @@ OXL_INTERNAL double quality_sharpness(const struct training_image *image, double
     return sum ? (double)second[axis][0] / (double)sum : 0;
 }
 
-static struct quality quality_of(const struct training_image *image)
+static struct quality quality_measure(const struct training_image *image)
 {
     const size_t pixels  = (size_t)image->width * (size_t)image->height;
     uint64_t     counted = 0, squares = 0, white = 0, black = 0;
@@ -117,20 +117,20 @@ struct quality_check {
     int             count;
 };
 
-static double quality_middle(const struct quality_check *q, const int *near, int neighbours, size_t member)
+static double quality_median(const struct quality_check *q, const int *near, int neighbours, size_t member)
 {
     double value[QUALITY_NEIGHBOURS];
     for (int k = 0; k < neighbours; k++) value[k] = *(const double *)((const char *)&q->image[near[k]] + member);
-    return stats_pick(value, (size_t)neighbours, 0.5);
+    return stats_select(value, (size_t)neighbours, 0.5);
 }
 
 /* Distance from the median of all ratios that counts as an outlier, at least `least`. */
 static double quality_limit(const struct quality_check *q, const double *ratio, double least, double *middle)
 {
     for (int i = 0; i < q->count; i++) q->work[i] = ratio[i];
-    *middle = stats_pick(q->work, (size_t)q->count, 0.5);
+    *middle = stats_select(q->work, (size_t)q->count, 0.5);
     for (int i = 0; i < q->count; i++) q->work[i] = fabs(ratio[i] - *middle);
-    return OXL_MAX(least, QUALITY_SPREADS * 1.4826 * stats_pick(q->work, (size_t)q->count, 0.5));
+    return OXL_MAX(least, QUALITY_SPREADS * 1.4826 * stats_select(q->work, (size_t)q->count, 0.5));
 }
 
 /* One message for the views of a kind, the worst first. by: (count) size of the deviation; 0: not of this kind. */
@@ -162,11 +162,11 @@ static void quality_compare(const struct quality_check *q, const oxl_scene *scen
         int       near[QUALITY_NEIGHBOURS];
         const int n = quality_nearest(scene, q->view, q->count, i, near);
         q->sharp[i] = vecmath_log((q->image[i].sharpness + 1e-9) /
-                                  (quality_middle(q, near, n, offsetof(struct quality, sharpness)) + 1e-9));
-        q->light[i] = vecmath_log((q->image[i].light + 1) / (quality_middle(q, near, n, offsetof(struct quality, light)) + 1));
-        q->image[i].finer   = q->image[i].fine / OXL_MAX(quality_middle(q, near, n, offsetof(struct quality, fine)), 1e-9);
-        q->image[i].whiter  = q->image[i].white - quality_middle(q, near, n, offsetof(struct quality, white));
-        q->image[i].blacker = q->image[i].black - quality_middle(q, near, n, offsetof(struct quality, black));
+                                  (quality_median(q, near, n, offsetof(struct quality, sharpness)) + 1e-9));
+        q->light[i] = vecmath_log((q->image[i].light + 1) / (quality_median(q, near, n, offsetof(struct quality, light)) + 1));
+        q->image[i].finer   = q->image[i].fine / OXL_MAX(quality_median(q, near, n, offsetof(struct quality, fine)), 1e-9);
+        q->image[i].whiter  = q->image[i].white - quality_median(q, near, n, offsetof(struct quality, white));
+        q->image[i].blacker = q->image[i].black - quality_median(q, near, n, offsetof(struct quality, black));
     }
     sharp_limit = quality_limit(q, q->sharp, -vecmath_log(QUALITY_BLUR), &sharp_middle);
     light_limit = quality_limit(q, q->light, QUALITY_STOPS * vecmath_log(2), &light_middle);
@@ -204,10 +204,10 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
         image = image_cache_get(ctx, scene_image_cache(scene), i);
         if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed; /* others are named elsewhere */
         if (!image) continue;
-        q.image[q.count] = quality_of(image);
+        q.image[q.count] = quality_measure(image);
         if (q.image[q.count].known) view[q.count++] = i;
     }
-    if (rc == OXL_OK && q.count >= QUALITY_LEAST) quality_compare(&q, scene, s);
+    if (rc == OXL_OK && q.count >= QUALITY_MIN) quality_compare(&q, scene, s);
     oxl_free(ctx, view);
     oxl_free(ctx, list);
     oxl_free(ctx, q.image);

@@ -34,7 +34,7 @@ OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double
 }
 
 /* Hoare 1961. Equal values stop both scans, so that many duplicates do not degrade the run time. */
-OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile)
+OXL_INTERNAL double stats_select(double *value, size_t count, double quantile)
 {
     const size_t nth   = count ? stats_rank(count, quantile) : 0;
     size_t       first = 0, end = count;
@@ -66,9 +66,9 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
             const double value = ((const double *)((const char *)position + i * stride))[axis];
             if (fabs(value) <= DBL_MAX) values[count++] = value;
         }
-        low[axis]    = stats_pick(values, count, 0.01);
-        middle[axis] = stats_pick(values, count, 0.5);
-        high[axis]   = stats_pick(values, count, 0.99);
+        low[axis]    = stats_select(values, count, 0.01);
+        middle[axis] = stats_select(values, count, 0.5);
+        high[axis]   = stats_select(values, count, 0.99);
     }
     oxl_free(ctx, values);
     return OXL_OK;
@@ -114,7 +114,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats
     rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
-    kept    = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_pick(distance, count, 0.5));
+    kept    = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_select(distance, count, 0.5));
     *radius = stats_radius(centre, kept);
     if (kept < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent", count - kept);

@@ -9,7 +9,7 @@
 enum { SCENE_GREY = 128 /* of points without colour */ };
 #define SCENE_FARTHEST       1e15 /* farther points are dropped */
 #define SCENE_EXTENT         1.1  /* x the radius of the training cameras [Kerbl 2023] */
-#define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; a smaller radius counts as one position */
+#define SCENE_EXTENT_MIN     1e-3 /* x the median depth; a smaller radius counts as one position */
 #define SCENE_NEAR           0.2  /* x the 1 % quantile of the depths */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
 
@@ -104,7 +104,7 @@ OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t po
            fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
 }
 
-OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const double origin[3])
+OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3])
 {
     double size = 0;
     for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
@@ -123,7 +123,7 @@ static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
             "the points have no colours (all are 0 0 0), so they start grey; colmap color_extractor gives them theirs");
 }
 
-static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
+static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c = &scene->colmap;
     scene->point           = oxl_alloc(ctx, c->point_count + 1, sizeof *scene->point);
@@ -135,7 +135,7 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
             point.position[k] = from->position[k] - scene->origin[k];
             point.rgb[k]      = from->rgb[k];
         }
-        if (scene_takes_point(from, scene->origin)) scene->point[scene->point_count++] = point;
+        if (scene_accepts_point(from, scene->origin)) scene->point[scene->point_count++] = point;
     }
     if (scene->point_count < c->point_count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
@@ -178,8 +178,7 @@ static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
         rc = stats_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point, scene->stats.bounds_min, middle,
                           scene->stats.bounds_max);
     scene->extent = SCENE_EXTENT * radius;
-    if (!(scene->extent > SCENE_EXTENT_LEAST * scene_depth_quantile(scene, 0.5)))
-        scene->extent = scene_depth_quantile(scene, 0.5);
+    if (!(scene->extent > SCENE_EXTENT_MIN * scene_depth_quantile(scene, 0.5))) scene->extent = scene_depth_quantile(scene, 0.5);
     if (!(scene->extent > 0)) scene->extent = 1;
     scene_fill_stats(scene);
 done:
@@ -222,7 +221,7 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
-    if (rc == OXL_OK && scene->colmap.is_cut && !o->allow_cut)
+    if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_cut)
         rc =
             oxl_fail(ctx, OXL_ERR_INPUT,
                      "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
@@ -316,9 +315,9 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (rc == OXL_OK) rc = scene_begin_cache(ctx, scene);
     scene_set_cache(scene, o.image_cache_bytes);
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
-    if (rc == OXL_OK) rc = scene_take_points(ctx, scene);
+    if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
     if (rc != OXL_OK) goto done;
-    scene_split(scene, o.test_every);
+    scene_mark_test_views(scene, o.test_every);
     if (o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
 done:
@@ -483,7 +482,8 @@ OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
 }
 
 /* By fixed-point iteration, which converges because distortion is smaller than the distance from the axis. */
-oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
+oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
+                         double direction[3])
 {
     const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
     const oxl_camera           *c      = &scene->view[view].camera;
@@ -505,6 +505,6 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
                         scene->view[view].name, x, y);
     camera_position(c, start);
     length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
-    for (int i = 0; i < 3; i++) way[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;
+    for (int i = 0; i < 3; i++) direction[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;
     return OXL_OK;
 }

@@ -42,6 +42,6 @@ OXL_INTERNAL int        scene_compare_order(const void *a, const void *b);
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count);
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
-OXL_INTERNAL void       scene_split(oxl_scene *scene, int test_every); /* marks the test views */
+OXL_INTERNAL void       scene_mark_test_views(oxl_scene *scene, int test_every);
 
 #endif

@@ -218,7 +218,7 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, co
 }
 
 /* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
-OXL_INTERNAL void scene_split(oxl_scene *scene, int test_every)
+OXL_INTERNAL void scene_mark_test_views(oxl_scene *scene, int test_every)
 {
     for (int i = 0; i < scene->view_count && scene->view_count > 1 && test_every > 0; i++) {
         scene->view[i].is_test = i % test_every == 0;

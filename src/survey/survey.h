@@ -71,7 +71,7 @@ struct colmap {
     char                      *names; /* zero-terminated, one after the other */
     size_t                     names_size;
     size_t                     warnings;      /* deviations that were logged and corrected */
-    int                        is_cut;        /* a file has fewer rows than its header states */
+    int                        is_truncated;  /* a file has fewer rows than its header states */
     int                        images_beside; /* names are relative to `folder`, not to the image folder */
     enum colmap_format         format;
     const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
@@ -190,7 +190,7 @@ struct stats_view {              /* a training view */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
-OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
+OXL_INTERNAL double stats_select(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
@@ -222,7 +222,7 @@ OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *sc
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
-OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
+OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]);
 OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
 OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes);     /* of decoded images; scenes from arrays keep all */
@@ -278,7 +278,7 @@ struct depth_bands {
     size_t               count;
 };
 /* Of `count` given views. */
-OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count,
+OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested, int count,
                                           struct depth_bands *out);
 OXL_INTERNAL void       depth_bands_free(oxl_context *ctx, struct depth_bands *b);
 /* band: (H,W) 1 near, 2 mid, 3 far; 0: no point nearby. */

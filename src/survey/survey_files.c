@@ -110,14 +110,14 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     static const char *const files[][2] = {{"images.txt", "images.bin"},
                                            {"cameras.txt", "cameras.bin"}}; /* the last two: for colmap_read's errors */
     char                    *sparse     = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
-    const char              *asked      = sparse_option ? sparse_option : path;
+    const char              *requested  = sparse_option ? sparse_option : path;
     char                    *folder     = NULL;
     int                      models     = 0;
     oxl_result               rc         = OXL_OK;
     *out                                = (struct colmap){0};
     if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    if (rc == OXL_OK && !os_is_folder(asked))
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", asked,
+    if (rc == OXL_OK && !os_is_folder(requested))
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
                       sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
                                     : "give the folder that holds images/ and sparse/");
     for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {

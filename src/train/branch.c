@@ -16,7 +16,7 @@ OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
 {
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     *out          = (struct train_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
-    out->view     = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
+    out->view     = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->validation_views + 1, sizeof *out->view);
     if (!out->view)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
     memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);

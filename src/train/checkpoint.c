@@ -60,7 +60,7 @@ static void archive_write(struct archive *a, const unsigned char *data, size_t c
     }
 }
 
-OXL_INTERNAL int archive_holds(struct archive *a, size_t count, size_t size)
+OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 {
     if (a->reading && a->rc == OXL_OK && count > a->left / size) archive_fail(a, OXL_ERR_INPUT, "ends too early");
     return a->rc == OXL_OK;
@@ -68,7 +68,7 @@ OXL_INTERNAL int archive_holds(struct archive *a, size_t count, size_t size)
 
 static void archive_read(struct archive *a, unsigned char *data, size_t count, size_t size)
 {
-    if (!archive_holds(a, count, size)) return;
+    if (!archive_fits(a, count, size)) return;
     if (fread(data, size, count, a->file) != count) archive_fail(a, OXL_ERR_IO, "cannot be read");
     for (size_t i = 0; i < count; i++) archive_swap(data + i * size, size);
     a->left -= count * size;
@@ -133,7 +133,7 @@ OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
         archive_numbers(a, t->data, size, 1);
         return;
     }
-    if (!archive_holds(a, size, 1)) return;
+    if (!archive_fits(a, size, 1)) return;
     data = oxl_calloc(a->ctx, size + 1, 1);
     if (!data) archive_fail(a, OXL_ERR_MEMORY, "no memory for a text in it");
     else archive_numbers(a, data, size, 1);
@@ -151,7 +151,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
     archive_int(a, &degree);
     if (a->reading) {
         oxl_model_free(a->ctx, model);
-        if (archive_holds(a, count, OXL_SH * sizeof(float))) a->rc = oxl_model_create(a->ctx, count, degree, model);
+        if (archive_fits(a, count, OXL_SH * sizeof(float))) a->rc = oxl_model_create(a->ctx, count, degree, model);
         if (a->rc == OXL_OK) a->rc = model_set_lobes(a->ctx, model, lobes);
     }
     archive_doubles(a, model->origin, 3);

@@ -23,12 +23,12 @@
 #define EXPOSURE_HOLD   0.1  /* of the run: the tracks' gains are kept */
 #define EXPOSURE_DIFFER 0.04 /* rms of the log */
 
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued)
 {
     const int    views = oxl_scene_view_count(scene);
     const size_t n     = 3 * (size_t)views;
     oxl_result   rc    = OXL_OK;
-    if (goes_on) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
+    if (continued) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(ctx, views, &e->of);
@@ -40,7 +40,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
     if (rc != OXL_OK) return rc;
     e->of.on = mode == OXL_ON;
-    if (goes_on) imaging_copy(scene_imaging(scene), &e->of);
+    if (continued) imaging_copy(scene_imaging(scene), &e->of);
     for (int c = 0; c < 3; c++) e->mean[c] = imaging_mean(&e->of, c);
     return OXL_OK;
 }
@@ -86,7 +86,7 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
     const int    n        = ++e->visits[view];
     const double correct1 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA1));
     const double correct2 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA2));
-    imaging_between(&e->of, view, between);
+    imaging_interpolate(&e->of, view, between);
     if (!e->of.known[view]) memcpy(a, between, sizeof between);
     e->of.known[view] = 1;
     for (int c = 0; c < 3; c++) {
@@ -96,7 +96,7 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
         *m = (float)(EXPOSURE_BETA1 * *m + (1 - EXPOSURE_BETA1) * g);
         *v = (float)(EXPOSURE_BETA2 * *v + (1 - EXPOSURE_BETA2) * g * g);
         a[c] -= (float)(rate * (*m / correct1) / (sqrt(*v / correct2) + 1e-12));
-        a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_LEAST), -vecmath_log(EXPOSURE_LEAST));
+        a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_MIN), -vecmath_log(EXPOSURE_MIN));
     }
     imaging_centre(&e->of, e->mean);
 }
@@ -119,7 +119,7 @@ static void exposure_spread(const struct imaging *m, double *differ, double *lef
     *left   = sqrt(known ? rest / known : 0);
 }
 
-OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size)
+OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size)
 {
     double    differ = 0, left = 0;
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
@@ -129,7 +129,7 @@ OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, 
         memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
         imaging_centre(&e->of, e->mean);
         exposure_spread(&e->of, &differ, &left);
-        e->hold = EXPOSURE_HOLD;
+        e->known_until = EXPOSURE_HOLD;
         snprintf(
             why, size,
             "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours predict them to %.1f %%; on from "

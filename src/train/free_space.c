@@ -41,7 +41,7 @@ static void free_space_add_points(struct free_space *f, const struct colmap *c, 
         const struct colmap_point *point    = &c->point[i];
         const double              *p        = point->position;
         const double               local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
-        if (point->track_count < FREE_SPACE_TRACK || !scene_takes_point(point, origin)) continue;
+        if (point->track_count < FREE_SPACE_TRACK || !scene_accepts_point(point, origin)) continue;
         for (uint32_t k = 0; k < point->track_count; k++) {
             const struct free_space_view wanted = {.image_row = c->track[point->first_track + k].image_row};
             struct free_space_view      *view   = bsearch(&wanted, f->view, f->views, sizeof *f->view, free_space_compare);
@@ -95,7 +95,7 @@ OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f)
     *f = (struct free_space){0};
 }
 
-static int free_space_holds(const struct free_space *f, const double p[3])
+static int free_space_contains(const struct free_space *f, const double p[3])
 {
     for (size_t v = 0; v < f->views; v++) {
         double    z;
@@ -114,7 +114,7 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         double p[3];
         for (int a = 0; a < 3; a++) p[a] = model->plane[OXL_MEAN + a][i];
-        (*carved)[i] = (uint8_t)free_space_holds(f, p);
+        (*carved)[i] = (uint8_t)free_space_contains(f, p);
     }
     return OXL_OK;
 }

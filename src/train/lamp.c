@@ -18,24 +18,24 @@
 #define LAMP_RATE 0.01 /* of the first step, in log units, */
 #define LAMP_LAST 0.05 /* and of that at the end of the run */
 
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *goes_on)
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued)
 {
-    *l = (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
-                           .falls     = medium != OXL_AUTO && water_span(scene) >= WATER_SPAN_LEAST};
+    *l = (struct lamp_fit){.reference   = scene_depth_quantile(scene, 0.5),
+                           .has_falloff = medium != OXL_AUTO && water_span(scene) >= WATER_SPAN_MIN};
     if (!(l->reference > 0)) l->reference = 1;
     l->groups        = 1;
     l->group[0].view = -1;
-    if (!goes_on) l->groups = imaging_set_lamps(scene, l->group);
-    if (!goes_on || goes_on->lamps == 0) return;
+    if (!continued) l->groups = imaging_set_lamps(scene, l->group);
+    if (!continued || continued->lamps == 0) return;
     l->on     = 1;
-    l->groups = goes_on->lamps;
-    memcpy(l->group, goes_on->lamp, sizeof l->group);
-    l->falloff   = goes_on->medium.falloff;
-    l->falls     = goes_on->medium.lit;
-    l->reference = goes_on->medium.reference > 0 ? (double)goes_on->medium.reference : l->reference;
+    l->groups = continued->lamps;
+    memcpy(l->group, continued->lamp, sizeof l->group);
+    l->falloff     = continued->medium.falloff;
+    l->has_falloff = continued->medium.has_falloff;
+    l->reference   = continued->medium.reference > 0 ? (double)continued->medium.reference : l->reference;
 }
 
-OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size)
+OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size)
 {
     const int fits = (p->parts & PHOTOMETRY_LAMP) != 0;
     l->on          = fits || mode == OXL_ON;
@@ -46,12 +46,12 @@ OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct ph
 }
 
 /* What image formation has of it. */
-OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m)
+OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
 {
-    m->lamps            = l->on ? l->groups : 0;
-    m->medium.lit       = l->on && l->falls;
-    m->medium.falloff   = m->medium.lit ? (float)l->falloff : 0;
-    m->medium.reference = m->medium.lit ? (float)l->reference : 0;
+    m->lamps              = l->on ? l->groups : 0;
+    m->medium.has_falloff = l->on && l->has_falloff;
+    m->medium.falloff     = m->medium.has_falloff ? (float)l->falloff : 0;
+    m->medium.reference   = m->medium.has_falloff ? (float)l->reference : 0;
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
@@ -70,15 +70,15 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
 {
     const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
     const int    g    = (int)(of - l->group);
-    if (progress < LAMP_FROM || l->held) return;
+    if (progress < LAMP_FROM || l->frozen) return;
     l->steps++, l->visits[g]++;
     for (int k = 0; k < LAMP_TERMS; k++) {
         double at = l->group[g].shape[k];
         lamp_adam(&at, &l->first[g][k], &l->second[g][k], shape[k], rate, l->visits[g]);
-        l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST);
+        l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX);
     }
     lamp_adam(&l->falloff, &l->falloff_first, &l->falloff_second, falloff, rate, l->steps);
-    l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MOST);
+    l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
 }
 
 OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
@@ -94,12 +94,12 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
         archive_doubles(a, l->second[g], LAMP_TERMS);
         archive_expect(a, l->visits[g] >= 0);
         for (int k = 0; k < LAMP_TERMS && a->rc == OXL_OK; k++)
-            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MOST && fabs(l->first[g][k]) <= DBL_MAX &&
+            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX && fabs(l->first[g][k]) <= DBL_MAX &&
                                   l->second[g][k] >= 0);
     }
     archive_doubles(a, &l->falloff, 1);
     archive_doubles(a, &l->falloff_first, 1);
     archive_doubles(a, &l->falloff_second, 1);
-    archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MOST && fabs(l->falloff_first) <= DBL_MAX &&
+    archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_first) <= DBL_MAX &&
                           l->falloff_second >= 0);
 }

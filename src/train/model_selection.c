@@ -18,12 +18,12 @@
 #define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
 #define SELECTION_TRIAL          (1.0 / 40) /* of the run: length of a trial */
 enum {
-    SELECTION_VIEWS_LEAST = 8, /* with fewer training views none is used for validation */
-    SELECTION_VIEWS_MOST  = 8  /* limit of validation views */
+    SELECTION_VIEWS_MIN = 8, /* with fewer training views none is used for validation */
+    SELECTION_VIEWS_MAX = 8  /* limit of validation views */
 };
 
 /* Choice and evidence: one member of the object. */
-static void selection_note(struct train *t, const char *what, const char *chosen, const char *why)
+static void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
 {
     struct text *d = &t->decisions;
     if (d->size > 0) text_add(d, ", ");
@@ -35,7 +35,7 @@ static void selection_note(struct train *t, const char *what, const char *chosen
     text_add(d, "}");
 }
 
-static int selection_has_noted(const struct train *t, const char *quoted)
+static int selection_has_record(const struct train *t, const char *quoted)
 {
     return !t->decisions.failed && strstr(t->decisions.data, quoted) != NULL;
 }
@@ -53,37 +53,38 @@ static int selection_lobes_at(const oxl_train_options *o)
 }
 
 /* The step after which all validation views are trained. */
-static int selection_last(const struct train *t)
+static int selection_last_step(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? selection_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
     return OXL_MAX(keep, OXL_MAX(lobes, selection_sh_degree_at(t->options)));
 }
 
-OXL_INTERNAL int selection_holds(int index, int views)
+OXL_INTERNAL int selection_is_validation_view(int index, int views)
 {
-    const int held = OXL_CLAMP(views / 8, 1, SELECTION_VIEWS_MOST), stride = views / held;
-    return views > 1 && index % stride == stride / 2 && index / stride < held;
+    const int validation = OXL_CLAMP(views / 8, 1, SELECTION_VIEWS_MAX), stride = views / validation;
+    return views > 1 && index % stride == stride / 2 && index / stride < validation;
 }
 
 /* Training views in name order, without the validation views. */
-static int selection_trains(const struct train *t, int view)
+static int selection_is_training_view(const struct train *t, int view)
 {
-    return !oxl_scene_view(t->scene, view)->is_test && (!t->place || !t->place->window || t->place->window[view].width > 0);
+    return !oxl_scene_view(t->scene, view)->is_test && (!t->output || !t->output->window || t->output->window[view].width > 0);
 }
 
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     int views = 0, index = 0, holds;
-    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) views += selection_trains(t, i);
-    holds        = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
-    t->sh_degree = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
-    t->view      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
-    t->held      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
-    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) views += selection_is_training_view(t, i);
+    holds         = selection_last_step(t) > 0 && views >= SELECTION_VIEWS_MIN;
+    t->sh_degree  = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
+    t->view       = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
+    t->validation = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->validation);
+    if (!t->view || !t->validation) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
-        const int trains = selection_trains(t, i), held = trains && holds && selection_holds(index++, views);
-        if (held) t->held[t->held_views++] = i;
+        const int trains     = selection_is_training_view(t, i),
+                  validation = trains && holds && selection_is_validation_view(index++, views);
+        if (validation) t->validation[t->validation_views++] = i;
         else if (trains) t->view[t->views++] = i;
     }
     if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
@@ -92,38 +93,38 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
 
 static void selection_release_views(struct train *t)
 {
-    if (t->step < selection_last(t) || t->trial_is_next) return;
-    while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
+    if (t->step < selection_last_step(t) || t->trial_is_next) return;
+    while (t->validation_views > 0) t->view[t->views++] = t->validation[--t->validation_views];
 }
 
 /* An unreadable view is logged and removed, so that all means are over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
     nonfinite_of_image(t->ctx, &t->nonfinite);
-    t->held_views--;
-    memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
+    t->validation_views--;
+    memmove(t->validation + slot, t->validation + slot + 1, (size_t)(t->validation_views - slot) * sizeof *t->validation);
 }
 
 /* NaN without validation views. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
-    oxl_result           rc = step_settle(t);
+    oxl_result           rc = step_flush(t);
     *loss = *psnr = 0;
-    for (int i = 0; i < t->held_views && rc == OXL_OK;) {
-        rc = step_load_image(t, t->held[i]);
+    for (int i = 0; i < t->validation_views && rc == OXL_OK;) {
+        rc = step_load_image(t, t->validation[i]);
         if (rc == OXL_ERR_INPUT) {
             selection_drop_view(t, i);
             rc = OXL_OK;
             continue;
         }
-        if (rc == OXL_OK) rc = step_compare_view(t, t->held[i++], &one);
+        if (rc == OXL_OK) rc = step_loss_of_view(t, t->validation[i++], &one);
         if (rc != OXL_OK) break;
         *loss += one.total;
         *psnr -= 4.342944819032518 * vecmath_log(one.mse + SELECTION_NOISE);
     }
-    *loss = t->held_views > 0 ? *loss / t->held_views : NAN;
-    *psnr = t->held_views > 0 ? *psnr / t->held_views : NAN;
+    *loss = t->validation_views > 0 ? *loss / t->validation_views : NAN;
+    *psnr = t->validation_views > 0 ? *psnr / t->validation_views : NAN;
     return rc;
 }
 
@@ -135,7 +136,7 @@ static int selection_steps(const struct train *t, double share)
 }
 
 /* Trains for the length of a trial and evaluates the result. */
-static oxl_result selection_try(struct train *t, double *psnr)
+static oxl_result selection_train_trial(struct train *t, double *psnr)
 {
     const int  end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
     oxl_result rc  = OXL_OK;
@@ -158,16 +159,16 @@ static oxl_result selection_set_degree(struct train *t, int degree)
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
 
-static void selection_note_sh_degree(struct train *t, int most, const double psnr[4])
+static void selection_record_sh_degree(struct train *t, int most, const double psnr[4])
 {
     char why[256], chosen[16];
-    int  used = snprintf(why, sizeof why, "%d validation views, after %d steps: degree %d %.2f dB", t->held_views,
+    int  used = snprintf(why, sizeof why, "%d validation views, after %d steps: degree %d %.2f dB", t->validation_views,
                          selection_steps(t, SELECTION_TRIAL), most, psnr[most]);
     for (int d = 0; d < most && d <= t->sh_degree; d++)
         used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
     snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough", SELECTION_SH_MIN_GAIN);
     snprintf(chosen, sizeof chosen, "%d", t->sh_degree);
-    selection_note(t, "sh_degree", chosen, why);
+    selection_record(t, "sh_degree", chosen, why);
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: SH degree %d: %s", t->step, t->sh_degree, why);
 }
 
@@ -176,13 +177,13 @@ static oxl_result selection_try_sh_degree(struct train *t, struct train_branch *
 {
     struct train_branch other = {0};
     const int           most  = t->model->sh_degree;
-    oxl_result          rc    = selection_try(t, &psnr[most]);
+    oxl_result          rc    = selection_train_trial(t, &psnr[most]);
     t->sh_degree              = most;
     if (rc == OXL_OK) rc = branch_restart(t, start, all);
     for (int d = 0; d < most && rc == OXL_OK; d++) {
         if (d > 0) rc = branch_restart(t, start, &other);
         if (rc == OXL_OK) rc = selection_set_degree(t, d);
-        if (rc == OXL_OK) rc = selection_try(t, &psnr[d]);
+        if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[d]);
         if (rc == OXL_OK && psnr[d] >= psnr[most] - SELECTION_SH_MIN_GAIN) {
             t->sh_degree = d;
             break;
@@ -194,7 +195,7 @@ static oxl_result selection_try_sh_degree(struct train *t, struct train_branch *
 
 static void selection_sh_degree(struct train *t)
 {
-    if (t->step == selection_sh_degree_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_SH_DEGREE;
+    if (t->step == selection_sh_degree_at(t->options) && t->validation_views > 0) t->trial_is_next = TRAIN_TRIES_SH_DEGREE;
     selection_release_views(t);
 }
 
@@ -212,7 +213,7 @@ static oxl_result selection_threshold(const struct train *t, double *out)
     gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
     if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
     for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
-    *out = stats_pick(gradient, count, -threshold);
+    *out = stats_select(gradient, count, -threshold);
     oxl_free(t->ctx, gradient);
     return OXL_OK;
 }
@@ -255,7 +256,7 @@ static oxl_result selection_lobes(struct train *t)
     if (rc == OXL_OK) rc = step_observe(t);
     if (rc != OXL_OK || t->step < last) return rc;
     t->lobes = LOBES_DECIDED;
-    if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
+    if (t->options->dog == OXL_DOG_AUTO && t->validation_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_assign_lobes(t);
 }
 
@@ -267,7 +268,7 @@ static oxl_result selection_density(struct train *t)
     oxl_result               rc = OXL_OK;
     double                   f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
-    if (t->ucd.learns) rc = step_settle(t); /* it sums this step's loss */
+    if (t->ucd.learns) rc = step_flush(t); /* it sums this step's loss */
     if (rc != OXL_OK) return rc;
     ucd_observe(&t->ucd, t->last_loss);
     rc = step_observe(t);
@@ -285,15 +286,15 @@ static oxl_result selection_density(struct train *t)
 
 /* ---------------------------------------------------------------- exposure, lamp and water */
 
-static void selection_note_imaging(struct train *t, const char *what, oxl_switch mode, int on, const char *why)
+static void selection_record_imaging(struct train *t, const char *what, oxl_switch mode, int on, const char *why)
 {
     if (mode != OXL_AUTO) return;
-    selection_note(t, what, on ? "on" : "off", why);
+    selection_record(t, what, on ? "on" : "off", why);
     oxl_log(t->ctx, OXL_LOG_INFO, "%s %s: %s", what, on ? "on" : "off", why);
 }
 
 /* Lamp and water are rendered on the CPU. */
-static int selection_parts(const struct train *t)
+static int selection_photometry_parts(const struct train *t)
 {
     const oxl_train_options *o   = t->options;
     const int                cpu = !renderer_has_device(t->renderer);
@@ -320,7 +321,7 @@ static void selection_match_colours(struct train *t, const double colour[3])
 OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
 {
     const oxl_train_options *o      = t->options;
-    const int                parts  = selection_parts(t);
+    const int                parts  = selection_photometry_parts(t);
     const char              *device = "a device renders: it is fitted on the CPU alone";
     struct photometry        p;
     char                     why[400];
@@ -328,13 +329,13 @@ OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
     if (rc != OXL_OK) return rc;
     selection_match_colours(t, p.colour);
     if (o->exposure != OXL_OFF) {
-        exposure_take(&t->exposure, &p, why, sizeof why);
-        selection_note_imaging(t, "exposure", o->exposure, t->exposure.of.on, why);
+        exposure_set_from_tracks(&t->exposure, &p, why, sizeof why);
+        selection_record_imaging(t, "exposure", o->exposure, t->exposure.of.on, why);
     }
-    if (parts & PHOTOMETRY_LAMP) lamp_take(&t->lamp, o->lamp, &p, why, sizeof why);
-    selection_note_imaging(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
-    if (parts & PHOTOMETRY_WATER) water_take(&t->water, water_span(t->scene), &p, why, sizeof why);
-    selection_note_imaging(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
+    if (parts & PHOTOMETRY_LAMP) lamp_set_from_tracks(&t->lamp, o->lamp, &p, why, sizeof why);
+    selection_record_imaging(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
+    if (parts & PHOTOMETRY_WATER) water_set_from_tracks(&t->water, water_span(t->scene), &p, why, sizeof why);
+    selection_record_imaging(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
     if (t->water.on && fabs(p.drift) > SELECTION_DRIFT)
         oxl_log(
             t->ctx, OXL_LOG_WARNING,
@@ -365,15 +366,15 @@ static oxl_result selection_imaging(struct train *t)
 
 /* ---------------------------------------------------------------- trials */
 
-static void selection_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
+static void selection_record_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
 {
     char why[256];
     snprintf(why, sizeof why,
              "%d validation views, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
              "kept from +%.2g dB",
-             t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1),
+             t->validation_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1),
              SELECTION_LOBES_MIN_GAIN);
-    selection_note(t, "dog", kept ? "selective" : "off", why);
+    selection_record(t, "dog", kept ? "selective" : "off", why);
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: second lobes %s: %s", t->step, kept ? "stay" : "go", why);
 }
 
@@ -381,14 +382,14 @@ static void selection_note_lobes(struct train *t, int kept, const double psnr[2]
 static oxl_result selection_try_lobes(struct train *t, struct train_branch *start, struct train_branch *other, double psnr[2])
 {
     double     bytes[2];
-    oxl_result rc = selection_try(t, &psnr[0]);
+    oxl_result rc = selection_train_trial(t, &psnr[0]);
     if (rc == OXL_OK) rc = branch_restart(t, start, other);
     if (rc == OXL_OK) rc = selection_assign_lobes(t);
-    if (rc == OXL_OK) rc = selection_try(t, &psnr[1]);
+    if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[1]);
     if (rc != OXL_OK) return rc;
     bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
     bytes[1] = bytes[0] + (double)t->model->lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
-    selection_note_lobes(t, psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN, psnr, bytes);
+    selection_record_lobes(t, psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN, psnr, bytes);
     return psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN ? OXL_OK : branch_swap(t, other);
 }
 
@@ -401,7 +402,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
     if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
     else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
     if (rc == OXL_OK) {
-        if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_note_sh_degree(t, most, psnr);
+        if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_record_sh_degree(t, most, psnr);
         t->trial_is_next = TRAIN_TRIES_NOTHING;
         selection_release_views(t);
     } else if (start.second.memory) { /* as before the trial */
@@ -419,7 +420,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
 OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
 {
     const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
-    if (views < SELECTION_VIEWS_LEAST) return 0;
+    if (views < SELECTION_VIEWS_MIN) return 0;
     return each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO));
 }
 
@@ -431,18 +432,18 @@ OXL_INTERNAL void selection_end(struct train *t)
     char                     chosen[64], why[320];
     ucd_describe(&t->ucd, why, sizeof why);
     snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
-    selection_note(t, "ucd", chosen, why);
+    selection_record(t, "ucd", chosen, why);
     free_space_describe(&t->free_space, why, sizeof why);
-    selection_note(t, "carve", t->free_space.view ? "on" : "off", why);
+    selection_record(t, "carve", t->free_space.view ? "on" : "off", why);
     prune_describe(&t->prune, why, sizeof why);
     snprintf(chosen, sizeof chosen, "%zu", t->model->count);
-    selection_note(t, "keep", chosen, why);
+    selection_record(t, "keep", chosen, why);
     snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
-    if (!selection_has_noted(t, "\"sh_degree\""))
-        selection_note(t, "sh_degree", chosen, o->sh_degree < 0 ? "too few training views for validation" : "as set");
+    if (!selection_has_record(t, "\"sh_degree\""))
+        selection_record(t, "sh_degree", chosen, o->sh_degree < 0 ? "too few training views for validation" : "as set");
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
-    if (!selection_has_noted(t, "\"dog\""))
-        selection_note(t, "dog", chosen, o->dog == OXL_DOG_AUTO ? "too few training views for validation" : "as set");
+    if (!selection_has_record(t, "\"dog\""))
+        selection_record(t, "dog", chosen, o->dog == OXL_DOG_AUTO ? "too few training views for validation" : "as set");
 }
 
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
@@ -451,12 +452,12 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
     archive_int(a, &t->trial_is_next);
     archive_int(a, &t->lobes);
     archive_expect(a, t->lobes >= LOBES_IDLE && t->lobes <= LOBES_DECIDED);
-    archive_int(a, &t->held_views);
+    archive_int(a, &t->validation_views);
     archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_LOBES);
-    archive_expect(a, t->held_views >= 0 && t->held_views <= schedule_training_views(t->scene));
-    if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
-    for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
-        archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
+    archive_expect(a, t->validation_views >= 0 && t->validation_views <= schedule_training_views(t->scene));
+    if (a->rc == OXL_OK) archive_ints(a, t->validation, (size_t)t->validation_views);
+    for (int i = 0; i < t->validation_views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->validation[i] >= 0 && t->validation[i] < oxl_scene_view_count(t->scene));
     archive_text(a, &t->decisions);
 }
 
@@ -464,12 +465,13 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
 
 static oxl_result selection_prune(struct train *t)
 {
-    double     held = NAN, psnr;
-    oxl_result rc   = OXL_OK;
-    if (!prune_checks(&t->prune, t->step)) return OXL_OK;
-    rc = step_settle(t);
-    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_validate(t, &held, &psnr);
-    return rc == OXL_OK ? step_prune(t, held) : rc;
+    double     validation = NAN, psnr;
+    oxl_result rc         = OXL_OK;
+    if (!prune_is_check_step(&t->prune, t->step)) return OXL_OK;
+    rc = step_flush(t);
+    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
+        rc = selection_validate(t, &validation, &psnr);
+    return rc == OXL_OK ? step_prune(t, validation) : rc;
 }
 
 OXL_INTERNAL oxl_result selection_step(struct train *t)

@@ -21,7 +21,7 @@
 #define PRUNE_EPSILON  0.01            /* auto: the held-out views' loss may rise by this share */
 #define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
 enum {
-    PRUNE_EVERY_LEAST  = 25,  /* steps: minimum for Gaussians to adapt */
+    PRUNE_EVERY_MIN    = 25,  /* steps: minimum for Gaussians to adapt */
     PRUNE_AUTO_SHARE   = 8,   /* auto: each drop removes one eighth of the rest */
     PRUNE_VIEWS        = 100, /* a score is taken of so many views, or of 1 for each */
     PRUNE_STEPS_A_VIEW = 40   /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
@@ -52,12 +52,12 @@ OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, in
     p->start = (int)OXL_MIN(densified + OXL_MAX(1, PRUNE_WAIT * iterations), iterations);
     p->end   = (int)OXL_MIN(p->start + PRUNE_WINDOW * iterations, iterations);
     p->every = (int)OXL_MAX(PRUNE_EVERY * iterations + 0.5, OXL_MIN(views, (p->end - p->start) / 20)); /* sees each view once */
-    p->every = OXL_MAX(p->every, PRUNE_EVERY_LEAST);
+    p->every = OXL_MAX(p->every, PRUNE_EVERY_MIN);
     p->patience = OXL_MIN(PRUNE_PATIENCE * p->every, (p->end - p->start) / (int)OXL_COUNT(prune_drops));
     p->views    = OXL_MAX(PRUNE_VIEWS, iterations / PRUNE_STEPS_A_VIEW);
 }
 
-OXL_INTERNAL int prune_checks(const struct prune *p, int step)
+OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step)
 {
     if (p->keep.kind == OXL_KEEP_ALL || step < p->start) return 0;
     if (step < p->end) return (step - p->start) % p->every == 0;
@@ -72,33 +72,34 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
 }
 
 /* One eighth more, while the validation loss permits and steps for refinement remain. */
-static size_t prune_due_auto(struct prune *p, int step, size_t count, double held)
+static size_t prune_due_auto(struct prune *p, int step, size_t count, double held_out_loss)
 {
-    if (p->held == 0) p->held = held; /* not always at the start of the window: a trial may be under way there */
-    if (step > p->end - p->patience || !(held <= (1 + PRUNE_EPSILON) * p->held)) return 0;
+    if (p->held_out_loss == 0)
+        p->held_out_loss = held_out_loss; /* not always at the start of the window: a trial may be under way there */
+    if (step > p->end - p->patience || !(held_out_loss <= (1 + PRUNE_EPSILON) * p->held_out_loss)) return 0;
     p->drops++;
     return count / PRUNE_AUTO_SHARE;
 }
 
-OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held)
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held_out_loss)
 {
     const int    last_drop = (int)OXL_COUNT(prune_drops) - 1;
     const double mean      = p->l1_count ? p->l1_sum / p->l1_count : 0;
     size_t       excess, goal;
-    if (!prune_checks(p, step)) return 0;
+    if (!prune_is_check_step(p, step)) return 0;
     p->l1_sum   = 0;
     p->l1_count = 0;
-    if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, held);
+    if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, held_out_loss);
     if (p->first_count == 0) {
         p->first_count = count;
         p->target      = prune_target(p, count);
-    } else if (!(mean <= PRUNE_RECOVERY * p->stamp) && step - p->last < p->patience && step < p->end) return 0;
+    } else if (!(mean <= PRUNE_RECOVERY * p->drop_l1) && step - p->last < p->patience && step < p->end) return 0;
     if (p->drops > last_drop) return 0;
-    excess   = p->first_count - p->target;
-    p->drops = step >= p->end ? last_drop + 1 : p->drops + 1;
-    p->stamp = mean;
-    p->last  = step;
-    goal     = p->first_count - excess * (size_t)prune_drops[p->drops - 1] / 16;
+    excess     = p->first_count - p->target;
+    p->drops   = step >= p->end ? last_drop + 1 : p->drops + 1;
+    p->drop_l1 = mean;
+    p->last    = step;
+    goal       = p->first_count - excess * (size_t)prune_drops[p->drops - 1] / 16;
     return count > goal ? count - goal : 0;
 }
 
@@ -109,7 +110,7 @@ OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
         snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
     else
         snprintf(out, size, "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f", p->drops,
-                 PRUNE_EPSILON, p->held);
+                 PRUNE_EPSILON, p->held_out_loss);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
@@ -119,9 +120,9 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
     archive_int(a, &p->l1_count);
     archive_size(a, &p->first_count);
     archive_size(a, &p->target);
-    archive_doubles(a, &p->stamp, 1);
+    archive_doubles(a, &p->drop_l1, 1);
     archive_doubles(a, &p->l1_sum, 1);
-    archive_doubles(a, &p->held, 1);
+    archive_doubles(a, &p->held_out_loss, 1);
     archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 
@@ -135,7 +136,7 @@ struct prune_pass { /* over the views */
 };
 
 /* Masked pixels do not count. */
-static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
+static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
     const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
@@ -191,7 +192,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const oxl_view *view = oxl_scene_view(scene, i);
         if (view->is_test || !prune_is_sampled(p, index++, views)) continue;
-        rc = prune_weigh_view(ctx, scene, i, &pass);
+        rc = prune_mask_view(ctx, scene, i, &pass);
         if (rc == OXL_OK) rc = prune_score_view(ctx, r, model, &view->camera, options, &pass, score);
     }
     if (rc == OXL_OK) prune_finish_scores(views <= p->views, model->count, pass.views, score);
@@ -203,7 +204,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
 
 /* ---------------------------------------------------------------- the drop */
 
-static uint32_t prune_key(float score) /* not negative: its bits are in order */
+static uint32_t prune_sort_key(float score) /* not negative: its bits are in order */
 {
     uint32_t bits;
     memcpy(&bits, &score, sizeof bits);
@@ -219,11 +220,11 @@ OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, ui
     for (int bit = 31; bit >= 0; bit--) {
         const uint32_t next = limit | (uint32_t)1 << bit;
         size_t         n    = 0;
-        for (size_t i = 0; i < count; i++) n += prune_key(score[i]) < next;
+        for (size_t i = 0; i < count; i++) n += prune_sort_key(score[i]) < next;
         if (n <= drop) limit = next, below = n;
     }
     for (size_t i = 0; i < count; i++) {
-        const uint32_t key  = prune_key(score[i]);
+        const uint32_t key  = prune_sort_key(score[i]);
         const int      tied = key == limit && below < drop;
         keep[i]             = key >= limit && !tied;
         below += tied;

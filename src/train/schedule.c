@@ -3,7 +3,7 @@
 #include "../core/vecmath.h"
 
 #define SCHEDULE_WARM_UP              500   /* iterations before the first densification, unless a quarter of the run is less */
-#define SCHEDULE_RESET_LEAST          3000  /* iterations between opacity resets [Kerbl 2023] */
+#define SCHEDULE_RESET_MIN            3000  /* iterations between opacity resets [Kerbl 2023] */
 #define SCHEDULE_RESET_RECOVERY       1000  /* iterations until the loss recovers from an opacity reset, */
 #define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
 #define SCHEDULE_PIXELS_EACH          60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
@@ -11,8 +11,8 @@
 #define SCHEDULE_COARSE_AUTO          0.25 /* of the run, for larger ones */
 #define SCHEDULE_MOMENTUM_ITERATIONS \
     7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
-#define SCHEDULE_BETA_LEAST           0.5     /* of the mean gradient */
-#define SCHEDULE_BETA_MOST            0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
+#define SCHEDULE_BETA_MIN             0.5     /* of the mean gradient */
+#define SCHEDULE_BETA_MAX             0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define SCHEDULE_REFERENCE_ITERATIONS 30000   /* iterations that the rates were chosen for [Kerbl 2023] */
 #define SCHEDULE_SHORTEST_RUN         500     /* iterations: shorter runs have the rates of this one; larger ones diverge */
 #define SCHEDULE_EARLY_EXPONENT       0.5 /* of a short run's factor: by this power of it, rates other than of positions begin larger */
@@ -76,9 +76,10 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     const float  mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     const double early =
         SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_exponent);
-    struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step - (t->place && !t->place->moments ? t->place->first : 0)};
-    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
-    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
+    struct adam_params adam = {.beta = RENDERER_BETAS,
+                               .step = t->step - (t->output && !t->output->moments ? t->output->first : 0)};
+    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
+    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MAX, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
@@ -105,7 +106,7 @@ OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
 {
-    return (int)OXL_MAX(SCHEDULE_RESET_LEAST * schedule_scale(o), o->reset_opacity_every * o->iterations);
+    return (int)OXL_MAX(SCHEDULE_RESET_MIN * schedule_scale(o), o->reset_opacity_every * o->iterations);
 }
 
 /* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
@@ -123,7 +124,7 @@ OXL_INTERNAL int schedule_densifications(const oxl_train_options *options)
     return count;
 }
 
-OXL_INTERNAL int schedule_may_try(const oxl_train_options *o)
+OXL_INTERNAL int schedule_has_trials(const oxl_train_options *o)
 {
     return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO;
 }

@@ -25,7 +25,7 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 /* The part of a view that this step compares; NULL: all of it. */
 static const struct image_window *step_window(const struct train *t, int view)
 {
-    return t->place && t->place->window ? &t->place->window[view] : NULL;
+    return t->output && t->output->window ? &t->output->window[view] : NULL;
 }
 
 /* Of that part, at this step's resolution; the renderer is told of the whole. */
@@ -65,7 +65,7 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
 }
 
 /* 1: the target is on the host, for transients and a lamp. */
-static int step_compares_on_host(const struct train *t)
+static int step_loss_on_host(const struct train *t)
 {
     return t->transients.points > 0 || t->lamp.on;
 }
@@ -74,10 +74,10 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
     const struct training_image *image = NULL;
     t->halved                          = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    if (step_compares_on_host(t)) return step_load_image_on_host(t, view);
+    if (step_loss_on_host(t)) return step_load_image_on_host(t, view);
     if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, scene_image_cache(t->scene), view)))
         return t->ctx->failed;
-    return renderer_take_image(t->ctx, t->renderer, view, image, step_window(t, view), t->halved);
+    return renderer_set_image(t->ctx, t->renderer, view, image, step_window(t, view), t->halved);
 }
 
 /* The next views of the epoch that a device does not hold. */
@@ -93,7 +93,7 @@ static void step_read_ahead(struct train *t, int slot)
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
-        const int  step = t->step - 1 - (t->place ? t->place->first : 0), slot = step % t->views;
+        const int  step = t->step - 1 - (t->output ? t->output->first : 0), slot = step % t->views;
         oxl_result rc;
         if (slot == 0) step_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
@@ -132,7 +132,7 @@ static void step_set_gain(struct train *t, int view)
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 {
     struct imaging m = {.medium = water_medium(&t->water)};
-    lamp_leave(&t->lamp, &m);
+    lamp_store(&t->lamp, &m);
     return m;
 }
 
@@ -144,7 +144,7 @@ static const struct lamp *step_lamp(const struct train *t, int view)
 }
 
 /* The model rendered from a view, against its image as step_load_image has left it. */
-static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
+static oxl_result step_forward_loss(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
     const oxl_camera     camera = step_camera(t, view);
     const struct imaging m      = step_imaging(t);
@@ -155,19 +155,19 @@ static oxl_result step_compare(struct train *t, int view, int learns, float ssim
     step_set_gain(t, view);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
     if (rc != OXL_OK) return rc;
-    if (step_compares_on_host(t))
+    if (step_loss_on_host(t))
         return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
 /* Evaluation with the full loss. */
-OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss)
+OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss)
 {
-    return step_compare(t, view, 0, t->options->ssim_weight, loss);
+    return step_forward_loss(t, view, 0, t->options->ssim_weight, loss);
 }
 
 /* A loss that is not finite: the step is left out. */
-static oxl_result step_leave_out(struct train *t, int step, int view)
+static oxl_result step_skip(struct train *t, int step, int view)
 {
     oxl_result rc = renderer_download(t->ctx, t->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
@@ -178,11 +178,11 @@ static oxl_result step_leave_out(struct train *t, int step, int view)
 }
 
 /* What is known of a step when it is done. */
-static void step_note(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
-                      struct renderer_nonfinite skipped)
+static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
+                              struct renderer_nonfinite skipped)
 {
     const double psnr = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
-    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->place ? t->place->first : 0)));
+    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
                       renderer_has_device(t->renderer) ? NULL : t->model, &t->first, &t->second);
     t->last_loss = loss->total;
@@ -199,7 +199,7 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
     struct depth_point         point[DEPTH_POINTS];
     int                        count = 0;
     double                     weight;
-    oxl_result                 rc = t->track_depth.begun ? OXL_OK : track_depth_begin(t->ctx, &t->track_depth, t->scene);
+    oxl_result                 rc = t->track_depth.started ? OXL_OK : track_depth_begin(t->ctx, &t->track_depth, t->scene);
     if (rc != OXL_OK) return rc;
     weight = track_depth_of_step(&t->track_depth, view, t->step, progress, &count, point);
     for (int i = 0; i < count; i++) {
@@ -222,10 +222,10 @@ static oxl_result step_on_view(struct train *t, int view)
     oxl_result                  rc;
     t->last_loss        = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
+    rc                  = step_forward_loss(t, view, 1, t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
-    if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
-    if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
+    if (!(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
+    if (t->exposure.of.on && (progress >= t->exposure.known_until || !t->exposure.of.known[view]))
         exposure_step(&t->exposure, view, progress, loss.dlog_gain);
     if (t->water.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
@@ -236,7 +236,7 @@ static oxl_result step_on_view(struct train *t, int view)
                   t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
-    if (rc == OXL_OK) step_note(t, &here, &loss, skipped);
+    if (rc == OXL_OK) step_update_means(t, &here, &loss, skipped);
     return rc;
 }
 
@@ -245,7 +245,7 @@ static oxl_result step_on_view(struct train *t, int view)
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !step_compares_on_host(t) && !t->water.on && !t->exposure.of.on;
+    return renderer_has_device(t->renderer) && !step_loss_on_host(t) && !t->water.on && !t->exposure.of.on;
 }
 
 /* A deferred step that halted, or came behind one. */
@@ -270,7 +270,7 @@ static oxl_result step_after_halt(struct train *t, enum renderer_halt halt)
     oxl_result                  rc;
     renderer_defer(t->renderer, 0);
     t->deferred_steps = 0;
-    rc                = halt == HALT_LOSS ? step_leave_out(t, first.step, first.view) : step_repeat(t, &first);
+    rc                = halt == HALT_LOSS ? step_skip(t, first.step, first.view) : step_repeat(t, &first);
     if (halt == HALT_LOSS) t->last_loss = NAN;
     return rc == OXL_OK && steps > 1 ? step_repeat(t, &second) : rc;
 }
@@ -284,14 +284,14 @@ static oxl_result step_read_reports(struct train *t, int wait)
         rc = renderer_report(t->ctx, t->renderer, wait, &report);
         if (rc != OXL_OK || !report.there) return rc;
         if (report.halt != HALT_NONE) return step_after_halt(t, report.halt);
-        step_note(t, &t->deferred[0], &report.loss, report.skipped);
+        step_update_means(t, &t->deferred[0], &report.loss, report.skipped);
         t->deferred[0] = t->deferred[1];
         t->deferred_steps--;
     }
     return rc;
 }
 
-OXL_INTERNAL oxl_result step_settle(struct train *t)
+OXL_INTERNAL oxl_result step_flush(struct train *t)
 {
     const oxl_result rc = step_read_reports(t, 1);
     renderer_defer(t->renderer, 0);
@@ -300,7 +300,7 @@ OXL_INTERNAL oxl_result step_settle(struct train *t)
 
 OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what)
 {
-    const oxl_result rc = step_settle(t);
+    const oxl_result rc = step_flush(t);
     return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, what) : rc;
 }
 
@@ -317,7 +317,7 @@ static oxl_result step_record(struct train *t, int view)
     struct renderer_nonfinite skipped;
     oxl_result                rc;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
+    rc                  = step_forward_loss(t, view, 1, t->options->ssim_weight, &loss);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
@@ -325,9 +325,9 @@ static oxl_result step_record(struct train *t, int view)
 }
 
 /* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
-static oxl_result step_after_all(struct train *t, int view)
+static oxl_result step_retry_after_flush(struct train *t, int view)
 {
-    oxl_result rc = step_settle(t);
+    oxl_result rc = step_flush(t);
     if (rc == OXL_OK) rc = step_load_image(t, view);
     return rc == OXL_OK ? step_on_view(t, view) : rc;
 }
@@ -344,10 +344,10 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
     const int  deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
     int        view     = -1;
-    oxl_result rc       = deferred ? OXL_OK : step_settle(t);
+    oxl_result rc       = deferred ? OXL_OK : step_flush(t);
     if (rc == OXL_OK) rc = step_next_image(t, &view);
     if (rc == OXL_OK) rc = deferred ? step_deferred(t, view) : step_on_view(t, view);
-    return rc == OXL_ERR_MEMORY && deferred && view >= 0 ? step_after_all(t, view) : rc;
+    return rc == OXL_ERR_MEMORY && deferred && view >= 0 ? step_retry_after_flush(t, view) : rc;
 }
 
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
@@ -410,7 +410,7 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     const size_t count = t->model->count;
     uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
-    if (rc == OXL_OK) rc = step_settle(t);
+    if (rc == OXL_OK) rc = step_flush(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) {
@@ -424,13 +424,13 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     return rc;
 }
 
-/* Pruning, when it is due. held: mean loss of the validation views; only --keep auto reads it. */
-OXL_INTERNAL oxl_result step_prune(struct train *t, double held)
+/* Pruning, when it is due. held_out_loss: mean loss of the validation views; only --keep auto reads it. */
+OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss)
 {
     size_t     drop;
     oxl_result rc;
     t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop               = prune_due(&t->prune, t->step, t->model->count, held);
+    drop               = prune_due(&t->prune, t->step, t->model->count, held_out_loss);
     if (drop == 0) return OXL_OK;
     rc = step_remove_rows(t, drop);
     if (rc == OXL_OK)
@@ -454,13 +454,13 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 
 OXL_INTERNAL double step_seconds(const struct train *t)
 {
-    return t->seconds + os_seconds() - t->begun;
+    return t->seconds + os_seconds() - t->started;
 }
 
 OXL_INTERNAL int step_report(const struct train *t, int trial)
 {
     const oxl_callback *callback = t->callback;
-    const double        seconds = step_seconds(t), here = os_seconds() - t->begun;
+    const double        seconds = step_seconds(t), here = os_seconds() - t->started;
     oxl_progress        progress = {.iteration    = t->step,
                                     .iterations   = t->options->iterations,
                                     .gaussians    = t->model->count,

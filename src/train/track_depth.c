@@ -11,28 +11,28 @@
 #define TRACK_DEPTH_WEIGHT 0.02         /* of the mean over the points, at the start of the run; 0 at its end */
 enum {
     TRACK_DEPTH_TRACK  = 3,    /* views that a point must have been seen from: two rays almost always meet somewhere */
-    TRACK_DEPTH_MOST   = 1024, /* of a view, a random choice of more */
+    TRACK_DEPTH_MAX    = 1024, /* of a view, a random choice of more */
     TRACK_DEPTH_STRIDE = 7919  /* a prime above it: neighbours in the list are often neighbours in the image */
 };
 
 /* Keeps each of the points seen with equal probability (Vitter 1985, algorithm R). */
-static void track_depth_keep(struct track_depth_view *v, int view, struct depth_point p)
+static void track_depth_sample(struct track_depth_view *v, int view, struct depth_point p)
 {
     const uint64_t seen  = (uint64_t)v->seen++;
-    const uint64_t place = seen < TRACK_DEPTH_MOST ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
-    if (v->point && place < TRACK_DEPTH_MOST) v->point[place] = p; /* else it is counted only */
+    const uint64_t place = seen < TRACK_DEPTH_MAX ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
+    if (v->point && place < TRACK_DEPTH_MAX) v->point[place] = p; /* else it is counted only */
 }
 
 static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, size_t index)
 {
     const struct colmap       *c     = scene_colmap(scene);
     const struct colmap_point *point = &c->point[index];
-    if (point->track_count < TRACK_DEPTH_TRACK || !scene_takes_point(point, oxl_scene_origin(scene))) return;
+    if (point->track_count < TRACK_DEPTH_TRACK || !scene_accepts_point(point, oxl_scene_origin(scene))) return;
     for (uint32_t k = 0; k < point->track_count; k++) {
         const int view = view_of[c->track[point->first_track + k].image_row];
         double    x[3], pixel[2];
         if (view >= 0 && scene_project_point(scene, view, index, x, pixel))
-            track_depth_keep(&d->view[view], view, (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
+            track_depth_sample(&d->view[view], view, (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
     }
 }
 
@@ -46,13 +46,13 @@ static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, c
 static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, int views)
 {
     size_t count = 0;
-    for (int v = 0; v < views; v++) count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MOST);
+    for (int v = 0; v < views; v++) count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MAX);
     d->all = oxl_alloc(ctx, count + 1, sizeof *d->all);
     if (!d->all) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu depths of tracks", count);
     count = 0;
     for (int v = 0; v < views; v++) {
         d->view[v].point = d->all + count;
-        count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MOST);
+        count += (size_t)OXL_MIN(d->view[v].seen, TRACK_DEPTH_MAX);
         d->view[v].seen = 0;
     }
     return OXL_OK;
@@ -64,7 +64,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     const int            views = oxl_scene_view_count(scene);
     int                 *view_of;
     oxl_result           rc = OXL_OK;
-    d->begun                = 1;
+    d->started              = 1;
     if (!c || c->track_count == 0) return OXL_OK;
     view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
     d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
@@ -84,7 +84,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
 /* At most; a view's share is not known before the tracks are looked at. */
 OXL_INTERNAL double track_depth_bytes(double observations, int views)
 {
-    return OXL_MIN(observations, (double)TRACK_DEPTH_MOST * views) * sizeof(struct depth_point) +
+    return OXL_MIN(observations, (double)TRACK_DEPTH_MAX * views) * sizeof(struct depth_point) +
            (double)views * sizeof(struct track_depth_view);
 }
 
@@ -99,7 +99,7 @@ OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, i
                                         struct depth_point out[DEPTH_POINTS])
 {
     const struct track_depth_view *v     = d->view ? &d->view[view] : NULL;
-    const int                      n     = v ? OXL_MIN(v->seen, TRACK_DEPTH_MOST) : 0;
+    const int                      n     = v ? OXL_MIN(v->seen, TRACK_DEPTH_MAX) : 0;
     const int                      first = n ? (int)(random_bits(TRACK_DEPTH_STREAM, (uint64_t)step, 0) % (uint64_t)n) : 0;
     *count                               = OXL_MIN(n, DEPTH_POINTS);
     for (int i = 0; i < *count; i++) out[i] = v->point[(first + i * TRACK_DEPTH_STRIDE) % n];

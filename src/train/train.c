@@ -8,13 +8,13 @@
 #define TRAIN_RANDOM_POINTS     10000 /* to start from when the scene has none */
 #define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
 #define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
-#define TRAIN_OPACITY_MOST      0.3   /* up to this */
+#define TRAIN_OPACITY_MAX       0.3   /* up to this */
 #define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS      60.0  /* or so long, whichever comes first */
 
 /* ---------------------------------------------------------------- the run */
 
-static oxl_result train_start_from(struct train *t, const oxl_point *points, size_t count)
+static oxl_result train_first_from_points(struct train *t, const oxl_point *points, size_t count)
 {
     const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, t->model);
     if (rc == OXL_OK && t->model->count < count)
@@ -24,7 +24,7 @@ static oxl_result train_start_from(struct train *t, const oxl_point *points, siz
 }
 
 /* From points taken evenly from the file's order, when there may not be one for each. */
-static oxl_result train_first_of_some(struct train *t, const oxl_point *points, size_t count)
+static oxl_result train_first_from_subset(struct train *t, const oxl_point *points, size_t count)
 {
     const size_t most = (size_t)t->options->max_gaussians;
     oxl_point   *some = oxl_alloc(t->ctx, most, sizeof *some);
@@ -33,7 +33,7 @@ static oxl_result train_first_of_some(struct train *t, const oxl_point *points, 
     for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
     oxl_log(t->ctx, OXL_LOG_WARNING, "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
             count);
-    rc = train_start_from(t, some, most);
+    rc = train_first_from_points(t, some, most);
     oxl_free(t->ctx, some);
     return rc;
 }
@@ -44,7 +44,7 @@ static void train_sharpen_start(struct train *t)
     const double short_run_exponent = schedule_short_run_factor(t->options),
                  narrower           = TRAIN_SHORT_RUN_WIDTH * vecmath_log(short_run_exponent);
     const double opacity =
-        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_exponent)), TRAIN_OPACITY_MOST);
+        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_exponent)), TRAIN_OPACITY_MAX);
     if (!(short_run_exponent > 1)) return;
     for (size_t i = 0; i < t->model->count; i++) {
         for (int a = 0; a < 3; a++) t->model->plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
@@ -60,8 +60,8 @@ static oxl_result train_fresh_model(struct train *t)
     oxl_point       *random = NULL;
     oxl_result       rc;
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
-        return train_first_of_some(t, points, count);
-    if (count > 0) return train_start_from(t, points, count);
+        return train_first_from_subset(t, points, count);
+    if (count > 0) return train_first_from_points(t, points, count);
     oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
     rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
     if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);
@@ -70,7 +70,7 @@ static oxl_result train_fresh_model(struct train *t)
 }
 
 /* Density control cannot split rows with second lobes. */
-static oxl_result train_first_from(struct train *t, const oxl_model *from)
+static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 {
     const int  most = t->options->sh_degree;
     oxl_result rc   = model_copy(t->ctx, from, t->model);
@@ -85,8 +85,8 @@ static oxl_result train_first_from(struct train *t, const oxl_model *from)
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
-    if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
-    if (t->place && t->place->from) return train_first_from(t, t->place->from);
+    if (t->output && t->output->start) return model_copy(t->ctx, t->output->start, t->model);
+    if (t->output && t->output->from) return train_first_from_model(t, t->output->from);
     rc = train_fresh_model(t);
     if (rc == OXL_OK) train_sharpen_start(t);
     return rc;
@@ -111,7 +111,7 @@ static oxl_result train_begin_moments(struct train *t)
 {
     oxl_model *const to[] = {&t->first, &t->second};
     for (int k = 0; k < 2; k++) {
-        oxl_model *given = t->place ? t->place->moments : NULL;
+        oxl_model *given = t->output ? t->output->moments : NULL;
         oxl_result rc    = OXL_OK;
         if (given) *to[k] = given[k], given[k] = (oxl_model){0};
         else rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, to[k]);
@@ -124,9 +124,9 @@ static oxl_result train_begin_moments(struct train *t)
 
 static oxl_result train_begin(struct train *t)
 {
-    oxl_context *ctx     = t->ctx;
-    const int    goes_on = t->place && t->place->start;
-    oxl_result   rc      = train_first_model(t);
+    oxl_context *ctx       = t->ctx;
+    const int    continued = t->output && t->output->start;
+    oxl_result   rc        = train_first_model(t);
     if (rc != OXL_OK) return rc;
     memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
     t->render            = oxl_render_options_default();
@@ -135,22 +135,22 @@ static oxl_result train_begin(struct train *t)
     rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
-    if (rc == OXL_OK) renderer_set_context(t->renderer, t->place ? t->place->context : NULL);
-    if (rc == OXL_OK && t->place && t->place->window) renderer_use_cpu(t->renderer);
+    if (rc == OXL_OK) renderer_set_context(t->renderer, t->output ? t->output->context : NULL);
+    if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
     if (rc != OXL_OK) return rc;
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
-    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, goes_on);
+    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, continued);
     if (rc == OXL_OK && t->options->medium != OXL_OFF)
-        water_begin(&t->water, t->scene, goes_on ? &scene_imaging(t->scene)->medium : NULL);
+        water_begin(&t->water, t->scene, continued ? &scene_imaging(t->scene)->medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)
-        lamp_begin(&t->lamp, t->scene, t->options->medium, goes_on ? scene_imaging(t->scene) : NULL);
-    t->lamp.held = t->place && (t->place->holds || t->place->context); /* a block sees a part of each image */
-    if (t->place && t->place->holds) t->exposure.hold = 2;
-    if (rc == OXL_OK && !goes_on) rc = selection_begin_imaging(t);
-    if (rc == OXL_OK && goes_on) water_scale(&t->water, 0, t->model);
+        lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? scene_imaging(t->scene) : NULL);
+    t->lamp.frozen = t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
+    if (t->output && t->output->frozen) t->exposure.known_until = 2;
+    if (rc == OXL_OK && !continued) rc = selection_begin_imaging(t);
+    if (rc == OXL_OK && continued) water_scale(&t->water, 0, t->model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
@@ -170,19 +170,19 @@ static void train_end(struct train *t)
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);
-    oxl_free(ctx, t->held);
+    oxl_free(ctx, t->validation);
     text_free(&t->decisions);
 }
 
 /* ---------------------------------------------------------------- checkpoints */
 
-static int train_alike(const oxl_model *a, const oxl_model *b)
+static int train_same_shape(const oxl_model *a, const oxl_model *b)
 {
     return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
 }
 
 /* Means of squares are not negative. */
-static int train_are_squares(const oxl_model *second)
+static int train_are_nonnegative(const oxl_model *second)
 {
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; second->plane[k] && i < (k < OXL_LOBE ? second->count : second->lobes); i++)
@@ -210,8 +210,8 @@ static void train_archive(struct archive *a, void *user)
     archive_model(a, t->model);
     archive_model(a, &t->first);
     archive_model(a, &t->second);
-    archive_expect(a, t->model->count > 0 && train_alike(t->model, &t->first) && train_alike(t->model, &t->second));
-    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_squares(&t->second));
+    archive_expect(a, t->model->count > 0 && train_same_shape(t->model, &t->first) && train_same_shape(t->model, &t->second));
+    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_nonnegative(&t->second));
     density_archive(a, t->density, t->model->count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
@@ -220,10 +220,10 @@ static void train_archive(struct archive *a, void *user)
     water_archive(a, &t->water, t->options->medium != OXL_OFF);
     lamp_archive(a, &t->lamp, t->options->lamp != OXL_OFF);
     selection_archive(a, t);
-    archive_expect(a, views + (size_t)t->held_views <=
+    archive_expect(a, views + (size_t)t->validation_views <=
                           (size_t)schedule_training_views(t->scene)); /* those held come back to `view` */
-    archive_text(a, t->place->log);
-    archive_text(a, t->place->notes);
+    archive_text(a, t->output->log);
+    archive_text(a, t->output->notes);
     if (!a->reading || a->rc != OXL_OK) return;
     t->views   = (int)views;
     t->seconds = spent;
@@ -235,16 +235,16 @@ static oxl_result train_save(struct train *t)
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     t->saved_step = t->step;
     t->saved_at   = os_seconds();
-    if (rc != OXL_OK || !t->place) return rc;
-    rc = checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
-    if (rc == OXL_ERR_IO && !os_is_folder(t->place->folder)) /* it was deleted meanwhile, and is made again */
-        rc = checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
+    if (rc != OXL_OK || !t->output) return rc;
+    rc = checkpoint_write(t->ctx, t->output->folder, t->output->key, train_archive, t);
+    if (rc == OXL_ERR_IO && !os_is_folder(t->output->folder)) /* it was deleted meanwhile, and is made again */
+        rc = checkpoint_write(t->ctx, t->output->folder, t->output->key, train_archive, t);
     return rc;
 }
 
 static int train_save_is_due(const struct train *t)
 {
-    return t->place && t->step < t->options->iterations &&
+    return t->output && t->step < t->options->iterations &&
            (t->step - t->saved_step >= TRAIN_SAVE_STEPS || os_seconds() - t->saved_at >= TRAIN_SAVE_SECONDS);
 }
 
@@ -252,8 +252,8 @@ static oxl_result train_resume(struct train *t)
 {
     int        found = 0;
     oxl_result rc    = OXL_OK;
-    t->saved_at      = t->begun;
-    if (t->place) rc = checkpoint_read(t->ctx, t->place->folder, t->place->key, train_archive, t, &found);
+    t->saved_at      = t->started;
+    if (t->output) rc = checkpoint_read(t->ctx, t->output->folder, t->output->key, train_archive, t, &found);
     if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
     t->saved_step = t->step;
     return rc;
@@ -281,7 +281,7 @@ static oxl_result train_stop(struct train *t)
 static oxl_result train_loop(struct train *t)
 {
     const oxl_train_options *o   = t->options;
-    const int                end = t->place && t->place->until > 0 ? OXL_MIN(t->place->until, o->iterations) : o->iterations;
+    const int                end = t->output && t->output->until > 0 ? OXL_MIN(t->output->until, o->iterations) : o->iterations;
     oxl_result               rc  = OXL_OK;
     t->first_step                = t->step;
     if (t->step > 0 && step_report(t, 0)) return OXL_ERR_INTERRUPTED;
@@ -295,7 +295,7 @@ static oxl_result train_loop(struct train *t)
         rc = selection_step(t);
         if (rc != OXL_OK) break;
         if (step_report(t, 0)) return train_stop(t);
-        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations) {
+        if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
             oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
             return train_save(t);
         }
@@ -317,7 +317,7 @@ static void train_describe_imaging(struct train *t)
 {
     const struct imaging *m    = scene_imaging(t->scene);
     const double          span = water_span(t->scene);
-    if (m->medium.lit)
+    if (m->medium.has_falloff)
         oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f", (double)m->medium.falloff);
     if (m->medium.on)
         oxl_log(t->ctx, OXL_LOG_INFO,
@@ -326,7 +326,7 @@ static void train_describe_imaging(struct train *t)
                 (double)m->medium.direct[0], (double)m->medium.direct[1], (double)m->medium.direct[2],
                 (double)m->medium.scatter[0], (double)m->medium.scatter[1], (double)m->medium.scatter[2],
                 (double)m->medium.veil[0], (double)m->medium.veil[1], (double)m->medium.veil[2], span);
-    if ((m->medium.on || m->medium.lit) && span < WATER_SPAN_LEAST)
+    if ((m->medium.on || m->medium.has_falloff) && span < WATER_SPAN_MIN)
         oxl_log(
             t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
             "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, and scene_clear.ply "
@@ -335,56 +335,56 @@ static void train_describe_imaging(struct train *t)
 }
 
 /* Stores the gains in the scene, for evaluation and rendering. */
-static void train_leave_gains(struct train *t)
+static void train_store_imaging(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
-    *to              = t->exposure.of;
-    to->medium       = water_medium(&t->water);
-    to->medium.shift = 0;
-    lamp_leave(&t->lamp, to);
+    *to                       = t->exposure.of;
+    to->medium                = water_medium(&t->water);
+    to->medium.training_range = 0;
+    lamp_store(&t->lamp, to);
     t->exposure.of = (struct imaging){0};
 }
 
 /* Copies the decisions to the caller. */
 static void train_return_decisions(struct train *t)
 {
-    struct text *out = t->place ? t->place->decisions : NULL;
+    struct text *out = t->output ? t->output->decisions : NULL;
     if (out && t->decisions.data) text_add(out, "%s", t->decisions.data);
     if (out) out->failed |= t->decisions.failed;
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_output *place, oxl_model *out)
+                                  const oxl_callback *callback, const struct train_output *output, oxl_model *out)
 {
     struct train t  = {.ctx       = ctx,
                        .scene     = scene,
                        .options   = options,
                        .model     = out,
-                       .begun     = os_seconds(),
-                       .place     = place,
-                       .step      = place ? place->first : 0,
+                       .started   = os_seconds(),
+                       .output    = output,
+                       .step      = output ? output->first : 0,
                        .callback  = callback,
                        .decisions = {.ctx = ctx}};
     oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
-    int          begun; /* 0: stopped before out is the state that there is */
+    int          started; /* 0: stopped before out is the state that there is */
     *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
-    begun = rc == OXL_OK;
+    started = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
-    if (place && place->moments && t.second.memory) { /* rows keep their places */
-        place->moments[0] = t.first, place->moments[1] = t.second;
+    if (output && output->moments && t.second.memory) { /* rows keep their places */
+        output->moments[0] = t.first, output->moments[1] = t.second;
         t.first = t.second = (oxl_model){0};
     } else if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
-    if (place && place->nonfinite) *place->nonfinite = t.nonfinite;
-    if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;
+    if (output && output->nonfinite) *output->nonfinite = t.nonfinite;
+    if (output && output->trained) *output->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
-    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !begun)) oxl_model_free(ctx, out);
-    if (begun) water_scale(&t.water, 1, out);
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
+    if (started) water_scale(&t.water, 1, out);
     train_return_decisions(&t);
-    train_leave_gains(&t);
+    train_store_imaging(&t);
     if (rc == OXL_OK && t.step == options->iterations) train_describe_imaging(&t);
     train_end(&t);
     return rc;

@@ -71,9 +71,9 @@ OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count)
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
 /* When reading: the file is refused unless `ok`. The checksum finds accidental damage, not intended changes. */
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
-OXL_INTERNAL void archive_text(struct archive *a, struct text *t);             /* reading: the text is replaced */
-OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);          /* reading: the model is replaced */
-OXL_INTERNAL int  archive_holds(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
+OXL_INTERNAL void archive_text(struct archive *a, struct text *t);            /* reading: the text is replaced */
+OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);         /* reading: the model is replaced */
+OXL_INTERNAL int  archive_fits(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
 
 typedef void            checkpoint_state(struct archive *a, void *user);
 /* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key` says what the run depends on. */
@@ -121,19 +121,20 @@ struct prune {
     int      every, patience;     /* steps between checks; without a drop */
     int      drops, last;         /* done; step of the last */
     size_t   first_count, target; /* at the window's start (0: not yet), at its end */
-    double   stamp;               /* mean L1 before the last drop */
+    double   drop_l1;             /* mean L1 before the last drop */
     double   l1_sum;              /* since the last check */
     int      l1_count;
-    double   held; /* auto: loss of the held-out views at the window's start */
+    double   held_out_loss; /* auto: loss of the held-out views at the window's start */
 };
 /* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
 OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
 OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
 OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
 OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
-OXL_INTERNAL int    prune_checks(const struct prune *p, int step); /* whether prune_due would look: then `auto` needs `held` */
-/* After the step: number of `count` Gaussians to remove now. held: mean loss of the validation views, for auto. */
-OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held);
+OXL_INTERNAL int    prune_is_check_step(const struct prune *p,
+                                        int step); /* whether prune_due would look: then `auto` needs held_out_loss */
+/* After the step: number of `count` Gaussians to remove now. held_out_loss: mean of the validation views, for auto. */
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held_out_loss);
 /* keep (count): 0 for the `drop` that matter least, else 1. */
 OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
                                      const oxl_render_options *options, const oxl_model *model, uint8_t *keep);
@@ -180,10 +181,10 @@ struct water {
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *goes_on);
-/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_take, exposure_take. */
-OXL_INTERNAL void water_take(struct water *w, double span, const struct photometry *p, char *why, size_t size);
-#define WATER_SPAN_LEAST 2 /* less does not identify the water: auto is off (docs/WATER.md) */
+OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *continued);
+/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks, exposure_set_from_tracks. */
+OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size);
+#define WATER_SPAN_MIN 2 /* less does not identify the water: auto is off (docs/WATER.md) */
 OXL_INTERNAL double        water_span(oxl_scene *scene);
 OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* without tracks, after this step; 0: never */
 OXL_INTERNAL struct medium water_medium(const struct water *w);
@@ -196,15 +197,15 @@ OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 
 struct lamp_fit {
-    int         on, falls, held, steps, groups;                              /* falls: the falloff is trained; held: nothing is */
-    int         visits[LAMP_MOST];                                           /* steps of a camera */
-    struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
-    double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */
+    int         on, has_falloff, frozen, steps, groups;                    /* has_falloff: it is trained; frozen: nothing is */
+    int         visits[LAMP_MAX];                                          /* steps of a camera */
+    struct lamp group[LAMP_MAX];                                           /* the first: cameras that have none of their own */
+    double      first[LAMP_MAX][LAMP_TERMS], second[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
     double      falloff, falloff_first, falloff_second, reference;
 };
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *goes_on);
-OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
-OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m);
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued);
+OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m);
 /* of: the lamp of the view's camera. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
                             double falloff);
@@ -236,7 +237,7 @@ struct track_depth_view {
     struct depth_point *point; /* px of the view's camera */
 };
 struct track_depth {
-    int                      begun;
+    int                      started;
     struct track_depth_view *view; /* (views); NULL: no tracks */
     struct depth_point      *all;
 };
@@ -252,17 +253,17 @@ OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int vie
 
 struct exposure {
     oxl_switch     mode;
-    double         hold;           /* share of the run up to which known gains stay */
+    double         known_until;    /* share of the run up to which known gains stay */
     struct imaging of;             /* the gains; on: they are applied */
     float         *first, *second; /* (views,3) Adam's moments */
     int           *visits;         /* (views) steps of a view's gains */
     double         mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
 };
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
 OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
-OXL_INTERNAL void       exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void       exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
@@ -283,12 +284,12 @@ struct train_output {
     const struct image_window *window;  /* (views) trained part of each view, width 0: none; or NULL: all of all */
     oxl_model *moments; /* (2) Adam's, of the start; taken, and given back with the model; NULL: they begin at 0 */
     int        first;   /* a start that is so many steps old */
-    int        holds;   /* 1: gains and lamp stay as they are */
+    int        frozen;  /* 1: gains and lamp stay as they are */
     int        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_output *place, oxl_model *out);
+                                  const oxl_callback *callback, const struct train_output *output, oxl_model *out);
 
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t     schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
@@ -303,7 +304,7 @@ OXL_INTERNAL double     schedule_coarse_share(const oxl_train_options *options, 
 OXL_INTERNAL int        schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int        schedule_resets_opacity_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int        schedule_densifications(const oxl_train_options *options); /* in a whole run */
-OXL_INTERNAL int        schedule_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
+OXL_INTERNAL int        schedule_has_trials(const oxl_train_options *options); /* 1: trials, which copy the model, are possible */
 OXL_INTERNAL int        schedule_training_views(const oxl_scene *scene);
 /* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
 OXL_INTERNAL int        selection_trial_steps(const oxl_train_options *options, int views);

@@ -35,9 +35,9 @@ struct train {
     int                        trial_is_next; /* enum train_trial: before the next step */
     int                       *view;          /* (views) training views in this epoch's order */
     int                        views, step;
-    int                       *held; /* (held_views) validation views for decisions */
-    int                        held_views;
-    float                     *target, *weight; /* of step_compares_on_host: the image of this step: (3,H,W), (H,W) */
+    int                       *validation; /* (validation_views) views for decisions */
+    int                        validation_views;
+    float                     *target, *weight; /* of step_loss_on_host: the image of this step: (3,H,W), (H,W) */
     int                        masked;          /* whether weight holds its mask */
     size_t                     target_capacity, weight_capacity;
     int                        halved;     /* whether the image of this step is reduced to half the sides */
@@ -45,9 +45,9 @@ struct train {
     double                     last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite              nonfinite;
     int                        first_step; /* after which this process took over: 0, or that of a checkpoint */
-    double                     begun;      /* when it did */
+    double                     started;    /* when it did */
     double                     seconds;    /* that others had spent on the run before */
-    const struct train_output *place;      /* of its checkpoints, or NULL */
+    const struct train_output *output;     /* of its checkpoints, or NULL */
     int                        saved_step; /* of the last checkpoint, */
     double                     saved_at;   /* and when it was */
     const oxl_callback        *callback;
@@ -73,16 +73,16 @@ OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options 
 /* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
 /* Ends deferred steps, and downloads what a device holds. Before the host uses a step's loss, renders, or reads or changes the model. */
-OXL_INTERNAL oxl_result step_settle(struct train *t);
+OXL_INTERNAL oxl_result step_flush(struct train *t);
 OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what);
 OXL_INTERNAL oxl_result step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
-OXL_INTERNAL oxl_result step_prune(struct train *t, double held);
+OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss);
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t);
 /* A view's image to the renderer. OXL_ERR_INPUT: it cannot be read. */
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
 /* The model rendered from a view, compared with its image. */
-OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss);
+OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t);         /* to the model's shape */
 OXL_INTERNAL double     step_seconds(const struct train *t);           /* of the whole run, over all processes */
 OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
@@ -109,7 +109,7 @@ OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *sta
 /* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
 
 /* 1: the index-th training view is a validation view: an eighth of them, at most 8, evenly spaced. */
-OXL_INTERNAL int            selection_holds(int index, int views);
+OXL_INTERNAL int            selection_is_validation_view(int index, int views);
 OXL_INTERNAL oxl_result     selection_begin(struct train *t); /* splits training and validation views */
 /* Exposure, lamp and water from the tracks, before the first step. */
 OXL_INTERNAL oxl_result     selection_begin_imaging(struct train *t);

@@ -6,14 +6,14 @@
  * at first, and always what is hard to model (thin corals, the survey's border), which is then never learned. A fish and a coral that
  * is not learned yet have the same residual in one image; they differ in the others. So each sparse point keeps its `expected` error,
  * the running mean over the views that see it: small behind a fish, since other views explain the ground; large at the coral until it
- * is learned; TRANSIENTS_MOST at first, so that little is masked before errors have been observed.
+ * is learned; TRANSIENTS_MAX at first, so that little is masked before errors have been observed.
  *
  * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image| (signed: texture that is not
  * learned yet averages out, a fish does not), and m the largest expected error of the points around it,
  *     outlier  e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
  *     core     outlier, and e > TRANSIENTS_TIMES m
  *     masked   core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
- *     expected <- expected + TRANSIENTS_RATE (min(e, TRANSIENTS_MOST) - expected), for each point in view
+ *     expected <- expected + TRANSIENTS_RATE (min(e, TRANSIENTS_MAX) - expected), for each point in view
  * Squares without points around are never masked. docs/log/ROBUST.md has gains, cost and rejected alternatives.
  *
  * Invariant: weights and expected errors are a function of the model, the view and the previous expected errors; no sum depends on the
@@ -23,7 +23,7 @@
 
 #define TRANSIENTS_ERROR     0.05f /* of white: a visible difference */
 #define TRANSIENTS_TIMES     4.0f  /* x the expected error around */
-#define TRANSIENTS_MOST      0.05f /* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
+#define TRANSIENTS_MAX       0.05f /* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
 #define TRANSIENTS_RATE      0.1f /* about the last ten views */
 #define TRANSIENTS_SMOOTHING 0.02 /* of the logged share: about the last 50 views */
 enum {
@@ -43,7 +43,7 @@ OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r,
     r->place    = oxl_alloc(ctx, r->points, sizeof *r->place);
     if (!r->expected || !r->place)
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the expected errors of %zu points", r->points);
-    for (size_t i = 0; i < r->points; i++) r->expected[i] = TRANSIENTS_MOST;
+    for (size_t i = 0; i < r->points; i++) r->expected[i] = TRANSIENTS_MAX;
     return OXL_OK;
 }
 
@@ -161,7 +161,7 @@ static void transients_update_points(struct transients *r)
 {
     for (size_t i = 0; i < r->points; i++) {
         const float error = r->place[i] < 0 ? -1 : r->square[r->place[i]].error;
-        if (error >= 0) r->expected[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MOST) - r->expected[i]);
+        if (error >= 0) r->expected[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MAX) - r->expected[i]);
     }
 }
 
@@ -210,6 +210,6 @@ OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r)
     if (r->points == 0) return; /* off: that follows from the options and the scene */
     archive_floats(a, r->expected, r->points);
     archive_doubles(a, &r->masked_share, 1);
-    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->expected[i] >= 0 && r->expected[i] <= TRANSIENTS_MOST);
+    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->expected[i] >= 0 && r->expected[i] <= TRANSIENTS_MAX);
     archive_expect(a, r->masked_share >= 0 && r->masked_share <= 1);
 }

@@ -41,7 +41,7 @@ OXL_INTERNAL struct medium water_medium(const struct water *w)
 {
     struct medium m = {.on = w->on};
     if (!w->on) return m;
-    m.shift = (float)w->range;
+    m.training_range = (float)w->range;
     for (int c = 0; c < 3; c++) {
         m.direct[c]  = (float)(water_softplus(w->raw[c]) / w->range);
         m.scatter[c] = (float)(water_softplus(w->raw[3 + c]) / w->range);
@@ -66,19 +66,19 @@ static void water_set(struct water *w, const float direct[3], const float scatte
     }
 }
 
-OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *goes_on)
+OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *continued)
 {
-    *w = (struct water){.range = scene_depth_quantile(scene, 0.5), .fixed = goes_on && goes_on->on};
+    *w = (struct water){.range = scene_depth_quantile(scene, 0.5), .fixed = continued && continued->on};
     if (!(w->range > 0)) w->range = 1;
-    if (!goes_on || !goes_on->on) return;
+    if (!continued || !continued->on) return;
     w->on = 1;
-    water_set(w, goes_on->direct, goes_on->scatter, goes_on->veil);
+    water_set(w, continued->direct, continued->scatter, continued->veil);
 }
 
-OXL_INTERNAL void water_take(struct water *w, double span, const struct photometry *p, char *why, size_t size)
+OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size)
 {
     float value[3][3];
-    w->on = w->fixed = (p->parts & PHOTOMETRY_WATER) && span >= WATER_SPAN_LEAST;
+    w->on = w->fixed = (p->parts & PHOTOMETRY_WATER) && span >= WATER_SPAN_MIN;
     for (int c = 0; c < 3; c++)
         value[0][c] = (float)p->direct[c], value[1][c] = (float)p->scatter[c], value[2][c] = (float)p->veil[c];
     if (w->on) water_set(w, value[0], value[1], value[2]);
@@ -89,9 +89,9 @@ OXL_INTERNAL void water_take(struct water *w, double span, const struct photomet
         p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->direct[0], p->direct[1], p->direct[2],
         100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->scatter[0], p->scatter[1], p->scatter[2], 100 * p->error[3],
         100 * p->error[4], 100 * p->error[5], p->veil[0], p->veil[1], p->veil[2]);
-    if (span < WATER_SPAN_LEAST)
+    if (span < WATER_SPAN_MIN)
         snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
-                 WATER_SPAN_LEAST);
+                 WATER_SPAN_MIN);
     else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
     else if (!w->on)
         snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water", p->points,
@@ -124,7 +124,7 @@ OXL_INTERNAL void water_scale(const struct water *w, int to_clear, oxl_model *mo
     const struct medium m = water_medium(w);
     double              factor[3];
     if (!w->on) return;
-    for (int c = 0; c < 3; c++) factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.direct[c] * (double)m.shift);
+    for (int c = 0; c < 3; c++) factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.direct[c] * (double)m.training_range);
     model_scale_colour(model, factor);
 }
 

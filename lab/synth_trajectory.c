@@ -1,4 +1,4 @@
-/* synth_path.c - camera paths.
+/* synth_trajectory.c - camera paths.
  *
  * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 % along a row and rows
  * by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at it. Position, height and angles are
@@ -23,14 +23,14 @@
 
 static const double degree = SYNTH_PI / 180;
 
-static double path_waver(const synth_options *o, int view, uint64_t what, double sigma)
+static double trajectory_waver(const synth_options *o, int view, uint64_t what, double sigma)
 {
     const double n = synth_random_normal(synth_bits(o->seed, 200 + what, (uint64_t)view));
     return sigma * synth_clamp(n, -2.5, 2.5);
 }
 
 /* Looks along `forward`; the top of the image towards `up`; rotated around the view direction by `roll`. */
-static void path_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
+static void trajectory_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
 {
     const v3 z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
     const v3 x = v3_add(v3_scale(level, cos(roll)), v3_scale(down, sin(roll))), y = v3_cross(z, x);
@@ -42,7 +42,7 @@ static void path_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
     }
 }
 
-static void path_lawnmower(const synth_options *o, struct synth_path *path)
+static void trajectory_lawnmower(const synth_options *o, struct synth_trajectory *trajectory)
 {
     const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_SHARE * o->width);
     const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_SHARE;
@@ -50,34 +50,36 @@ static void path_lawnmower(const synth_options *o, struct synth_path *path)
     const double length = o->extent > 0 ? o->extent : step * synth_max(1, (double)o->views / rows - 1);
     const double width  = o->extent > 0 ? o->extent : apart * (rows - 1);
     for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c     = &path->camera[i];
+        struct synth_camera *c     = &trajectory->camera[i];
         const int64_t        views = o->views;
         const int            row   = (int)(i * (int64_t)rows / views);
         const int            first = (int)((row * views + rows - 1) / rows), after = (int)(((row + 1) * views + rows - 1) / rows);
         const double         along   = after - first > 1 ? (double)(i - first) / (after - first - 1) - 0.5 : 0;
         const double         across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
         const double         there   = row % 2 ? -1 : 1; /* to and fro */
-        const double         heading = path_waver(o, i, 0, 3 * degree), pitch = TILT * degree + path_waver(o, i, 1, 2 * degree);
-        const v3             ahead = v3_of(there * sin(heading), there * cos(heading), 0);
-        c->centre = v3_of(width * across + path_waver(o, i, 2, 0.05), there * length * along + path_waver(o, i, 3, 0.05),
-                          ALTITUDE + path_waver(o, i, 4, 0.1));
-        path_aim(c, v3_add(v3_scale(ahead, sin(pitch)), v3_of(0, 0, -cos(pitch))), ahead, path_waver(o, i, 5, 2 * degree));
+        const double         heading = trajectory_waver(o, i, 0, 3 * degree),
+                     pitch           = TILT * degree + trajectory_waver(o, i, 1, 2 * degree);
+        const v3 ahead               = v3_of(there * sin(heading), there * cos(heading), 0);
+        c->centre                    = v3_of(width * across + trajectory_waver(o, i, 2, 0.05),
+                                             there * length * along + trajectory_waver(o, i, 3, 0.05), ALTITUDE + trajectory_waver(o, i, 4, 0.1));
+        trajectory_aim(c, v3_add(v3_scale(ahead, sin(pitch)), v3_of(0, 0, -cos(pitch))), ahead,
+                       trajectory_waver(o, i, 5, 2 * degree));
     }
-    path->wreck = v3_of(0.18 * width, 0.12 * length, 0);
+    trajectory->wreck = v3_of(0.18 * width, 0.12 * length, 0);
 }
 
-static void path_orbit(const synth_options *o, struct synth_path *path)
+static void trajectory_orbit(const synth_options *o, struct synth_trajectory *trajectory)
 {
     const double radius = o->extent > 0 ? 0.5 * o->extent : 4.2;
     const int    rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings;
     for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c      = &path->camera[i];
+        struct synth_camera *c      = &trajectory->camera[i];
         const int            ring   = i / first;
         const double         turn   = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
-        const double         out    = (ring ? 0.8 : 1) * radius + path_waver(o, i, 0, 0.1);
-        const v3             target = v3_of(path_waver(o, i, 1, 0.15), path_waver(o, i, 2, 0.15), 0.25);
-        c->centre = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + path_waver(o, i, 3, 0.1));
-        path_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), path_waver(o, i, 4, 2 * degree));
+        const double         out    = (ring ? 0.8 : 1) * radius + trajectory_waver(o, i, 0, 0.1);
+        const v3             target = v3_of(trajectory_waver(o, i, 1, 0.15), trajectory_waver(o, i, 2, 0.15), 0.25);
+        c->centre = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + trajectory_waver(o, i, 3, 0.1));
+        trajectory_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), trajectory_waver(o, i, 4, 2 * degree));
     }
 }
 
@@ -92,7 +94,7 @@ static const struct path_leg {
 } path_legs[] = {{-4.2, 1.3, 1, -38, 8}, {0.4, 1.1, 1, 0, 22}, {4.5, 1.5, -1, -25, 12}};
 enum { PATH_LEGS = sizeof path_legs / sizeof *path_legs };
 
-static void path_rov(const synth_options *o, struct synth_path *path)
+static void trajectory_rov(const synth_options *o, struct synth_trajectory *trajectory)
 {
     const double length = o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
     for (int i = 0; i < o->views; i++) {
@@ -101,77 +103,78 @@ static void path_rov(const synth_options *o, struct synth_path *path)
         const int              after = (int)(((int64_t)(k + 1) * o->views + PATH_LEGS - 1) / PATH_LEGS);
         const struct path_leg *leg   = &path_legs[k];
         const double           along = (after - first > 1 ? (double)(i - first) / (after - first - 1) : 0.5) - 0.5;
-        const double           turn  = (leg->towards + path_waver(o, i, 0, 5)) * degree,
-                     down            = (leg->down + path_waver(o, i, 1, 4)) * degree;
+        const double           turn  = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree,
+                     down            = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
         const v3 ahead               = v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0);
-        path->camera[i].centre =
-            v3_of(leg->x + path_waver(o, i, 2, 0.15), leg->course * length * along + path_waver(o, i, 3, 0.08),
-                  leg->altitude + path_waver(o, i, 4, 0.12));
-        path_aim(&path->camera[i], v3_add(v3_scale(ahead, cos(down)), v3_of(0, 0, -sin(down))), v3_of(0, 0, 1),
-                 path_waver(o, i, 5, 2 * degree));
+        trajectory->camera[i].centre =
+            v3_of(leg->x + trajectory_waver(o, i, 2, 0.15), leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
+                  leg->altitude + trajectory_waver(o, i, 4, 0.12));
+        trajectory_aim(&trajectory->camera[i], v3_add(v3_scale(ahead, cos(down)), v3_of(0, 0, -sin(down))), v3_of(0, 0, 1),
+                       trajectory_waver(o, i, 5, 2 * degree));
     }
-    path->wreck = v3_of(7.5, 0.2 * length, 0);
+    trajectory->wreck = v3_of(7.5, 0.2 * length, 0);
 }
 
-static void path_forward(const synth_options *o, struct synth_path *path)
+static void trajectory_forward(const synth_options *o, struct synth_trajectory *trajectory)
 {
     const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
     for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c     = &path->camera[i];
-        const double         along = o->views > 1 ? (double)i / (o->views - 1) - 0.5 : 0;
-        const double heading = path_waver(o, i, 0, 3 * degree), pitch = FORWARD_PITCH * degree + path_waver(o, i, 1, 2 * degree);
-        const v3     level = v3_of(sin(heading), cos(heading), 0);
-        c->centre          = v3_of(path_waver(o, i, 2, 0.15), length * along + path_waver(o, i, 3, 0.03),
-                                   FORWARD_HEIGHT + path_waver(o, i, 4, 0.1));
-        path_aim(c, v3_add(v3_scale(level, cos(pitch)), v3_of(0, 0, -sin(pitch))), v3_of(0, 0, 1),
-                 path_waver(o, i, 5, 2 * degree));
+        struct synth_camera *c       = &trajectory->camera[i];
+        const double         along   = o->views > 1 ? (double)i / (o->views - 1) - 0.5 : 0;
+        const double         heading = trajectory_waver(o, i, 0, 3 * degree),
+                     pitch           = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
+        const v3 level               = v3_of(sin(heading), cos(heading), 0);
+        c->centre                    = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
+                                             FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
+        trajectory_aim(c, v3_add(v3_scale(level, cos(pitch)), v3_of(0, 0, -sin(pitch))), v3_of(0, 0, 1),
+                       trajectory_waver(o, i, 5, 2 * degree));
     }
-    path->wreck = v3_of(1.5, 0.1 * length, 0);
+    trajectory->wreck = v3_of(1.5, 0.1 * length, 0);
 }
 
 /* Where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world, metres. */
-static void path_measure(struct synth_path *path, double reach)
+static void trajectory_measure(struct synth_trajectory *trajectory, double reach)
 {
-    for (int i = 0; i < path->count; i++) {
-        const struct synth_camera *c = &path->camera[i];
+    for (int i = 0; i < trajectory->count; i++) {
+        const struct synth_camera *c = &trajectory->camera[i];
         for (int k = 0; k < 4; k++) {
             const v3     ray   = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
             const double range = ray.z < 0 ? synth_min(reach, (c->centre.z + 0.5) / -ray.z) : reach;
             const v3     hit   = v3_along(c->centre, ray, range);
-            path->reach        = synth_max(path->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
-            path->half         = synth_max(path->half, synth_max(fabs(hit.x), fabs(hit.y)));
+            trajectory->reach  = synth_max(trajectory->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
+            trajectory->half   = synth_max(trajectory->half, synth_max(fabs(hit.x), fabs(hit.y)));
         }
     }
-    path->half += MARGIN;
+    trajectory->half += MARGIN;
 }
 
 /* From each camera two: at half the distance to its left and right. */
-static void path_pair(double apart, struct synth_path *path)
+static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
 {
-    for (int i = path->count - 1; i >= 0; i--) {
-        const struct synth_camera c = path->camera[i / 2];
-        const v3 side               = v3_scale(v3_of(c.rotation[0], c.rotation[1], c.rotation[2]), (i % 2 ? 0.5 : -0.5) * apart);
-        path->camera[i]             = c;
-        path->camera[i].centre      = v3_add(c.centre, side);
+    for (int i = trajectory->count - 1; i >= 0; i--) {
+        const struct synth_camera c  = trajectory->camera[i / 2];
+        const v3 side                = v3_scale(v3_of(c.rotation[0], c.rotation[1], c.rotation[2]), (i % 2 ? 0.5 : -0.5) * apart);
+        trajectory->camera[i]        = c;
+        trajectory->camera[i].centre = v3_add(c.centre, side);
     }
 }
 
-static void path_fly(const synth_options *o, struct synth_path *path)
+static void trajectory_fly(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    if (strcmp(o->path, "orbit") == 0) path_orbit(o, path);
-    else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
-    else if (strcmp(o->path, "forward") == 0) path_forward(o, path);
-    else path_lawnmower(o, path);
+    if (strcmp(o->path, "orbit") == 0) trajectory_orbit(o, trajectory);
+    else if (strcmp(o->path, "rov") == 0) trajectory_rov(o, trajectory);
+    else if (strcmp(o->path, "forward") == 0) trajectory_forward(o, trajectory);
+    else trajectory_lawnmower(o, trajectory);
 }
 
-int synth_path_create(const synth_options *o, struct synth_path *path)
+int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    synth_options rig = *o;
-    *path             = (struct synth_path){.count = o->views};
-    path->camera      = calloc((size_t)o->views, sizeof *path->camera);
-    if (!path->camera) return 0;
+    synth_options rig  = *o;
+    *trajectory        = (struct synth_trajectory){.count = o->views};
+    trajectory->camera = calloc((size_t)o->views, sizeof *trajectory->camera);
+    if (!trajectory->camera) return 0;
     for (int i = 0; i < o->views; i++) { /* the principal point is off the middle, as calibration finds it */
-        struct synth_camera *c = &path->camera[i];
+        struct synth_camera *c = &trajectory->camera[i];
         c->width               = o->width;
         c->height              = o->height;
         c->f                   = FOCAL_SHARE * o->width;
@@ -179,17 +182,17 @@ int synth_path_create(const synth_options *o, struct synth_path *path)
         c->cy                  = 0.497 * o->height;
     }
     if (o->stereo > 0) rig.views = (o->views + 1) / 2;
-    path_fly(&rig, path);
-    if (o->stereo > 0) path_pair(o->stereo, path);
-    path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_RANGE : SYNTH_FAR);
+    trajectory_fly(&rig, trajectory);
+    if (o->stereo > 0) trajectory_pair(o->stereo, trajectory);
+    trajectory_measure(trajectory, strcmp(o->path, "rov") == 0 ? ROV_RANGE : SYNTH_FAR);
     return 1;
 }
 
 /* A boat follows the ground roughly: its mean over a few metres. */
-void synth_path_settle(struct synth_path *path, const struct synth_world *w)
+void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *w)
 {
-    for (int i = 0; i < path->count; i++) {
-        v3    *c   = &path->camera[i].centre;
+    for (int i = 0; i < trajectory->count; i++) {
+        v3    *c   = &trajectory->camera[i].centre;
         double sum = 0, top = -1e9;
         for (int k = 0; k < 9; k++) {
             const double ground = synth_ground(w, c->x + k % 3 - 1, c->y + k / 3 - 1);
@@ -200,10 +203,10 @@ void synth_path_settle(struct synth_path *path, const struct synth_world *w)
     }
 }
 
-void synth_path_free(struct synth_path *path)
+void synth_trajectory_free(struct synth_trajectory *trajectory)
 {
-    free(path->camera);
-    *path = (struct synth_path){0};
+    free(trajectory->camera);
+    *trajectory = (struct synth_trajectory){0};
 }
 
 v3 synth_pixel_ray(const struct synth_camera *c, double px, double py)
