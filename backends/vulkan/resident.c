@@ -230,7 +230,7 @@ static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_ren
                 continue;
             VULKAN_RUN(r->v, MOVE, 0, vulkan_groups(rows),
                        VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first, (uint32_t)old_rows,
-                                   old->stride, r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
+                                   old->stride, old->lobe_plane, r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
                        VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].first, &old->slab[o].second,
                                       &r->slab[s].parameter, &r->slab[s].first, &r->slab[s].second));
         }
@@ -245,7 +245,7 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
     *moved                      = 0;
     vulkan_enter(v);
     if (!r->model_here || !r->moments_here || move->count == 0) return OXL_OK;
-    r->count = move->count, r->lobes = move->lobes;
+    r->count = move->count, r->lobes = move->lobes, r->sh_degree = move->sh_degree;
     r->slab          = NULL;
     r->slab_capacity = 0;
     vulkan_reserve_slabs(r);
@@ -260,6 +260,7 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
         vulkan_release_slabs(v, r->slab, r->slab_capacity);
         r->slab = old.slab, r->slab_capacity = old.slab_capacity, r->slabs = old.slabs;
         r->count = old.count, r->lobes = old.lobes, r->stride = old.stride, r->planes = old.planes;
+        r->sh_degree = old.sh_degree, r->lobe_plane = old.lobe_plane;
         return v->rc == OXL_ERR_MEMORY ? OXL_OK : v->rc;
     }
     r->room    = 0;

@@ -76,7 +76,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
  * them without deferring. Before anything but steps, defer(0) and all reports. Returns 1: the device defers from now on. */
 enum renderer_halt { HALT_NONE, HALT_PAIRS, HALT_LOSS }; /* more pairs than the device had room for; the loss is not finite */
 struct renderer_report {
-    int                       there; /* 0: no step to report */
+    int                       exists; /* 0: no step to report */
     enum renderer_halt        halt;
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
@@ -104,12 +104,13 @@ enum renderer_download {
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
 
 /* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
- * RENDERER_FRESH is set; the order stays. The host does the same with the model and calls renderer_send_shape. *moved 0: on the CPU, or there was no room on
+ * RENDERER_FRESH is set; the order stays. Bands that the model had not are 0. The host does the same with the model and calls renderer_send_shape. *moved 0: on the CPU, or there was no room on
  * the device; everything is on the host then, as after DOWNLOAD_TO_CHANGE. */
 #define RENDERER_FRESH 0x80000000u
 struct renderer_move {
     const uint32_t *from; /* (count) */
     size_t          count, lobes;
+    int             sh_degree; /* not below the model's */
 };
 OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved);
 /* Uploads the planes before OXL_SH of a model of which the device holds the rest; reset_opacity: the moments of its opacity become 0. */

@@ -10,6 +10,9 @@
  *
  * auto: on where the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's neighbours predict its gain better than none.
  *
+ * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while the device works on the step
+ * (exposure_apply_pending). On the CPU they do.
+ *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
 #include "train.h"
@@ -79,7 +82,7 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
 }
 
 /* A step of the view's gains along dL/da, and the projection. progress: share of the run. */
-OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
+static void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
 {
     const double rate     = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));
     float       *a        = e->of.log_gain + 3 * view, between[3];
@@ -99,6 +102,19 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
         a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_MIN), -vecmath_log(EXPOSURE_MIN));
     }
     imaging_centre(&e->of, e->mean);
+}
+
+OXL_INTERNAL void exposure_apply_pending(struct exposure *e, int last)
+{
+    if (e->pending.step == 0 || e->pending.step > last) return;
+    exposure_step(e, e->pending.view, e->pending.progress, e->pending.dlog_gain);
+    e->pending.step = 0;
+}
+
+OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure_gradient *of)
+{
+    exposure_apply_pending(e, INT_MAX);
+    if (e->of.on && (of->progress >= e->known_until || !e->of.known[of->view])) e->pending = *of;
 }
 
 /* The root of the mean square of the known gains, in log units, and of what their neighbours leave of them. */
@@ -150,6 +166,12 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
     archive_floats(a, e->first, 3 * views);
     archive_floats(a, e->second, 3 * views);
     archive_ints(a, e->visits, views);
+    archive_int(a, &e->pending.step);
+    archive_int(a, &e->pending.view);
+    archive_doubles(a, &e->pending.progress, 1);
+    archive_doubles(a, e->pending.dlog_gain, 3);
+    archive_expect(a, e->pending.step >= 0 && e->pending.view >= 0 && e->pending.view < e->of.views);
+    archive_expect(a, e->pending.progress >= 0 && e->pending.progress <= 2);
     for (size_t i = 0; i < views && a->rc == OXL_OK; i++) {
         int known = e->of.known[i];
         archive_int(a, &known);

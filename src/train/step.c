@@ -122,11 +122,18 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
     return rc;
 }
 
-static void step_set_gain(struct train *t, int view)
+static void step_gain(const struct train *t, int view, float gain[3])
 {
-    float gain[3];
     if (t->exposure.of.on) imaging_gain(&t->exposure.of, view, gain);
-    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
+}
+
+/* The step that comes, on a view. */
+static struct train_deferred step_begin(struct train *t, int view)
+{
+    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
+    exposure_apply_pending(&t->exposure, t->step - 2);
+    step_gain(t, view, step.gain);
+    return step;
 }
 
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
@@ -143,16 +150,17 @@ static const struct lamp *step_lamp(const struct train *t, int view)
     return which < 0 ? NULL : &t->lamp.group[which];
 }
 
-/* The model rendered from a view, against its image as step_load_image has left it. */
-static oxl_result step_forward_loss(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
+/* The model rendered from a view, times its gain, against its image as step_load_image has left it. */
+static oxl_result step_forward_loss(struct train *t, int view, const float gain[3], int learns, struct renderer_loss *loss)
 {
-    const oxl_camera     camera = step_camera(t, view);
-    const struct imaging m      = step_imaging(t);
+    const float          ssim_weight = t->options->ssim_weight;
+    const oxl_camera     camera      = step_camera(t, view);
+    const struct imaging m           = step_imaging(t);
     oxl_result           rc;
     renderer_set_medium(t->renderer, &m.medium);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
     rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
-    step_set_gain(t, view);
+    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
     if (rc != OXL_OK) return rc;
     if (step_loss_on_host(t))
@@ -163,7 +171,9 @@ static oxl_result step_forward_loss(struct train *t, int view, int learns, float
 /* Evaluation with the full loss. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss)
 {
-    return step_forward_loss(t, view, 0, t->options->ssim_weight, loss);
+    float gain[3];
+    step_gain(t, view, gain);
+    return step_forward_loss(t, view, gain, 0, loss);
 }
 
 /* A loss that is not finite: the step is left out. */
@@ -181,8 +191,14 @@ static oxl_result step_skip(struct train *t, int step, int view)
 static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                               struct renderer_nonfinite skipped)
 {
-    const double psnr = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
-    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
+    const double                   psnr     = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
+    const struct exposure_gradient gradient = {.step      = of->step,
+                                               .view      = of->view,
+                                               .progress  = (double)of->step / t->options->iterations,
+                                               .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
+    exposure_set_pending(&t->exposure, &gradient);
+    if (!renderer_has_device(t->renderer)) exposure_apply_pending(&t->exposure, of->step);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
                       renderer_has_device(t->renderer) ? NULL : t->model, &t->first, &t->second);
     t->last_loss = loss->total;
@@ -211,22 +227,20 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
 }
 
 /* Forward, loss, backward, step. */
-static oxl_result step_on_view(struct train *t, int view)
+static oxl_result step_on_view(struct train *t, const struct train_deferred *here)
 {
-    const double                progress = (double)t->step / t->options->iterations;
-    const struct train_deferred here     = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
-    const struct lamp          *lamp     = step_lamp(t, view);
-    struct adam_params          adam;
-    struct renderer_loss        loss;
-    struct renderer_nonfinite   skipped;
-    oxl_result                  rc;
+    const double              progress = (double)t->step / t->options->iterations;
+    const int                 view     = here->view;
+    const struct lamp        *lamp     = step_lamp(t, view);
+    struct adam_params        adam;
+    struct renderer_loss      loss;
+    struct renderer_nonfinite skipped;
+    oxl_result                rc;
     t->last_loss        = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_forward_loss(t, view, 1, t->options->ssim_weight, &loss);
+    rc                  = step_forward_loss(t, view, here->gain, 1, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
-    if (t->exposure.of.on && (progress >= t->exposure.known_until || !t->exposure.of.known[view]))
-        exposure_step(&t->exposure, view, progress, loss.dlog_gain);
     if (t->water.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
@@ -236,7 +250,7 @@ static oxl_result step_on_view(struct train *t, int view)
                   t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
-    if (rc == OXL_OK) step_update_means(t, &here, &loss, skipped);
+    if (rc == OXL_OK) step_update_means(t, here, &loss, skipped);
     return rc;
 }
 
@@ -245,7 +259,7 @@ static oxl_result step_on_view(struct train *t, int view)
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !step_loss_on_host(t) && !t->water.on && !t->exposure.of.on;
+    return renderer_has_device(t->renderer) && !step_loss_on_host(t) && !t->water.on;
 }
 
 /* A deferred step that halted, or came behind one. */
@@ -256,7 +270,7 @@ static oxl_result step_repeat(struct train *t, const struct train_deferred *whic
     t->step          = which->step;
     t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
     rc               = step_load_image(t, which->view);
-    if (rc == OXL_OK) rc = step_on_view(t, which->view);
+    if (rc == OXL_OK) rc = step_on_view(t, which);
     if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     t->step          = step;
     t->trial_is_next = trial;
@@ -282,7 +296,7 @@ static oxl_result step_read_reports(struct train *t, int wait)
     while (rc == OXL_OK && t->deferred_steps > 0) {
         struct renderer_report report;
         rc = renderer_report(t->ctx, t->renderer, wait, &report);
-        if (rc != OXL_OK || !report.there) return rc;
+        if (rc != OXL_OK || !report.exists) return rc;
         if (report.halt != HALT_NONE) return step_after_halt(t, report.halt);
         step_update_means(t, &t->deferred[0], &report.loss, report.skipped);
         t->deferred[0] = t->deferred[1];
@@ -310,14 +324,14 @@ OXL_INTERNAL oxl_result step_observe(struct train *t)
     return density_observe(t->ctx, t->density, t->renderer, t->model->count);
 }
 
-static oxl_result step_record(struct train *t, int view)
+static oxl_result step_record(struct train *t, const struct train_deferred *here)
 {
     struct adam_params        adam;
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
     oxl_result                rc;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_forward_loss(t, view, 1, t->options->ssim_weight, &loss);
+    rc                  = step_forward_loss(t, here->view, here->gain, 1, &loss);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
@@ -325,29 +339,32 @@ static oxl_result step_record(struct train *t, int view)
 }
 
 /* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
-static oxl_result step_retry_after_flush(struct train *t, int view)
+static oxl_result step_retry_after_flush(struct train *t, const struct train_deferred *here)
 {
     oxl_result rc = step_flush(t);
-    if (rc == OXL_OK) rc = step_load_image(t, view);
-    return rc == OXL_OK ? step_on_view(t, view) : rc;
+    if (rc == OXL_OK) rc = step_load_image(t, here->view);
+    return rc == OXL_OK ? step_on_view(t, here) : rc;
 }
 
-static oxl_result step_deferred(struct train *t, int view)
+static oxl_result step_deferred(struct train *t, const struct train_deferred *here)
 {
-    const oxl_result rc = step_record(t, view);
+    const oxl_result rc = step_record(t, here);
     if (rc != OXL_OK) return rc;
-    t->deferred[t->deferred_steps++] = (struct train_deferred){.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
+    t->deferred[t->deferred_steps++] = *here;
     return step_read_reports(t, 0);
 }
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    const int  deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
-    int        view     = -1;
-    oxl_result rc       = deferred ? OXL_OK : step_flush(t);
+    const int             deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
+    int                   view     = -1;
+    struct train_deferred here;
+    oxl_result            rc = deferred ? OXL_OK : step_flush(t);
     if (rc == OXL_OK) rc = step_next_image(t, &view);
-    if (rc == OXL_OK) rc = deferred ? step_deferred(t, view) : step_on_view(t, view);
-    return rc == OXL_ERR_MEMORY && deferred && view >= 0 ? step_retry_after_flush(t, view) : rc;
+    if (rc != OXL_OK && view < 0) return rc;
+    here = step_begin(t, view);
+    if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here);
+    return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
 
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
@@ -358,16 +375,19 @@ OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
     return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
 }
 
-/* On a device: the rows that density control has decided on. */
-static oxl_result step_move_rows(struct train *t, const struct density_change *change, int *moved)
+/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this degree. */
+static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep, int sh_degree,
+                                 int *moved)
 {
-    const size_t         count = t->model->count - change->removed + change->split;
+    const size_t         count = t->model->count + (change ? change->split - change->removed : 0);
     uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
-    struct renderer_move move  = {.from = from, .count = count};
+    struct renderer_move move  = {.from = from, .sh_degree = sh_degree};
     oxl_result           rc;
     if (renderer_has_device(t->renderer) && !from)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
-    if (from) move.lobes = density_sources(t->density, t->model, from);
+    if (from && change) move.count = count, move.lobes = density_sources(t->density, t->model, from);
+    for (size_t i = 0; from && !change && i < count; i++)
+        if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->model->lobes;
     rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
     oxl_free(t->ctx, from);
     return rc;
@@ -390,7 +410,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     rules.carved = carved;
     if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, t->model, &rules, &change);
     oxl_free(t->ctx, carved);
-    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, &moved);
+    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, NULL, t->model->sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, t->model, &t->first, &t->second, &change, moved);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
@@ -409,10 +429,12 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
 {
     const size_t count = t->model->count;
     uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
+    int          moved = 0;
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_flush(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
-    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->model->sh_degree, &moved);
     if (rc == OXL_OK) {
         model_keep_rows(t->model, keep);
         model_keep_rows(&t->first, keep);
@@ -420,6 +442,7 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
         density_keep_rows(t->density, keep, count);
         rc = step_resize_gradient(t);
     }
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     oxl_free(t->ctx, keep);
     return rc;
 }
@@ -443,12 +466,15 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss)
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 {
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
+    int        moved  = 0;
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
 

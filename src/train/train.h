@@ -251,18 +251,26 @@ OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int vie
 
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 
+struct exposure_gradient {
+    int    step, view;             /* step 0: none */
+    double progress, dlog_gain[3]; /* share of the run; dL/da */
+};
+
 struct exposure {
-    oxl_switch     mode;
-    double         known_until;    /* share of the run up to which known gains stay */
-    struct imaging of;             /* the gains; on: they are applied */
-    float         *first, *second; /* (views,3) Adam's moments */
-    int           *visits;         /* (views) steps of a view's gains */
-    double         mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
+    oxl_switch               mode;
+    double                   known_until;    /* share of the run up to which known gains stay */
+    struct imaging           of;             /* the gains; on: they are applied */
+    float                   *first, *second; /* (views,3) Adam's moments */
+    int                     *visits;         /* (views) steps of a view's gains */
+    double                   mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
+    struct exposure_gradient pending;        /* of the last step, not applied yet */
 };
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is applied. */
+OXL_INTERNAL void       exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
+OXL_INTERNAL void       exposure_apply_pending(struct exposure *e, int last);
 OXL_INTERNAL void       exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 

@@ -9,7 +9,8 @@ enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
 struct train_deferred { /* a step that the device has not reported yet */
-    int step, view, is_trial, observed;
+    int   step, view, is_trial, observed;
+    float gain[3]; /* that the step began with */
 };
 
 struct train {

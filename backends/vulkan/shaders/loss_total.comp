@@ -7,7 +7,7 @@
 
 layout(std430, binding = 0) readonly buffer Partial { float partial[]; }; /* (3,tiles,5); VARIANT 1: (3,tiles) */
 layout(std430, binding = 1) writeonly buffer Totals { float totals[]; };  /* (5 + 3) */
-layout(std430, binding = 2) buffer Counts { uint counts[]; };
+layout(std430, binding = 2) writeonly buffer Counts { uint counts[]; };
 layout(push_constant) uniform Push { uint n; float ssim_weight; uint halts; } push; /* n: 3 tiles; halts 1: if the loss is not finite */
 
 shared vec3  sums[256];
@@ -40,5 +40,5 @@ void main()
     totals[4] = float(numbers[0].y);
     bool l1   = numbers[0].x == 0u || is_finite(sums[0].x);
     bool ssim = push.ssim_weight <= 0.0 || numbers[0].y == 0u || is_finite(sums[0].y);
-    if (push.halts != 0u && counts[HALT] == 0u && !(l1 && ssim)) counts[HALT] = HALT_LOSS;
+    if (push.halts != 0u && !(l1 && ssim)) counts[HALT] = HALT_LOSS;
 }
