@@ -324,15 +324,21 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
     return count;
 }
 
-OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
+OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view)
 {
-    const struct lamp *others = NULL;
-    const uint64_t     camera = m->lamps > 1 ? imaging_camera(scene, view) : 0;
-    for (int i = 0; i < m->lamps; i++) {
-        if (m->lamp[i].view < 0) others = &m->lamp[i];
-        else if (imaging_camera(scene, m->lamp[i].view) == camera) return &m->lamp[i];
+    const uint64_t camera = lamps > 1 || (lamps == 1 && lamp->view >= 0) ? imaging_camera(scene, view) : 0;
+    int            others = -1;
+    for (int i = 0; i < lamps; i++) {
+        if (lamp[i].view < 0) others = i;
+        else if (imaging_camera(scene, lamp[i].view) == camera) return i;
     }
     return others;
+}
+
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
+{
+    const int which = imaging_find_lamp(scene, m->lamp, m->lamps, view);
+    return which < 0 ? NULL : &m->lamp[which];
 }
 
 OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,

@@ -242,6 +242,8 @@ struct track_depth {
     struct depth_point      *all;
 };
 OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene);
+/* Memory for a survey of so many observations. */
+OXL_INTERNAL double     track_depth_bytes(double observations, int views);
 OXL_INTERNAL void       track_depth_free(oxl_context *ctx, struct track_depth *d);
 /* Some points of the step's view; returns the weight of each in the loss. */
 OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int view, int step, double progress, int *count,
