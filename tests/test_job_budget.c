@@ -114,15 +114,17 @@ TEST(budget_is_what_partition_predicts_with)
     oxl_partition_report_free(test_ctx, &limited);
 }
 
-TEST(budget_has_no_trials_of_lamp_and_water_to_hold)
+TEST(budget_counts_of_lamp_and_water_the_depths_of_tracks_alone)
 {
-    const struct cost_load load = budget_test_load();
-    oxl_job_options        o    = budget_test_options(4e8), off;
-    o.train.sh_degree           = 3;
+    struct cost_load load = budget_test_load();
+    oxl_job_options  o    = budget_test_options(4e8), off;
+    o.train.sh_degree     = 3;
     o.train.lamp = o.train.medium = OXL_AUTO;
     off                           = o;
     off.train.lamp = off.train.medium = OXL_OFF;
-    CHECK(cost_memory(&o, &load, 1e5) == cost_memory(&off, &load, 1e5));
+    CHECK_CLOSE(cost_memory(&o, &load, 1e5) - cost_memory(&off, &load, 1e5), 51200 * 12 + 50 * 16, 1); /* 1024 of a view */
+    load.observations = 30000;
+    CHECK_CLOSE(cost_memory(&o, &load, 1e5) - cost_memory(&off, &load, 1e5), 30000 * 12 + 50 * 16, 1);
 }
 
 TEST(budget_thins_a_model_that_does_not_fit)

@@ -393,6 +393,33 @@ TEST(photometry_of_tracks_in_air_finds_neither_water_nor_lamp_nor_gains)
     photometry_free(test_ctx, &p);
 }
 
+/* synth's shape, less its mean over a grid, as the polynomial's is. */
+TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_water)
+{
+    enum { N = 16 };
+    synth_options     o      = synth_test_options("lit");
+    struct colmap     survey = {0};
+    struct photometry p;
+    double            truth[N * N], mean = 0, error = 0, square = 0;
+    o.views = 14, o.width = 160, o.height = 104, o.water = "none", o.path = "forward", o.threads = 0;
+    o.noise = 0.5, o.lamp = 0;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    photometry_test_measure("lit", &p);
+    CHECK(p.parts == PHOTOMETRY_LAMP);
+    for (int i = 0; i < N * N; i++) {
+        truth[i] = log(synth_lamp_radial(&o, (i % N + 0.5) * o.width / N, ((double)(i / N) + 0.5) * o.height / N));
+        mean += truth[i] / (N * N);
+    }
+    for (int i = 0; i < N * N; i++) {
+        const float x = (float)((i % N + 0.5) * 2 / N - 1), y = (float)(((double)(i / N) + 0.5) * 2 / N - 1);
+        square += (truth[i] - mean) * (truth[i] - mean);
+        error += pow(lamp_log_gain(p.shape[0], x, y) - truth[i] + mean, 2);
+    }
+    CHECK(sqrt(square) / N > 0.1 && error < 0.05 * square);
+    photometry_free(test_ctx, &p);
+}
+
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {
@@ -423,12 +450,40 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     photometry_free(test_ctx, &p);
 }
 
+/* 260 training views, L and R in turn: every other one of all would be those of one camera. */
+TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_stereo_pair)
+{
+    synth_options          o      = synth_test_options("pairs");
+    struct colmap          survey = {0};
+    struct photometry_work w      = {0};
+    struct photometry      out    = {0};
+    oxl_scene_options      all    = oxl_scene_options_default();
+    oxl_scene             *scene;
+    int                    of[2] = {0, 0}, last = -1;
+    o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = "none";
+    all.test_every = 0;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("pairs"), &all, &scene));
+    CHECK_OK(photometry_begin(test_ctx, scene, &w, &out));
+    CHECK((w.lamps = imaging_set_lamps(scene, w.lamp)) == 3);
+    photometry_choose_views(scene, scene_colmap(scene), &w);
+    for (int i = 0; i < w.views; last = w.chosen[i++]) {
+        CHECK(w.chosen[i] > last && w.view[scene_source_image(scene, w.chosen[i]) - scene_colmap(scene)->image] == i);
+        of[w.lamp_of[i] - 1]++;
+    }
+    CHECK(of[0] == 64 && of[1] == 64 && last >= 256);
+    photometry_end(test_ctx, &w);
+    photometry_free(test_ctx, &out);
+    oxl_scene_free(test_ctx, scene);
+}
+
 static int photometry_test_warned;
 
 static void photometry_test_log(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
-    photometry_test_warned |= level == OXL_LOG_WARNING && strstr(text, "exposure goes with the distance");
+    photometry_test_warned |= level == OXL_LOG_WARNING && strstr(text, "exposure is correlated with the range");
 }
 
 /* The run's first step warns or does not. */
@@ -713,7 +768,7 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
     oxl_render_options o      = oxl_render_options_default();
     struct depth_point point[3];
     struct renderer   *r;
-    oxl_model          model, front, gradient;
+    oxl_model          model, front, gradient, beside;
     uint8_t           *in_front;
     double             largest = 0, elsewhere = 0, behind = 0, eye[3];
     CHECK_OK(renderer_create(test_ctx, &r));
@@ -766,6 +821,14 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
         row++;
     }
     CHECK(largest > 0.02 && elsewhere == 0 && behind == 0);
+    CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &beside)); /* a context in front neither counts nor follows */
+    renderer_set_context(r, &front);
+    CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o));
+    renderer_set_depths(r, point, 3, 1);
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, &beside));
+    for (size_t j = 0; j < model.count; j++) CHECK(beside.plane[OXL_OPACITY][j] == gradient.plane[OXL_OPACITY][j]);
+    renderer_set_context(r, NULL);
+    oxl_model_free(test_ctx, &beside);
     CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o)); /* of that step alone */
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     for (size_t j = 0; j < model.count; j++) CHECK(gradient.plane[OXL_OPACITY][j] == 0);
@@ -784,12 +847,14 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
     struct track_depth d     = {0};
     struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
     int                count, same;
+    size_t             kept = 0;
     photometry_test_make("depth_tracks", "3C");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
     CHECK_OK(track_depth_begin(test_ctx, &d, scene));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const oxl_view *view = oxl_scene_view(scene, v);
         const double    full = track_depth_of_step(&d, v, 7, 0, &count, point);
+        kept += (size_t)OXL_MIN(d.view[v].seen, 1024);
         CHECK(view->is_test ? count == 0 && full == 0 : count > 10 && full > 0);
         if (view->is_test) continue;
         CHECK_CLOSE(track_depth_of_step(&d, v, 7, 0.75, &same, again), full / 4, 1e-9);
@@ -799,8 +864,39 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
             CHECK(point[i].z > 0 && point[i].x > -1 && point[i].x < view->camera.width + 1 && point[i].y > -1 &&
                   point[i].y < view->camera.height + 1);
     }
+    { /* what the prediction of memory says */
+        const double bytes = track_depth_bytes((double)scene_stats_of(scene)->observations, oxl_scene_view_count(scene));
+        CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
+    }
     track_depth_free(test_ctx, &d);
     oxl_scene_free(test_ctx, scene);
+}
+
+TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_images)
+{
+    const struct image_window window = {.x = 16, .y = 32, .width = 64, .height = 48};
+    struct image_window       all[14];
+    struct train_output       output = {.window = all};
+    struct depth_point        point[DEPTH_POINTS];
+    struct train              t = {.ctx = test_ctx, .output = &output, .step = 7};
+    int                       count;
+    photometry_test_make("depth_window", "3C");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
+    CHECK_OK(renderer_create(test_ctx, &t.renderer));
+    for (int v = 0; v < 14; v++) all[v] = window;
+    for (t.halved = 0; t.halved < 2; t.halved++) {
+        CHECK_OK(step_set_depths(&t, 3, 0.5));
+        track_depth_of_step(&t.track_depth, 3, 7, 0.5, &count, point);
+        CHECK(count == DEPTH_POINTS && t.renderer->depth_points == count);
+        for (int i = 0; i < count; i++) {
+            const float side = t.halved ? 2 : 1;
+            CHECK_CLOSE(side * t.renderer->depth_point[i].x + 16, point[i].x, 1e-4);
+            CHECK_CLOSE(side * t.renderer->depth_point[i].y + 32, point[i].y, 1e-4);
+        }
+    }
+    track_depth_free(test_ctx, &t.track_depth);
+    renderer_free(test_ctx, t.renderer);
+    oxl_scene_free(test_ctx, t.scene);
 }
 
 TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
@@ -907,16 +1003,19 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The scene of test_train.c, each image times the lamp's gain. */
-static oxl_scene *lamp_scene(int views, const struct lamp *lamp)
+/* The scene of test_train.c, each image times the lamp's gain; of two lamps in turn, the one of a left, the other of a right camera. */
+static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 {
     oxl_scene     *plain = train_scene(views), *scene = NULL;
     struct imaging m = {.lamps = 1};
-    oxl_view       view[14];
-    oxl_image      image[14];
-    m.lamp[0] = *lamp;
+    oxl_view       view[16];
+    oxl_image      image[16];
+    char           name[16][16];
     for (int v = 0; v < views; v++) {
-        view[v] = *oxl_scene_view(plain, v);
+        m.lamp[0] = lamp[v % lamps];
+        snprintf(name[v], sizeof name[v], "%02d%s.png", v, lamps == 1 ? "" : v % 2 ? "_right" : "_left");
+        view[v]      = *oxl_scene_view(plain, v);
+        view[v].name = name[v];
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
         CHECK_OK(imaging_apply_lamp(test_ctx, plain, &m, v, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++) image[v].rgb[i] = OXL_MIN(1.0f, 0.7f * image[v].rgb[i]);
@@ -930,7 +1029,7 @@ static oxl_scene *lamp_scene(int views, const struct lamp *lamp)
 TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
 {
     const struct lamp lamp    = {-1, {0, -0.25f, 0, 0, 0.1f, 0, 0, 0, -0.2f}};
-    oxl_scene        *scene   = lamp_scene(14, &lamp);
+    oxl_scene        *scene   = lamp_scene(14, &lamp, 1);
     oxl_train_options options = train_options(500);
     oxl_model         model;
     oxl_metrics       metrics;
@@ -953,11 +1052,32 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* The left camera has eight training views and a lamp of its own, the right one seven and the lamp of all others, as the held-out view. */
+TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
+{
+    const struct lamp lamp[2] = {{-1, {0.4f, 0, 0, 0, 0.1f}}, {-1, {-0.4f, 0, 0, 0, 0, 0.1f}}};
+    oxl_scene        *scene   = lamp_scene(16, lamp, 2);
+    oxl_train_options options = train_options(500);
+    oxl_model         model;
+    double            off;
+    options.lamp = options.medium = OXL_OFF;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    off = train_psnr(scene, &model);
+    oxl_model_free(test_ctx, &model);
+    options.lamp = OXL_ON;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK(train_psnr(scene, &model) > off + 3);
+    CHECK(scene_imaging(scene)->lamps == 2 && imaging_lamp(scene_imaging(scene), scene, 3)->view < 0);
+    for (int v = 3; v < 5; v++) CHECK_CLOSE(imaging_lamp(scene_imaging(scene), scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
     static const int       stops[] = {9, 10, 11, 60};
     const struct lamp      lamp    = lamp_of(-1);
-    struct checkpoint_case c       = checkpoint_of(lamp_scene(7, &lamp), train_options(130));
+    struct checkpoint_case c       = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
     oxl_model              model;
     struct imaging         whole = {0};
     c.options.lamp               = OXL_ON;
@@ -1007,4 +1127,63 @@ TEST(lamp_is_read_as_it_was_written)
     imaging_free(test_ctx, &read);
     imaging_free(test_ctx, &m);
     oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------------------------------------------------------- in blocks */
+
+/* The first line of a file that begins so. */
+static const char *blocks_test_line(const char *file, const char *word, char line[300])
+{
+    struct os_file_map map = {0};
+    const char        *at;
+    CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
+    at = map.data ? strstr(map.data, word) : NULL;
+    snprintf(line, 300, "%.*s", at ? (int)strcspn(at, "\r\n") : 0, at ? at : "");
+    os_release_file(test_ctx, &map);
+    return line;
+}
+
+static oxl_job_options blocks_test_options(void)
+{
+    oxl_job_options o        = job_test_options();
+    o.train.iterations       = 120;
+    o.train.exposure         = OXL_OFF;
+    o.train.lamp             = OXL_ON;
+    o.renders                = 0;
+    o.partition.block_points = 3000;
+    photometry_test_make("survey", "3C");
+    return o;
+}
+
+/* scene_clear.ply and scene.ply, each as it is meant to be seen. */
+static void blocks_test_shows_the_images(double viewer)
+{
+    CHECK(job_test_evaluate("out/scene_clear.ply", 1).psnr > 28 && job_test_evaluate("out/scene_clear.ply", 0).psnr < 15);
+    CHECK(job_test_evaluate("out/scene.ply", 0).psnr > viewer);
+}
+
+TEST(water_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
+{
+    const oxl_job_options o       = blocks_test_options();
+    const char           *word[2] = {"bD 0.3", "lamp all "};
+    char                  line[2][300];
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    for (int k = 0; k < 2; k++) {
+        CHECK(strlen(blocks_test_line("out/blocks/coarse/imaging.txt", word[k], line[0])) > 20);
+        CHECK(!strcmp(line[0], blocks_test_line("out/blocks/000/imaging.txt", word[k], line[1])));
+        CHECK(!strcmp(line[0], blocks_test_line("out/blocks/001/imaging.txt", word[k], line[1])));
+        CHECK(!strcmp(line[0], blocks_test_line("out/imaging.txt", word[k], line[1])) ==
+              (k == 0)); /* the merged model's lamp goes on */
+    }
+    blocks_test_shows_the_images(23);
+}
+
+TEST(water_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
+{
+    oxl_job_options o = blocks_test_options();
+    for (o.block = 0; o.block < 2; o.block++) CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    job_test_limit_memory(test_path("out"), &o, 0.6);
+    CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
+    CHECK(os_is_file(test_path("out/blocks/whole/groups.txt")));
+    blocks_test_shows_the_images(18);
 }

@@ -119,7 +119,7 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
 }
 
 /* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or names are random, the keys
- * say nothing: all views count as one camera's. */
+ * have no meaning: all views count as one camera's. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     uint64_t *sorted  = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
@@ -324,15 +324,21 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
     return count;
 }
 
-OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
+OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view)
 {
-    const struct lamp *others = NULL;
-    const uint64_t     camera = m->lamps > 1 ? imaging_camera(scene, view) : 0;
-    for (int i = 0; i < m->lamps; i++) {
-        if (m->lamp[i].view < 0) others = &m->lamp[i];
-        else if (imaging_camera(scene, m->lamp[i].view) == camera) return &m->lamp[i];
+    const uint64_t camera = lamps > 1 || (lamps == 1 && lamp->view >= 0) ? imaging_camera(scene, view) : 0;
+    int            others = -1;
+    for (int i = 0; i < lamps; i++) {
+        if (lamp[i].view < 0) others = i;
+        else if (imaging_camera(scene, lamp[i].view) == camera) return i;
     }
     return others;
+}
+
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
+{
+    const int which = imaging_find_lamp(scene, m->lamp, m->lamps, view);
+    return which < 0 ? NULL : &m->lamp[which];
 }
 
 OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
@@ -569,14 +575,9 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
     return rc;
 }
 
-/* ---------------------------------------------------------------- of blocks
- *
- * Each block has gains of zero mean over its own views, and so its own brightness. Views that two blocks share say by how much
- * they differ: the later block's gains are raised, and its colours lowered, by that.
- */
+/* ---------------------------------------------------------------- of blocks */
 
-/* Averages the gains of a block with those of earlier blocks. count (views): blocks that
- * contained the view so far. */
+/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view so far. */
 OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
 {
     for (int i = 0; i < all->views; i++) {

@@ -70,6 +70,8 @@ OXL_INTERNAL void               lamp_gain(const float shape[LAMP_TERMS], const s
 OXL_INTERNAL void               lamp_project(const float *by, const struct lamp_area *area, double sum[LAMP_TERMS]);
 /* One for each camera with LAMP_VIEWS training views, and the first for all others; flat. Their number. */
 OXL_INTERNAL int                imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
+/* Which of them is the view's; -1: none. */
+OXL_INTERNAL int                imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */

@@ -51,8 +51,8 @@ struct photometry_sample { /* a point in an image */
     float  term[LAMP_TERMS];
 };
 struct photometry_work {
-    int                      *view, *chosen; /* as in contrast.c */
-    int                       views;
+    int                      *view, *chosen;                    /* as in contrast.c */
+    int                       views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
     struct photometry_sample *sample;
     size_t                    samples;
     double                   *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
@@ -66,21 +66,21 @@ struct photometry_work {
 
 /* ---------------------------------------------------------------- which points in which images */
 
+/* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo pair. */
 static void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w)
 {
-    const int views = oxl_scene_view_count(scene);
-    int       train = 0, seen = 0;
+    const int views          = oxl_scene_view_count(scene);
+    int       train          = 0;
+    int64_t   seen[LAMP_MAX] = {0};
     for (int i = 0; i < views; i++) train += !oxl_scene_view(scene, i)->is_test;
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
     for (int i = 0; i < views; i++) {
+        const int lamp = imaging_find_lamp(scene, w->lamp, w->lamps, i), most = OXL_MAX(train, PHOTOMETRY_VIEWS);
         if (oxl_scene_view(scene, i)->is_test) continue;
-        if (train > PHOTOMETRY_VIEWS &&
-            (int64_t)seen * PHOTOMETRY_VIEWS / train == (int64_t)(seen + 1) * PHOTOMETRY_VIEWS / train) {
-            seen++;
-            continue;
-        }
-        seen++;
+        seen[lamp]++;
+        if ((seen[lamp] - 1) * PHOTOMETRY_VIEWS / most == seen[lamp] * PHOTOMETRY_VIEWS / most) continue;
         w->view[scene_source_image(scene, i) - c->image] = w->views;
+        w->lamp_of[w->views]                             = lamp;
         w->chosen[w->views++]                            = i;
     }
 }
@@ -99,14 +99,6 @@ static void photometry_project(const oxl_scene *scene, const struct photometry_w
     lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, s->term);
 }
 
-static int photometry_lamp(const oxl_scene *scene, const struct photometry_work *w, int view)
-{
-    const uint64_t camera = w->lamps > 1 ? imaging_camera(scene, w->chosen[view]) : 0;
-    for (int i = 1; i < w->lamps; i++)
-        if (imaging_camera(scene, w->lamp[i].view) == camera) return i;
-    return 0;
-}
-
 /* Points with all their chosen views; every k-th point if there are too many. */
 static void photometry_choose_samples(const oxl_scene *scene, double median, struct photometry_work *w)
 {
@@ -123,7 +115,7 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
             struct photometry_sample *s    = &w->sample[w->samples];
             const int                 view = w->view[c->track[c->point[i].first_track + k].image_row];
             if (view < 0 || w->samples - first == PHOTOMETRY_TRACK) continue;
-            *s = (struct photometry_sample){.point = i, .view = view, .lamp = photometry_lamp(scene, w, view)};
+            *s = (struct photometry_sample){.point = i, .view = view, .lamp = w->lamp_of[view]};
             photometry_project(scene, w, median, s);
             if (s->valid) w->samples++, farthest = OXL_MAX(farthest, s->z);
         }
@@ -554,6 +546,15 @@ static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, str
                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");
 }
 
+static void photometry_end(oxl_context *ctx, struct photometry_work *w)
+{
+    oxl_free(ctx, w->view);
+    oxl_free(ctx, w->chosen);
+    oxl_free(ctx, w->sample);
+    oxl_free(ctx, w->normal);
+    oxl_free(ctx, w->scratch);
+}
+
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out)
 {
     const struct colmap   *c      = scene_colmap(scene);
@@ -562,10 +563,10 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     oxl_result             rc;
     *out = (struct photometry){0};
     if (!parts || !c || c->track_count == 0 || !(median > 0)) return OXL_OK;
-    rc = photometry_begin(ctx, scene, &w, out);
-    if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
+    rc      = photometry_begin(ctx, scene, &w, out);
     w.lamps = imaging_set_lamps(scene, w.lamp);
     w.gains = 9 + w.lamps * LAMP_TERMS;
+    if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
     if (rc == OXL_OK) photometry_choose_samples(scene, median, &w);
     if (rc == OXL_OK) rc = photometry_sample_colours(ctx, scene, &w);
     if (rc == OXL_OK) photometry_compact(&w);
@@ -573,11 +574,7 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
         photometry_compare_colours(c, &w, out);
         photometry_report(&w, median, parts, w.scratch, out);
     }
-    oxl_free(ctx, w.view);
-    oxl_free(ctx, w.chosen);
-    oxl_free(ctx, w.sample);
-    oxl_free(ctx, w.normal);
-    oxl_free(ctx, w.scratch);
+    photometry_end(ctx, &w);
     if (rc != OXL_OK) photometry_free(ctx, out);
     return rc;
 }

@@ -29,7 +29,7 @@ static const struct image_window *step_window(const struct train *t, int view)
     return t->output && t->output->window ? &t->output->window[view] : NULL;
 }
 
-/* Of that part, at this step's resolution; the renderer is told of the whole. */
+/* Of that part, at this step's resolution; the renderer gets the full image's size, too. */
 static oxl_camera step_camera(struct train *t, int view)
 {
     const struct image_window *w      = step_window(t, view);
@@ -147,12 +147,8 @@ OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 /* Of the view's camera; NULL: none. */
 static const struct lamp *step_lamp(const struct train *t, int view)
 {
-    const struct lamp *group  = t->lamp.group;
-    const uint64_t     camera = t->lamp.groups > 1 ? imaging_camera(t->scene, view) : 0;
-    if (!t->lamp.on) return NULL;
-    for (int g = 1; g < t->lamp.groups; g++)
-        if (imaging_camera(t->scene, group[g].view) == camera) return &group[g];
-    return group;
+    const int which = t->lamp.on ? imaging_find_lamp(t->scene, t->lamp.group, t->lamp.groups, view) : -1;
+    return which < 0 ? NULL : &t->lamp.group[which];
 }
 
 /* More with every step [Park 2025]. `auto` is off in blocks, which have parts of the survey's views, and on a device. */
@@ -246,6 +242,7 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
 {
     const double              progress = (double)t->step / t->options->iterations;
     const int                 view     = here->view;
+    const struct lamp        *lamp     = step_lamp(t, view);
     struct adam_params        adam;
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
@@ -259,8 +256,8 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
-    if (t->lamp.on)
-        lamp_step(&t->lamp, step_lamp(t, view), progress, renderer_lamp_gradient(t->renderer),
+    if (lamp)
+        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
                   t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
@@ -429,7 +426,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
-        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
+        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
                       t->step);
     }
     if (rc != OXL_OK) return rc;

@@ -81,6 +81,13 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     return rc;
 }
 
+/* At most; a view's share is not known before the tracks are looked at. */
+OXL_INTERNAL double track_depth_bytes(double observations, int views)
+{
+    return OXL_MIN(observations, (double)TRACK_DEPTH_MAX * views) * sizeof(struct depth_point) +
+           (double)views * sizeof(struct track_depth_view);
+}
+
 OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d)
 {
     oxl_free(ctx, d->view);
