@@ -232,10 +232,9 @@ install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## program, manual page, 
 	install -m 755 $(BUILD)/oceanxl $(DESTDIR)$(PREFIX)/bin/
 	install -m 644 oceanxl.h oceanxl_job.h $(DESTDIR)$(PREFIX)/include/
 	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/
-	install -d $(DESTDIR)$(PREFIX)/lib/pkgconfig $(DESTDIR)$(PREFIX)/share/bash-completion/completions $(DESTDIR)$(PREFIX)/share/zsh/site-functions
+	install -d $(DESTDIR)$(PREFIX)/lib/pkgconfig $(DESTDIR)$(PREFIX)/share/bash-completion/completions
 	install -m 644 $(BUILD)/oceanxl.pc $(DESTDIR)$(PREFIX)/lib/pkgconfig/
-	$(BUILD)/oceanxl --completion bash > $(DESTDIR)$(PREFIX)/share/bash-completion/completions/oceanxl
-	$(BUILD)/oceanxl --completion zsh > $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_oceanxl
+	$(BUILD)/oceanxl --completion > $(DESTDIR)$(PREFIX)/share/bash-completion/completions/oceanxl
 
 clean: ## removes build/ and dist/
 	rm -rf $(BUILD) dist

@@ -141,8 +141,8 @@ static void print_progress(struct console *c, const oxl_progress *p)
     }
     console_clear(c);
     if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
-    if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "together ");
-    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->trial ? "trying " : "",
+    if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "merged model ");
+    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->trial ? "trial " : "",
             p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
     print_duration(p->seconds_left);
     if (!c->live) fputc('\n', stderr);
@@ -207,14 +207,18 @@ static void print_file(const char *folder, const char *name)
     fclose(file);
 }
 
-static int has_file(const char *folder, const char *name)
+static int file_exists(const char *path)
 {
-    char  path[4096];
-    FILE *file;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    file = fopen(path, "rb");
+    FILE *file = fopen(path, "rb");
     if (file) fclose(file);
     return file != NULL;
+}
+
+static int has_file(const char *folder, const char *name)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return file_exists(path);
 }
 
 static void print_resume(const struct arguments *a)
@@ -323,13 +327,6 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     oxl_text_free(ctx, json);
     oxl_partition_report_free(ctx, &report);
     return rc;
-}
-
-static int file_exists(const char *path)
-{
-    FILE *file = fopen(path, "rb");
-    if (file) fclose(file);
-    return file != NULL;
 }
 
 /* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights; scene_clear.ply, where there is
@@ -597,7 +594,7 @@ int main(int argc, char **argv)
     if (a.version) puts("oceanxl " OXL_VERSION);
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
-    if (a.completion) complete_print(stdout, a.completion);
+    if (a.completion) complete_print(stdout);
     if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
     wait_passively(argv);
 #ifdef SIGXFSZ

@@ -50,15 +50,6 @@ static const struct cli_command *command_of(enum command command)
     return NULL;
 }
 
-/* Options that measurements rejected: docs/TRADEOFF.md has the figures. */
-static int is_removed(const char *name)
-{
-    static const char *const names[] = {"ssim-every", "tile-share", "sh-every", "stop-early", "exp"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        if (strcmp(name, names[i]) == 0) return 1;
-    return 0;
-}
-
 /* word: as typed, without a value. */
 static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
 {
@@ -68,10 +59,6 @@ static int unknown_option(const char *word, const struct arguments *a, char *err
     if (a->command == COMMAND_ABLATE && cli_is_study_variable(name)) {
         snprintf(error, size, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
                  word);
-        return 1;
-    }
-    if (is_removed(name)) {
-        snprintf(error, size, "option '%s' was removed: measurements rejected it (docs/TRADEOFF.md)\nfix: leave it out", word);
         return 1;
     }
     for (int i = 0; i < cli_option_count(); i++) {
@@ -176,10 +163,10 @@ static void parse_first(int argc, char **argv, struct arguments *a)
 {
     int at = 1;
     if (argc < 2) return;
-    a->version = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
-    a->manual  = strcmp(argv[1], "--man") == 0;
-    a->page    = strcmp(argv[1], "--options-page") == 0;
-    if (strcmp(argv[1], "--completion") == 0) a->completion = argc > 2 ? argv[2] : "";
+    a->version    = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
+    a->manual     = strcmp(argv[1], "--man") == 0;
+    a->page       = strcmp(argv[1], "--options-page") == 0;
+    a->completion = strcmp(argv[1], "--completion") == 0;
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)
         parse_help(argc, argv, &at, a);
 }
@@ -189,10 +176,6 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     int ended = 0;
     *a        = arguments_default();
     parse_first(argc, argv, a);
-    if (a->completion && strcmp(a->completion, "bash") != 0 && strcmp(a->completion, "zsh") != 0) {
-        snprintf(error, size, "--completion %s: wanted a shell, bash or zsh\nfix: oceanxl --completion bash", a->completion);
-        return 1;
-    }
     if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
         size_t used = (size_t)snprintf(error, size, "a command is wanted:");

@@ -196,9 +196,8 @@ struct arguments { /* as given, or the default; NULL: not given */
     enum command    command;
     const char     *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int             path_count;
-    const char     *help;       /* "", or "all" */
-    const char     *completion; /* bash | zsh */
-    int             version, manual, page, quiet, json, depth, no_images, devices, clear;
+    const char     *help; /* "", or "all" */
+    int             completion, version, manual, page, quiet, json, depth, no_images, devices, clear;
     int             dry_run, quality, progress_json;
     int             split, backend;         /* enum oxl_split, enum oxl_backend */
     int             device, threads, seeds; /* -1: the best, all */
@@ -239,7 +238,7 @@ const char *arguments_given(const struct arguments *a, const char *name);   /* t
 
 /* ---------------------------------------------------------------- help.c: text generated from the tables */
 
-int  complete_print(FILE *to, const char *shell);         /* complete.c: bash | zsh; 1: another shell */
+void complete_print(FILE *to);                            /* complete.c */
 void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */
 void help_manual(FILE *to);                               /* docs/oceanxl.1: roff, man(7) */
 void help_page(FILE *to);                                 /* docs/OPTIONS.md */

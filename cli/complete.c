@@ -1,4 +1,4 @@
-/* complete.c - completion of commands, options and their values in bash and zsh, from the tables of options. */
+/* complete.c - completion of commands, options and their values in bash, and in zsh by its bashcompinit; from the tables of options. */
 #include "cli.h"
 
 #include <string.h>
@@ -13,7 +13,7 @@ static int complete_choices(const oxl_option *o, char out[200])
     return 1;
 }
 
-static void complete_bash_command(FILE *to, const struct cli_command *c)
+static void complete_command(FILE *to, const struct cli_command *c)
 {
     char word[40], choices[200];
     fprintf(to, "    %s)\n        case $prev in\n", c->name);
@@ -28,73 +28,22 @@ static void complete_bash_command(FILE *to, const struct cli_command *c)
     fputs("' ;;\n", to);
 }
 
-static void complete_bash(FILE *to)
+void complete_print(FILE *to)
 {
-    fputs("# bash completion of oceanxl; made by: oceanxl --completion bash\n"
-          "_oceanxl() {\n"
-          "    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]} words=\n"
-          "    if [ \"$COMP_CWORD\" = 1 ]; then\n"
-          "        COMPREPLY=($(compgen -W '",
-          to);
+    fputs(
+        "# completion of oceanxl in bash and zsh; made by: oceanxl --completion\n"
+        "[ -z \"$ZSH_VERSION\" ] || { autoload -U compinit bashcompinit; whence compdef >/dev/null || compinit; bashcompinit; }\n"
+        "_oceanxl() {\n"
+        "    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]} words=\n"
+        "    if [ \"$COMP_CWORD\" = 1 ]; then\n"
+        "        COMPREPLY=($(compgen -W '",
+        to);
     for (int i = 0; cli_command_at(i); i++) fprintf(to, "%s ", cli_command_at(i)->name);
     fputs("--help --version' -- \"$cur\"))\n        return\n    fi\n    case ${COMP_WORDS[1]} in\n", to);
-    for (int i = 0; cli_command_at(i); i++) complete_bash_command(to, cli_command_at(i));
+    for (int i = 0; cli_command_at(i); i++) complete_command(to, cli_command_at(i));
     fputs("    esac\n"
           "    case $cur in -*) COMPREPLY=($(compgen -W \"$words\" -- \"$cur\")) ;; esac\n"
           "}\n"
           "complete -o default -F _oceanxl oceanxl\n",
           to);
-}
-
-/* Inside single quotes, where _arguments gives brackets and colons a meaning. */
-static void complete_zsh_text(FILE *to, const char *text)
-{
-    for (; *text && *text != '\n'; text++) {
-        if (*text == '\'') fputs("'\\'", to);
-        if (strchr("[]:\\", *text)) fputc('\\', to);
-        fputc(*text, to);
-    }
-}
-
-static void complete_zsh_option(FILE *to, const oxl_option *o)
-{
-    char word[40], choices[200];
-    fprintf(to, " \\\n            '%s[", cli_option_word(o, word));
-    complete_zsh_text(to, o->help);
-    fputc(']', to);
-    if (o->value) {
-        fputc(':', to);
-        complete_zsh_text(to, o->value);
-        if (complete_choices(o, choices)) fprintf(to, ":(%s)", choices);
-        else fputs(":_files", to);
-    }
-    fputc('\'', to);
-}
-
-static void complete_zsh(FILE *to)
-{
-    fputs("#compdef oceanxl\n# zsh completion of oceanxl; made by: oceanxl --completion zsh\n"
-          "local -a commands\ncommands=(\n",
-          to);
-    for (int i = 0; cli_command_at(i); i++) {
-        fprintf(to, "    '%s:", cli_command_at(i)->name);
-        complete_zsh_text(to, cli_command_at(i)->purpose);
-        fputs("'\n", to);
-    }
-    fputs(")\nif (( CURRENT == 2 )); then\n    _describe command commands\nelse\n    case $words[2] in\n", to);
-    for (int i = 0; cli_command_at(i); i++) {
-        fprintf(to, "    %s)\n        _arguments '1: :' '*:file:_files'", cli_command_at(i)->name);
-        for (int k = 0; k < cli_option_count(); k++)
-            if (cli_option_is_of(k, cli_command_at(i)->command)) complete_zsh_option(to, cli_option_at(k));
-        fputs(" ;;\n", to);
-    }
-    fputs("    esac\nfi\n", to);
-}
-
-int complete_print(FILE *to, const char *shell)
-{
-    if (strcmp(shell, "bash") == 0) complete_bash(to);
-    else if (strcmp(shell, "zsh") == 0) complete_zsh(to);
-    else return 1;
-    return 0;
 }

@@ -1,8 +1,8 @@
-/* overlap.c - does a model belong to a survey? Two are compared that would be alike if it does: the boxes that hold nine tenths
+/* overlap.c - does a model belong to a survey? If it does, these are alike: the boxes that hold nine tenths
  * of the survey's points and of the model's Gaussians along each axis, and what the survey's cameras see of the model.
  *
  * Another origin moves the box away, another scale changes its size, another frame empties the pixels. A warning, never an error:
- * a part of a survey may be what is asked about.
+ * the survey may be a part of the model's.
  */
 #include "cli.h"
 

@@ -56,7 +56,7 @@ static void report_head(struct report *r)
     report_tiles(r);
 }
 
-/* ---------------------------------------------------------------- what the log said */
+/* ---------------------------------------------------------------- lines of the log */
 
 /* Calls visit(user, block, text) for each line of a level ("info", "warning"); block -1: of the whole job. */
 static void report_each_note(const struct report *r, const char *level, void (*visit)(void *user, int block, const char *text),
@@ -159,7 +159,7 @@ static void report_decision(struct report *r, const char *term, const char *chos
     output_add(&r->page, "</dd>\n");
 }
 
-/* What an option of the job was set to, and the lines that say what came of it. */
+/* An option of the job, and the log lines about its effect. */
 static void report_choice(struct report *r, const char *term, const char *member, const char *evidence)
 {
     char *value = report_value(r->job, member);
@@ -207,7 +207,7 @@ static void report_warning(void *user, int block, const char *text)
     output_add(t, "</li>\n");
 }
 
-/* What the figures say by themselves. */
+/* Derived from the figures. */
 static void report_figure_warnings(struct report *r, struct report_list *list)
 {
     const double predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");

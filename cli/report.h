@@ -27,7 +27,7 @@ enum report_column { /* of log.csv */
 struct report_block {
     char   *json; /* block.json, or NULL: not trained yet */
     int     rows; /* of log.csv */
-    double *log;  /* (rows,REPORT_COLUMNS); not a number: not said */
+    double *log;  /* (rows,REPORT_COLUMNS); NaN: missing */
 };
 
 struct report {
@@ -36,7 +36,7 @@ struct report {
     char                *run, *scene;   /* run.json; the survey's folder as it was given */
     char                *metrics;       /* metrics.json, or NULL: not evaluated yet */
     const char          *job, *survey;  /* within run */
-    int                  blocks, parts; /* parts: the blocks, and all together if they were refined so */
+    int                  blocks, parts; /* parts: the blocks, and the coarse model if there is one */
     struct report_block *block;
     struct output        page;
 };
@@ -45,7 +45,7 @@ struct report {
 
 void        report_open(struct report *r); /* r->run is there */
 void        report_close(struct report *r);
-/* "block 3", "refinement"; returns out. */
+/* "block 3", "coarse model"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 

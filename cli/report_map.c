@@ -176,7 +176,7 @@ static void map_partition(struct report *r)
 
 void map_section(struct report *r)
 {
-    oxl_context *silent = NULL; /* the run has said what there is to say of the survey */
+    oxl_context *silent = NULL; /* the run has logged the survey's warnings already */
     oxl_scene   *scene  = r->scene && oxl_context_create(NULL, &silent) == OXL_OK ? map_load(silent, r) : NULL;
     if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
     else output_add(&r->page, "<p class=\"pale\">No map: the survey is not found.</p>\n");

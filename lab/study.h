@@ -124,7 +124,7 @@ struct study_figure {    /* over the seeds; NaN: not known */
     double mean, spread; /* spread: standard deviation, of two seeds or more */
 };
 struct study_figure study_mean(const struct study *s, int row, enum study_measure m);
-/* Seed by seed: PSNR and SSIM as a difference, the rest as a ratio. What both share, the seed's luck, cancels. */
+/* Seed by seed: PSNR and SSIM as a difference, the rest as a ratio. The effect of the seed, which both share, cancels. */
 struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m);
 int  study_is_pareto_optimal(const struct study *s, int row); /* 1: no row has as good a PSNR in no more CPU time */
 void study_page(struct output *t, const struct study *s);

@@ -159,17 +159,17 @@ static const char *table_relative(char out[32], enum study_measure m, double val
     snprintf(out, 32, "%s%s", !digits[0] ? "" : !difference ? "x" : digits[0] == '-' ? "" : "+", digits);
     return out;
 }
-#define FOUND_RELATIVE(m, value) table_relative((char[32]){0}, m, value)
+#define TABLE_RELATIVE(m, value) table_relative((char[32]){0}, m, value)
 
 /* "+0.75 +-0.25 (+0.65)": ours, its spread, the paper's. */
 static void table_effect(struct output *t, const struct study *s, int row, int base, enum study_measure m)
 {
     const struct study_figure f     = study_compare(s, row, base, m);
     const int                 none  = fabs(f.mean - !TABLE_COLUMNS[m].difference) <= f.spread; /* of one seed never */
-    const char               *paper = FOUND_RELATIVE(m, table_paper_effect(s, row, base, m));
+    const char               *paper = TABLE_RELATIVE(m, table_paper_effect(s, row, base, m));
     const char *spread = OUTPUT_FIXED(none ? NAN : f.spread, TABLE_COLUMNS[m].difference ? TABLE_COLUMNS[m].decimals : 3);
     char        text[120];
-    snprintf(text, sizeof text, "%s%s%s%s%s%s", none ? "none" : FOUND_RELATIVE(m, f.mean), spread[0] ? " +-" : "", spread,
+    snprintf(text, sizeof text, "%s%s%s%s%s%s", none ? "none" : TABLE_RELATIVE(m, f.mean), spread[0] ? " +-" : "", spread,
              paper[0] ? " (" : "", paper, paper[0] ? ")" : "");
     table_cell(t, TABLE_CELL_EFFECT, text);
 }
@@ -183,7 +183,7 @@ static void table_effects(struct output *t, const struct study *s)
             const double other = table_is_of_iterations(s->row[r]) ? NAN : table_by_iterations(s, cpu);
             table_label(t, "", s->row[r]->label, s->row[base]->label);
             for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) table_effect(t, s, r, base, m);
-            if (s->kind->has_baseline) table_cell(t, 0, FOUND_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
+            if (s->kind->has_baseline) table_cell(t, 0, TABLE_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
             output_add(t, "\n");
         }
 }

@@ -448,7 +448,7 @@ static int synth_has_folder(const struct synth_run *s, const char *folder)
     return oxl_is_folder(path);
 }
 
-/* Poses and images without truth/ are not ours: they are not overwritten. */
+/* Poses and images without truth/ are no synthetic survey: they are not overwritten. */
 static oxl_result synth_refuse_survey(struct synth_run *s)
 {
     if (synth_has_folder(s, "truth") || !(synth_has_folder(s, "images") || synth_has_folder(s, "sparse"))) return OXL_OK;

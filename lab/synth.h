@@ -41,10 +41,10 @@ struct synth_limb { /* a cone with round ends */
     double per_square; /* 1 / |axis|^2 */
 };
 
-struct synth_shape { /* limbs melted together, within the unit sphere */
+struct synth_shape { /* a smooth union of limbs, within the unit sphere */
     int               limb_count;
     struct synth_limb limb[26];
-    double            blend; /* width of the melting */
+    double            blend; /* width of the smooth minimum */
 };
 
 struct synth_object {

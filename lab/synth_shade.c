@@ -71,7 +71,7 @@ v3 synth_normal(const struct synth_world *w, v3 p, double footprint)
 
 /* ---------------------------------------------------------------- colours (linear light, 0..1) */
 
-/* Specks of many sizes, one in each cell of a grid at most, that hide the grid by where they lie in it; 1 within a speck.
+/* Specks of many sizes, one in each cell of a grid at most, at a random place of it; 1 within a speck.
  * size: cell, metres. share: of the cells that have one. */
 static double shade_specks(uint32_t seed, double x, double y, double size, double share, double footprint, uint32_t *which)
 {

@@ -1,10 +1,10 @@
 /* synth_world.c - geometry: seabed, rocks, corals, starfish, a wreck, as one distance function.
  *
  * The ground is a height field: swell, reef patches and sand ripples, baked once and read back through a cubic B-spline, whose
- * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and limbs
- * melted together. A grid of cells lists what comes near each.
+ * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and smooth
+ * unions of limbs. A grid of cells lists what comes near each.
  *
- * Invariant: synth_distance promises no more way to an object than there is: what a cell does not list is at least SYNTH_NEAR
+ * Invariant: synth_distance is never larger than the distance to an object: what a cell does not list is at least SYNTH_NEAR
  * away from the whole cell. For the ground it is an estimate; a ray that steps below a steep slope steps back.
  */
 #include "synth.h"
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 
 #define SYNTH_CELL 0.5  /* metres */
-#define SYNTH_NEAR 0.25 /* metres; shading asks for distances up to this */
+#define SYNTH_NEAR 0.25 /* metres: the largest distance that shading uses */
 #define TALLEST    1.3  /* metres: maximum height over the ground */
 #define BAKED_STEP 0.02 /* metres, at most MAX_BAKED samples */
 #define MAX_BAKED  48e6

@@ -24,10 +24,11 @@ static FILE *binary_file(const char *folder, const char *name)
     return file;
 }
 
-/* As COLMAP writes it, rows the other way round: its order is that of a hash table. */
-static void binary_write(const char *folder, const struct colmap *c)
+/* As COLMAP writes it, with the 2D points of the model in the folder `text`, rows the other way round: its order is that of a hash table. */
+static void binary_write(const char *folder, const struct colmap *c, const char *text)
 {
-    FILE *file = binary_file(folder, "cameras.bin");
+    struct colmap_observed o    = colmap_observe(text, c);
+    FILE                  *file = binary_file(folder, "cameras.bin");
     binary_put(file, c->camera_count, 8);
     for (size_t i = c->camera_count; i-- > 0;) {
         const struct colmap_camera *k = &c->camera[i];
@@ -45,11 +46,9 @@ static void binary_write(const char *folder, const struct colmap *c)
         for (int j = 0; j < 3; j++) binary_put_real(file, k->translation[j]);
         binary_put(file, (uint64_t)k->camera_id, 4);
         fwrite(c->names + k->name, 1, strlen(c->names + k->name) + 1, file);
-        binary_put(file, k->observation_count, 8);
-        for (size_t j = 0; j < k->observation_count; j++) {
-            const struct colmap_observation *o = &c->observation[k->first_observation + j];
-            binary_put_real(file, o->x), binary_put_real(file, o->y), binary_put(file, (uint64_t)o->point, 8);
-        }
+        binary_put(file, colmap_observed_count(&o, i), 8);
+        for (size_t j = o.first[i]; j < o.first[i + 1]; j++)
+            binary_put_real(file, o.at[j].x), binary_put_real(file, o.at[j].y), binary_put(file, (uint64_t)o.at[j].point, 8);
     }
     CHECK(fclose(file) == 0);
     file = binary_file(folder, "points3D.bin");
@@ -67,6 +66,7 @@ static void binary_write(const char *folder, const struct colmap *c)
         }
     }
     CHECK(fclose(file) == 0);
+    colmap_observed_free(&o);
 }
 
 /* The good model in the test's folder `binary`, its text in `model`. */
@@ -75,7 +75,7 @@ static void binary_good(void)
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
-    binary_write(test_path("binary"), &c);
+    binary_write(test_path("binary"), &c, test_path("model"));
     colmap_free(test_ctx, &c);
 }
 
@@ -93,7 +93,7 @@ static const char *binary_refused(void)
 {
     const struct colmap zero = {0};
     struct colmap       c;
-    CHECK(colmap_read_in_windows(test_ctx, test_path("binary"), 1, 64, &c) == OXL_ERR_INPUT);
+    CHECK(colmap_read_in_windows(test_ctx, test_path("binary"), 64, &c) == OXL_ERR_INPUT);
     CHECK(memcmp(&c, &zero, sizeof c) == 0);
     CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
     return oxl_error_text(test_ctx);
@@ -111,7 +111,7 @@ static void colmap_capture_all(void *user, oxl_log_level level, const char *text
 static int binary_same(const struct colmap *a, const struct colmap *b)
 {
     int same = a->camera_count == b->camera_count && a->image_count == b->image_count && a->point_count == b->point_count &&
-               a->observation_count == b->observation_count && a->track_count == b->track_count;
+               a->track_count == b->track_count;
     for (size_t i = 0; same && i < a->camera_count; i++)
         same = a->camera[i].id == b->camera[i].id && a->camera[i].model == b->camera[i].model &&
                a->camera[i].width == b->camera[i].width && a->camera[i].height == b->camera[i].height &&
@@ -121,9 +121,7 @@ static int binary_same(const struct colmap *a, const struct colmap *b)
         same = x->id == y->id && x->camera_id == y->camera_id && strcmp(a->names + x->name, b->names + y->name) == 0 &&
                memcmp(x->rotation, y->rotation, sizeof x->rotation) == 0 &&
                memcmp(x->translation, y->translation, sizeof x->translation) == 0 &&
-               x->observation_count == y->observation_count &&
-               (x->observation_count == 0 || memcmp(a->observation + x->first_observation, b->observation + y->first_observation,
-                                                    x->observation_count * sizeof *a->observation) == 0);
+               (x->points_size == 0) == (y->points_size == 0);
     }
     for (size_t i = 0; same && i < a->point_count; i++) {
         const struct colmap_point *x = &a->point[i], *y = &b->point[i];
@@ -138,8 +136,8 @@ static int binary_same(const struct colmap *a, const struct colmap *b)
 static void binary_check_same(const char *text_folder, const char *binary_folder, size_t window)
 {
     struct colmap text, binary;
-    CHECK_OK(colmap_read(test_ctx, text_folder, 1, &text));
-    CHECK_OK(colmap_read_in_windows(test_ctx, binary_folder, 1, window, &binary));
+    CHECK_OK(colmap_read(test_ctx, text_folder, &text));
+    CHECK_OK(colmap_read_in_windows(test_ctx, binary_folder, window, &binary));
     CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
     CHECK_OK(colmap_order(test_ctx, &text));
     CHECK_OK(colmap_order(test_ctx, &binary));
@@ -164,24 +162,10 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
     if (!path) SKIP("no shared data");
     snprintf(text, sizeof text, "%s", path);
     CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
-    CHECK_OK(colmap_read(test_ctx, text, 1, &c));
-    binary_write(test_path("binary"), &c);
+    CHECK_OK(colmap_read(test_ctx, text, &c));
+    binary_write(test_path("binary"), &c, text);
     colmap_free(test_ctx, &c);
     binary_check_same(text, test_path("binary"), COLMAP_WINDOW);
-}
-
-TEST(colmap_binary_without_observations_all_else_is_the_same)
-{
-    struct colmap with, without;
-    binary_good();
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &with));
-    CHECK_OK(colmap_read_in_windows(test_ctx, test_path("binary"), 0, 32, &without));
-    CHECK(without.observation_count == 0 && with.observation_count == 3 && without.track_count == 3);
-    for (size_t i = 0; i < 3; i++)
-        CHECK(without.image[i].points_at == with.image[i].points_at && without.image[i].id == with.image[i].id &&
-              without.image[i].points_size == 24 * with.image[i].observation_count);
-    colmap_free(test_ctx, &with);
-    colmap_free(test_ctx, &without);
 }
 
 TEST(colmap_binary_rigs_and_frames_are_not_read)
@@ -190,7 +174,7 @@ TEST(colmap_binary_rigs_and_frames_are_not_read)
     binary_good();
     binary_replace("rigs.bin", "junk", 4);
     binary_replace("frames.bin", "junk", 4);
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.image_count == 3 && c.warnings == 0);
     colmap_free(test_ctx, &c);
 }
@@ -200,15 +184,13 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
-    c.observation[0].x     = NAN;
     c.point[1].position[1] = INFINITY;
     c.point[0].error       = NAN;
     c.image[1].rotation[0] = 8;
-    binary_write(test_path("binary"), &c);
+    binary_write(test_path("binary"), &c, test_path("model"));
     colmap_free(test_ctx, &c);
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
-    CHECK(c.warnings == 4 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 && c.track_count == 2);
-    CHECK(c.observation[1].point == -1 && c.observation[1].x == 0);
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
+    CHECK(c.warnings == 3 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 && c.track_count == 2);
     colmap_free(test_ctx, &c);
 }
 
@@ -220,13 +202,13 @@ TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
     snprintf(command, sizeof command,
              "cd '%s' && cp ../model/*.txt . && touch -d '2001-01-01' *.txt && touch -d '2001-01-02' *.bin", test_path("binary"));
     CHECK(system(command) == 0);
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_BINARY && strcmp(c.images_file, "images.bin") == 0);
     colmap_free(test_ctx, &c);
     test_ctx->options.log = colmap_capture_all;
     snprintf(command, sizeof command, "touch -d '2001-01-03' '%s/points3D.txt'", test_path("binary"));
     CHECK(system(command) == 0);
-    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_TEXT);
     CHECK_TEXT(colmap_warned.last, "the text files are newer and are read");
     colmap_free(test_ctx, &c);
@@ -268,7 +250,7 @@ TEST(colmap_binary_with_a_wrong_byte_is_read_or_refused)
             memcpy(copy, map.data, map.size);
             copy[i] = (char)0xff;
             binary_replace(binary_names[f], copy, map.size);
-            rc = colmap_read(test_ctx, test_path("binary"), 1, &c);
+            rc = colmap_read(test_ctx, test_path("binary"), &c);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             if (rc != OXL_OK) CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
             refused += rc != OXL_OK;
@@ -333,7 +315,7 @@ TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
         CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 12345678\n\n", "", &c));
         CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
         strcpy(c.names + c.image[0].name, wrong[i][0]);
-        binary_write(test_path("binary"), &c);
+        binary_write(test_path("binary"), &c, test_path("model"));
         colmap_free(test_ctx, &c);
         CHECK_TEXT(binary_refused(), wrong[i][1]);
     }
@@ -344,7 +326,7 @@ TEST(colmap_binary_incomplete_models_are_named_by_what_is_missing)
     struct colmap c;
     binary_good();
     CHECK(remove(test_path("binary/images.bin")) == 0);
-    CHECK(colmap_read(test_ctx, test_path("binary"), 1, &c) == OXL_ERR_INPUT);
+    CHECK(colmap_read(test_ctx, test_path("binary"), &c) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, wanted a COLMAP model");
 }
 

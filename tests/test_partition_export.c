@@ -21,18 +21,19 @@ static const char *export_test_folder(const char *out, int block)
     return test_path(name);
 }
 
-static void export_test_check_image(const struct colmap *all, const struct colmap *part, const struct colmap_image *image)
+static void export_test_check_image(const struct colmap *all, const struct colmap_observed *seen, const struct colmap *part,
+                                    const struct colmap_observed *o, const struct colmap_image *image)
 {
+    const size_t               own   = (size_t)(image - part->image);
     const struct colmap_image *whole = export_test_image(all, image->id);
     CHECK(whole && memcmp(whole->rotation, image->rotation, sizeof image->rotation) == 0);
     CHECK(memcmp(whole->translation, image->translation, sizeof image->translation) == 0);
     CHECK(strcmp(all->names + whole->name, part->names + image->name) == 0 && whole->camera_id == image->camera_id);
-    CHECK(whole->observation_count == image->observation_count);
-    for (size_t k = 0; k < image->observation_count; k++) {
-        const struct colmap_observation *a = &all->observation[whole->first_observation + k],
-                                        *b = &part->observation[image->first_observation + k];
-        const struct colmap_point *point   = b->point < 0 ? NULL : export_test_point(part, b->point);
-        int                        back    = 0;
+    CHECK(colmap_observed_count(seen, (size_t)(whole - all->image)) == colmap_observed_count(o, own));
+    for (size_t k = 0; k < colmap_observed_count(o, own); k++) {
+        const struct colmap_observation *a = &seen->at[seen->first[whole - all->image] + k], *b = &o->at[o->first[own] + k];
+        const struct colmap_point       *point = b->point < 0 ? NULL : export_test_point(part, b->point);
+        int                              back  = 0;
         CHECK(a->x == b->x && a->y == b->y);
         CHECK(b->point == (export_test_point(part, a->point) ? a->point : -1));
         for (uint32_t j = 0; point && j < point->track_count; j++) {
@@ -43,7 +44,8 @@ static void export_test_check_image(const struct colmap *all, const struct colma
     }
 }
 
-static void export_test_check_point(const struct colmap *all, const struct colmap *part, const struct colmap_point *point)
+static void export_test_check_point(const struct colmap *all, const struct colmap *part, const struct colmap_observed *o,
+                                    const struct colmap_point *point)
 {
     const struct colmap_point *whole = export_test_point(all, point->id);
     uint32_t                   kept  = 0;
@@ -53,10 +55,9 @@ static void export_test_check_point(const struct colmap *all, const struct colma
         kept += export_test_image(part, all->image[all->track[whole->first_track + k].image_row].id) != NULL;
     CHECK(kept == point->track_count);
     for (uint32_t k = 0; k < point->track_count; k++) {
-        const struct colmap_track *t     = &part->track[point->first_track + k];
-        const struct colmap_image *image = &part->image[t->image_row];
-        CHECK(t->observation < image->observation_count);
-        CHECK(part->observation[image->first_observation + t->observation].point == point->id);
+        const struct colmap_track *t = &part->track[point->first_track + k];
+        CHECK(t->observation < colmap_observed_count(o, t->image_row));
+        CHECK(o->at[o->first[t->image_row] + t->observation].point == point->id);
     }
 }
 
@@ -65,26 +66,31 @@ TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back
     oxl_scene                  *scene = partition_test_reef_scene(2);
     const oxl_partition_options o     = partition_test_options(600, OXL_CUT_BALANCED);
     struct colmap               all, part;
+    struct colmap_observed      seen, o2;
     struct partition            p;
-    CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), 1, &all));
+    CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &all));
+    seen = colmap_observe(test_path("reef/sparse/0"), &all);
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
     CHECK(p.block_count >= 3);
     for (int b = 0; b < p.block_count; b++) {
-        CHECK_OK(colmap_read(test_ctx, export_test_folder("out", b), 1, &part));
+        CHECK_OK(colmap_read(test_ctx, export_test_folder("out", b), &part));
+        o2 = colmap_observe(export_test_folder("out", b), &part);
         CHECK(part.warnings == 0 && part.camera_count == 1 && part.point_count == p.block[b].start_points);
         CHECK(part.camera[0].model == all.camera[0].model && part.camera[0].width == 640);
         CHECK(memcmp(part.camera[0].parameter, all.camera[0].parameter, sizeof part.camera[0].parameter) == 0);
         CHECK(part.image_count == (size_t)(p.block[b].base_views + p.block[b].border_views));
         for (size_t i = 0; i < part.image_count; i++) {
-            export_test_check_image(&all, &part, &part.image[i]);
+            export_test_check_image(&all, &seen, &part, &o2, &part.image[i]);
             CHECK((part.image[i].id - 100) / 7 % 8 != 0); /* no test view */
         }
-        for (size_t i = 0; i < part.point_count; i++) export_test_check_point(&all, &part, &part.point[i]);
+        for (size_t i = 0; i < part.point_count; i++) export_test_check_point(&all, &part, &o2, &part.point[i]);
+        colmap_observed_free(&o2);
         colmap_free(test_ctx, &part);
     }
     CHECK(os_is_file(test_path("out/partition.txt")) && os_is_file(test_path("out/partition.svg")));
     partition_free(test_ctx, &p);
+    colmap_observed_free(&seen);
     colmap_free(test_ctx, &all);
     oxl_scene_free(test_ctx, scene);
 }
@@ -111,10 +117,10 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
     struct partition            p, q;
     char                        binary[300];
     options.read_images = 0;
-    CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), 1, &c));
+    CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &c));
     snprintf(binary, sizeof binary, "%s", test_path("reef_binary"));
     CHECK_OK(os_make_folder(test_ctx, test_path("reef_binary/sparse")));
-    binary_write(test_path("reef_binary/sparse"), &c);
+    binary_write(test_path("reef_binary/sparse"), &c, test_path("reef/sparse/0"));
     colmap_free(test_ctx, &c);
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     CHECK_OK(partition_export(test_ctx, &p, test_path("text")));
@@ -125,9 +131,9 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
     CHECK_OK(partition_export(test_ctx, &q, test_path("binary")));
     CHECK(q.block_count >= 3);
     for (int b = 0; b < q.block_count; b++) {
-        CHECK_OK(colmap_read(test_ctx, export_test_folder("text", b), 1, &c));
-        CHECK_OK(colmap_read(test_ctx, export_test_folder("binary", b), 1, &part));
-        CHECK(part.format == COLMAP_TEXT && part.warnings == 0 && part.observation_count > 0 && colmap_same(&c, &part));
+        CHECK_OK(colmap_read(test_ctx, export_test_folder("text", b), &c));
+        CHECK_OK(colmap_read(test_ctx, export_test_folder("binary", b), &part));
+        CHECK(part.format == COLMAP_TEXT && part.warnings == 0 && part.image[0].points_size > 0 && colmap_same(&c, &part));
         colmap_free(test_ctx, &c);
         colmap_free(test_ctx, &part);
     }

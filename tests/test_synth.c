@@ -27,7 +27,14 @@ static void synth_test_make(const synth_options *o, struct colmap *survey)
     CHECK(rc == OXL_OK);
     if (rc != OXL_OK) printf("  %s\n", error);
     snprintf(folder, sizeof folder, "%s/sparse/0", o->out);
-    CHECK_OK(colmap_read(test_ctx, folder, 1, survey));
+    CHECK_OK(colmap_read(test_ctx, folder, survey));
+}
+
+static struct colmap_observed synth_test_observe(const synth_options *o, const struct colmap *survey)
+{
+    char folder[600];
+    snprintf(folder, sizeof folder, "%s/sparse/0", o->out);
+    return colmap_observe(folder, survey);
 }
 
 static void synth_test_to_camera(const struct colmap_image *image, const double p[3], double out[3])
@@ -41,18 +48,18 @@ static void synth_test_to_camera(const struct colmap_image *image, const double 
 }
 
 /* Where a point should be seen, minus where it was; *z gets its depth. */
-static void synth_test_residual(const struct colmap *c, const struct colmap_point *p, const struct colmap_track *t, double out[2],
-                                double *z)
+static void synth_test_residual(const struct colmap *c, const struct colmap_observed *o, const struct colmap_point *p,
+                                const struct colmap_track *t, double out[2], double *z)
 {
     const struct colmap_image *image = &c->image[t->image_row];
     const double              *k     = c->camera[0].parameter;
     double                     q[3];
     out[0] = out[1] = 1e9;
-    CHECK(t->observation < image->observation_count);
-    if (t->observation >= image->observation_count) return;
+    CHECK(t->observation < colmap_observed_count(o, t->image_row));
+    if (t->observation >= colmap_observed_count(o, t->image_row)) return;
     synth_test_to_camera(image, p->position, q);
-    out[0] = k[0] * q[0] / q[2] + k[2] - c->observation[image->first_observation + t->observation].x;
-    out[1] = k[1] * q[1] / q[2] + k[3] - c->observation[image->first_observation + t->observation].y;
+    out[0] = k[0] * q[0] / q[2] + k[2] - o->at[o->first[t->image_row] + t->observation].x;
+    out[1] = k[1] * q[1] / q[2] + k[3] - o->at[o->first[t->image_row] + t->observation].y;
     *z     = q[2];
 }
 
@@ -72,23 +79,25 @@ static int synth_test_is_outlier(const struct os_file_map *outliers, int64_t id)
 
 TEST(synth_tracks_and_observations_name_each_other_both_ways)
 {
-    const synth_options o      = synth_test_options("survey");
-    struct colmap       survey = {0};
-    size_t              named  = 0;
+    const synth_options    o      = synth_test_options("survey");
+    struct colmap          survey = {0};
+    struct colmap_observed seen;
+    size_t                 named = 0;
     synth_test_make(&o, &survey);
+    seen = synth_test_observe(&o, &survey);
     CHECK(survey.image_count == 6 && survey.camera_count == 1);
     CHECK(survey.point_count > 6 * 350);
     for (size_t i = 0; i < survey.point_count; i++)
         for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
-            const struct colmap_track *t     = &survey.track[survey.point[i].first_track + k];
-            const struct colmap_image *image = &survey.image[t->image_row];
-            CHECK(t->observation < image->observation_count);
-            if (t->observation >= image->observation_count) continue;
-            CHECK(survey.observation[image->first_observation + t->observation].point == survey.point[i].id);
+            const struct colmap_track *t = &survey.track[survey.point[i].first_track + k];
+            CHECK(t->observation < colmap_observed_count(&seen, t->image_row));
+            if (t->observation >= colmap_observed_count(&seen, t->image_row)) continue;
+            CHECK(seen.at[seen.first[t->image_row] + t->observation].point == survey.point[i].id);
         }
-    for (size_t i = 0; i < survey.observation_count; i++) named += survey.observation[i].point >= 0;
+    for (size_t i = 0; i < seen.first[survey.image_count]; i++) named += seen.at[i].point >= 0;
     CHECK(named == survey.track_count);
-    CHECK(survey.observation_count > named + named / 5); /* keypoints without a point stand between them */
+    CHECK(seen.first[survey.image_count] > named + named / 5); /* keypoints without a point stand between them */
+    colmap_observed_free(&seen);
     colmap_free(test_ctx, &survey);
 }
 
@@ -128,27 +137,32 @@ TEST(synth_ids_are_sparse_unordered_and_different)
 
 TEST(synth_every_view_sees_hundreds_of_points_and_most_points_have_three_views)
 {
-    const synth_options o      = synth_test_options("survey");
-    struct colmap       survey = {0};
-    size_t              three  = 0;
+    const synth_options    o      = synth_test_options("survey");
+    struct colmap          survey = {0};
+    struct colmap_observed seen;
+    size_t                 three = 0;
     synth_test_make(&o, &survey);
-    for (size_t i = 0; i < survey.image_count; i++) CHECK(survey.image[i].observation_count >= 300);
+    seen = synth_test_observe(&o, &survey);
+    for (size_t i = 0; i < survey.image_count; i++) CHECK(colmap_observed_count(&seen, i) >= 300);
     for (size_t i = 0; i < survey.point_count; i++) {
         CHECK(survey.point[i].track_count >= 2);
         three += survey.point[i].track_count >= 3;
     }
     CHECK(three > survey.point_count * 8 / 10);
+    colmap_observed_free(&seen);
     colmap_free(test_ctx, &survey);
 }
 
 /* Also far from the origin, where floats would be off by decimetres. */
 static void synth_test_reprojection(const synth_options *o)
 {
-    struct os_file_map list   = {0};
-    struct colmap      survey = {0};
-    double             square = 0;
-    size_t             count = 0, outliers = 0;
+    struct os_file_map     list   = {0};
+    struct colmap          survey = {0};
+    struct colmap_observed seen;
+    double                 square = 0;
+    size_t                 count = 0, outliers = 0;
     synth_test_make(o, &survey);
+    seen = synth_test_observe(o, &survey);
     synth_test_outliers(o->out, &list);
     for (size_t i = 0; i < survey.point_count; i++) {
         const struct colmap_point *p    = &survey.point[i];
@@ -157,7 +171,7 @@ static void synth_test_reprojection(const synth_options *o)
         outliers += (size_t)odd;
         for (uint32_t k = 0; k < p->track_count; k++) {
             double r[2], z;
-            synth_test_residual(&survey, p, &survey.track[p->first_track + k], r, &z);
+            synth_test_residual(&survey, &seen, p, &survey.track[p->first_track + k], r, &z);
             mean += hypot(r[0], r[1]) / p->track_count;
             CHECK(hypot(r[0], r[1]) < (odd ? 9 : 1.8));
             if (!odd) square += r[0] * r[0] + r[1] * r[1], count += 2;
@@ -167,6 +181,7 @@ static void synth_test_reprojection(const synth_options *o)
     CHECK_CLOSE(sqrt(square / (double)count), 0.3, 0.01);
     CHECK(outliers > 0 && outliers < survey.point_count / 40);
     os_release_file(test_ctx, &list);
+    colmap_observed_free(&seen);
     colmap_free(test_ctx, &survey);
 }
 
@@ -206,21 +221,23 @@ static float *synth_test_depth(const synth_options *o, const char *name)
 
 TEST(synth_points_lie_where_the_depth_maps_say)
 {
-    struct os_file_map  list    = {0};
-    const synth_options o       = synth_test_options("survey");
-    struct colmap       survey  = {0};
-    size_t              checked = 0, near = 0;
+    struct os_file_map     list   = {0};
+    const synth_options    o      = synth_test_options("survey");
+    struct colmap          survey = {0};
+    struct colmap_observed seen;
+    size_t                 checked = 0, near = 0;
     synth_test_make(&o, &survey);
+    seen = synth_test_observe(&o, &survey);
     synth_test_outliers(o.out, &list);
     for (size_t v = 0; v < survey.image_count; v++) {
         float *depth = synth_test_depth(&o, survey.names + survey.image[v].name);
         for (size_t i = 0; depth && i < survey.point_count; i++)
             for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
                 const struct colmap_track       *t = &survey.track[survey.point[i].first_track + k];
-                const struct colmap_observation *s = &survey.observation[survey.image[v].first_observation + t->observation];
+                const struct colmap_observation *s = &seen.at[seen.first[v] + t->observation];
                 double                           r[2], z = 0;
                 if (t->image_row != v || synth_test_is_outlier(&list, survey.point[i].id)) continue;
-                synth_test_residual(&survey, &survey.point[i], t, r, &z);
+                synth_test_residual(&survey, &seen, &survey.point[i], t, r, &z);
                 checked++;
                 near += fabs(z - depth[(size_t)s->y * (size_t)o.width + (size_t)s->x]) < 0.03 * z;
             }
@@ -229,6 +246,7 @@ TEST(synth_points_lie_where_the_depth_maps_say)
     CHECK(checked > 5000);
     CHECK(near > checked * 95 / 100); /* the others stand beside a step: a pixel is 3 cm wide here */
     os_release_file(test_ctx, &list);
+    colmap_observed_free(&seen);
     colmap_free(test_ctx, &survey);
 }
 

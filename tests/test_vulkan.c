@@ -1473,11 +1473,19 @@ static void vulkan_two_steps(struct train *t)
 static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
 {
     struct vulkan_renderer *d = t->renderer->device;
-    size_t                  bytes;
+    float                   x[200], gradient[200];
+    size_t                  bytes, wrong = 0, from = 0;
     vulkan_two_steps(t);
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ)); /* a checkpoint */
+    memcpy(x, t->model->plane[OXL_MEAN], sizeof x);
+    memcpy(gradient, t->density->gradient, sizeof gradient);
     if (!moves) d->moments_here = 0;
     CHECK_OK(step_remove_rows(t, 80));
+    for (size_t i = 0; i < t->model->count; i++, from++) {
+        while (from < 199 && x[from] != t->model->plane[OXL_MEAN][i]) from++;
+        wrong += gradient[from] != t->density->gradient[i];
+    }
+    CHECK(wrong == 0);
     if (moves) memset(t->first.plane[OXL_OPACITY], 0, 120 * sizeof *moment);
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
     memcpy(moment, t->first.plane[OXL_OPACITY], 120 * sizeof *moment);

@@ -483,7 +483,7 @@ static int photometry_test_warned;
 static void photometry_test_log(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
-    photometry_test_warned |= level == OXL_LOG_WARNING && strstr(text, "exposure goes with the distance");
+    photometry_test_warned |= level == OXL_LOG_WARNING && strstr(text, "exposure is correlated with the range");
 }
 
 /* The run's first step warns or does not. */

@@ -30,7 +30,7 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 OXL_INTERNAL int  partition_contains(const struct partition_box *box, const double frame[3]);
 
 /* Cuts a scene from files into blocks; the scene must outlive the partition. One block when it is small enough, when the options ask for
- * it, or when there are no tracks to tell what a view sees; the log says which, and on what evidence 2D or 3D was chosen. */
+ * it, or when there are no tracks, from which a view's points follow; the log states which, and on what evidence 2D or 3D was chosen. */
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
                                        struct partition *out);
 OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);

@@ -158,8 +158,8 @@ static int partition_train_views(const oxl_scene *scene)
     return scene_stats_of(scene)->views - scene_stats_of(scene)->test_views;
 }
 
-/* Less is asked of a small survey: a quarter of a small block's points; one image in ten, and no more than the block's share of all
- * images, or small blocks, asked for on purpose, would all be joined. */
+/* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and no more than the block's share of all
+ * images, or small blocks, which are requested on purpose, would all be joined. */
 static void partition_set_minimum(struct partition_build *b)
 {
     const size_t n     = (size_t)b->options.block_points;

@@ -10,7 +10,7 @@ struct partition_node {
     struct partition_box expanded; /* of a leaf; of a node: around those of its leaves */
     struct partition_box deep;     /* of a leaf: the part of it that no other block expands into */
     int                  parent;
-    int                  child[2]; /* below the cut, and from it on; 0: a leaf, for the root is nobody's child */
+    int                  child[2]; /* below the cut, and from it on; 0: a leaf, since the root has no parent */
     int                  axis;     /* of the cut */
     double               cut;
     int                  depth, shrinks;

@@ -127,7 +127,7 @@ static int partition_is_better(const struct partition_build *b, const struct par
     return abs(2 * a->ratio - ratios + 1) < abs(2 * than->ratio - ratios + 1);
 }
 
-/* bins (ratios + 1) as partition_count leaves them. */
+/* The best cut of a box; ratio -1: none is allowed. bins (ratios + 1) as partition_count leaves them. */
 static struct partition_split partition_choose(const struct partition_build *b, const struct partition_node *n,
                                                const struct partition_bin *bins)
 {
@@ -177,7 +177,8 @@ static void partition_shrink(const struct partition_build *b, const struct parti
     n->shrinks++;
 }
 
-/* bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
+/* Splits each box of the batch: counts points and load between its candidate cuts, and cuts it in two at the best one (partition_choose); a box
+ * without an allowed cut is shrunk. bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
 static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search, int count,
                                       struct partition_bin *bins)
 {
@@ -192,9 +193,9 @@ static oxl_result partition_cut_batch(struct partition_build *b, const struct pa
             bins[k].load += bins[(size_t)task * part + k].load;
         }
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        const struct partition_bin  *mine  = bins + (size_t)i * stride;
-        const struct partition_split split = partition_choose(b, &b->node[search[i].node], mine);
-        if (split.ratio < 0) partition_shrink(b, &search[i], mine);
+        const struct partition_bin  *its   = bins + (size_t)i * stride;
+        const struct partition_split split = partition_choose(b, &b->node[search[i].node], its);
+        if (split.ratio < 0) partition_shrink(b, &search[i], its);
         else rc = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[split.ratio], &split);
     }
     return rc;

@@ -286,7 +286,7 @@ static void svg_label(struct svg *s, const struct svg_panel *panel, int i)
     svg_text(&s->t, "count", at[0] + 10, at[1] + 58, "C %d + %d", b->base_views, b->border_views);
 }
 
-/* Blocks that have their middle in the same place share a label: 3, 4, 5. Block i speaks for all of them when it is the first. */
+/* Blocks that have their middle in the same place share a label: 3, 4, 5. It is drawn for the first of them. */
 static void svg_label_stacked(struct svg *s, const struct svg_panel *panel, int i)
 {
     double mine[4], other[4];

@@ -217,8 +217,9 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
 OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
 {
     wchar_t wide[OS_PATH_MAX];
-    lock->file = (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE,
-                                       NULL, OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL); /* nobody removes it while it is open */
+    lock->file =
+        (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
+                              OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL); /* it cannot be removed while it is open */
     return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
 }
 

@@ -1,6 +1,6 @@
 /* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
  *
- * A model with second lobes or water may be followed by model_standard.ply, for viewers that know neither: the lobes dropped, the water
+ * A model with second lobes or water may be followed by model_standard.ply, for viewers that support neither: the lobes dropped, the water
  * baked into the colours, the rest refined for a twentieth of the run, or longer with water. Its gains and lamp are those of model.ply.
  *
  * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it, and the line "job" in it says
@@ -252,7 +252,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* model loses its lobes and its water. *done: model_standard.ply is there. */
+/* model without lobes and water. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
     oxl_train_options   o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);

@@ -1,6 +1,6 @@
 /* job.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
  *
- * OUT/run.json is written first, to say what is under way, and last, when everything else is in place. Invariant: a run.json that
+ * OUT/run.json is written first, as the key of the run, and last, when everything else is in place. Invariant: a run.json that
  * says "finished": true describes the scene.ply beside it. The lines "job" and "found" in it are all that the result depends
  * on: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
@@ -78,7 +78,7 @@ static int job_is_of_another_run(const struct job *job, const struct oxl_manifes
     return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
 }
 
-/* Says which options, or what of the survey, are not the same. */
+/* The error names the options, or what of the survey, that differ. */
 static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx}, there = t;

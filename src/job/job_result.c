@@ -20,7 +20,7 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-/* Water lies between the model's colours and the images: scene.ply is a model for viewers that know none. */
+/* Water lies between the model's colours and the images: scene.ply is a model for viewers without it. */
 static int job_alters_colours(const struct job *job)
 {
     return job->scene && imaging_alters_colours(scene_imaging(job->scene));
@@ -92,7 +92,7 @@ static oxl_split job_evaluated_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer that knows no second lobes and no water will show: *m gets its PSNR at mean exposure. */
+/* What a viewer without second lobes and water renders: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
     struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;

@@ -24,7 +24,7 @@ struct job {
     oxl_model           model;
     struct text         line, found; /* "job": {...} and "found": {...} of run.json */
     struct text         key;         /* both: what a block depends on */
-    struct text         notes;       /* what the log says outside of the blocks' training */
+    struct text         notes;       /* log lines outside of the blocks' training */
     struct block_record total;       /* over the blocks */
     int                 block;       /* that is being trained */
     int                 unfinished;  /* blocks that were stopped by --max-time */

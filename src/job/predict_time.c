@@ -2,7 +2,7 @@
  *
  * Steps of two models are timed over views all over the survey: of the starting one, and of one with as many Gaussians as the run is
  * expected to end with, beside the points that there are. The run's mean step lies between them, by the share of the run in which it
- * has grown. What this cannot know is how wide Gaussians become while they are trained, so how many lie over a pixel: that is in the range.
+ * has grown. Not predicted: how wide Gaussians become while they are trained, so how many lie over a pixel: that is in the range.
  *
  * Invariant: the state of the run is not changed: it ends in the same bytes as without.
  */

@@ -293,7 +293,7 @@ static oxl_result rounds_run_blocks(struct rounds *r)
     return rc;
 }
 
-/* 1: the neighbours are where the block's next round wants them. */
+/* 1: the neighbours are as far as the block's next round needs. */
 static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
 {
     oxl_result rc = OXL_OK;

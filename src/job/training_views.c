@@ -10,8 +10,8 @@
 #include "job.h"
 
 enum {
-    TRAINING_STEPS    = 5, /* of each view, before what it lacks says anything of it */
-    TRAINING_MIN      = 6 /* views; among fewer none is odd */,
+    TRAINING_STEPS    = 5, /* of each view, before its error is evidence */
+    TRAINING_MIN      = 6 /* views; among fewer none is reported */,
     TRAINING_SHOWN    = 4,
     TRAINING_SMALLEST = 24,
     TRAINING_LARGEST  = 200 /* px, of the longer side */
@@ -205,7 +205,7 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
     return rc;
 }
 
-/* ---------------------------------------------------------------- what is said */
+/* ---------------------------------------------------------------- messages */
 
 static void training_report(const struct training_views *t)
 {

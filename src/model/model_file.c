@@ -315,7 +315,7 @@ OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, st
     struct os_reader          file = {0};
     *out                           = (struct model_file_layout){0};
     *has                           = 0;
-    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK; /* who reads it will say what is wrong */
+    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK; /* its reader reports the error */
     if (os_reader_open(ctx, path, &file) != OXL_OK) goto done;
     e = ply.element;
     if (ply.format == PLY_LITTLE && ply.elements >= 1 && ply.elements <= 2 && !strcmp(e[0].name, "vertex") &&

@@ -101,7 +101,7 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     }
 }
 
-/* The header with the comment; without one when there is nothing to say. */
+/* The header with the comment; without one when there is no origin or scale. */
 static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;

@@ -13,7 +13,7 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define MEDIUM_MIN  0.02 /* of J: what is seen through more water than this lets through says nothing about it */
+#define MEDIUM_MIN  0.02 /* of J: what is seen through more water than this lets through is no evidence of it */
 #define MEDIUM_DARK 0.02 /* J at the start, at least */
 
 /* Of J: attenuation and, with a lamp, falloff. *log_near: ln (reference / r), 0 where the falloff does not change with r. */

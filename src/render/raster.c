@@ -22,7 +22,7 @@
 
 struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
     real t[TILE_PIXELS];
-    real left[TILE_PIXELS]; /* T after the last contributing splat */
+    real last_t[TILE_PIXELS]; /* T after the last contributing splat */
     real rgb[3][TILE_PIXELS];
 };
 
@@ -91,8 +91,8 @@ SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_
         for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_lane(row, column)];
 }
 
-/* Every pixel starts with S - s = S; those outside the image have ended, with T = 0. */
-SIMD_INLINE void raster_open(const struct raster_tile *tile, real *t)
+/* T before the first splat: 1; 0 outside the image, where pixels have ended. */
+SIMD_INLINE void raster_begin(const struct raster_tile *tile, real *t)
 {
     for (int i = 0; i < TILE_PIXELS; i++) t[i] = 1;
     if (raster_is_full(tile)) return;
@@ -103,14 +103,14 @@ SIMD_INLINE void raster_open(const struct raster_tile *tile, real *t)
 /* Blocks with a pixel that has not ended. */
 SIMD_INLINE uint32_t raster_active_blocks(const real *t)
 {
-    uint32_t alive = 0;
+    uint32_t active = 0;
     for (int block = 0; block < TILE_BLOCKS; block++) {
         int32_t any = 0;
 #pragma omp simd reduction(| : any)
         for (int l = 0; l < PACK; l++) any |= t[block * PACK + l] >= TRANSMITTANCE_MIN;
-        alive |= (uint32_t)(any != 0) << block;
+        active |= (uint32_t)(any != 0) << block;
     }
-    return alive;
+    return active;
 }
 
 /* ---------------------------------------------------------------- a batch: some of the tile's splats
@@ -125,7 +125,7 @@ struct raster_splat {   /* inputs of the passes, contiguous */
     real u, v;          /* centre from the tile's first pixel centre, px */
     real a, k, e, peak; /* -a, k, -e and peak of the splat or of its second lobe */
     real colour[3];
-    real spare[7]; /* padding to a power of two, so that indexing is a shift */
+    real padding[7]; /* to a power of two, so that indexing is a shift */
 };
 
 struct raster_batch {
@@ -141,9 +141,9 @@ struct raster_batch {
     real                weight[RASTER_BATCH][TILE_BLOCKS][PACK];   /* alpha T */
 };
 
-/* lobed: constant 0 or 1; 0 removes the code of lobes. */
-SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
-                                const struct pair *pair, uint32_t alive, struct raster_batch *batch)
+/* The next splats of the tile, and which blocks each of them covers. lobed: constant 0 or 1; 0 removes the code of lobes. */
+SIMD_INLINE void raster_load_batch(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
+                                   const struct pair *pair, uint32_t active, struct raster_batch *batch)
 {
     batch->pair      = pair;
     batch->count     = (int)OXL_MIN(RASTER_BATCH, tile->end - pair);
@@ -153,7 +153,7 @@ SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, c
     memset(batch->splats, 0, sizeof batch->splats);
     for (int n = 0; n < batch->count; n++) {
         const struct splat *s      = &job->bins->splat[pair[n].splat];
-        const uint32_t      blocks = pair[n].blocks & alive;
+        const uint32_t      blocks = pair[n].blocks & active;
         const struct lobe  *o      = lobed ? bins_lobe(job->bins, pair[n].splat) : NULL;
         batch->splat[n]            = (struct raster_splat){.u      = s->u - (tile->x + (real)0.5),
                                                            .v      = s->v - (tile->y + (real)0.5),
@@ -223,8 +223,8 @@ SIMD_INLINE struct raster_contribution raster_contribution(const int fused, cons
     p.lobe  = lobed ? raster_lobe_alpha(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
     p.alpha = p.value;
     if (lobed) {
-        const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
-        p.alpha = room >= batch->alpha_min ? alpha : 0;
+        const real alpha = p.value - p.lobe, magnitude = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
+        p.alpha = magnitude >= batch->alpha_min ? alpha : 0;
     }
     next          = muladd(fused, p.alpha, -t, t);
     p.contributes = next >= TRANSMITTANCE_MIN;
@@ -242,9 +242,10 @@ SIMD_INLINE real raster_keep_normal(real t)
 /* ---------------------------------------------------------------- forward */
 
 struct raster_block_state { /* a block's pixels */
-    real t[PACK], left[PACK], r[PACK], g[PACK], b[PACK];
+    real t[PACK], last_t[PACK], r[PACK], g[PACK], b[PACK];
 };
 
+/* A splat over the 16 pixels of a block, front to back: C += c alpha T, T *= 1 - alpha. */
 SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
                                   int block, struct raster_block_state *out)
 {
@@ -254,7 +255,7 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_contribution p = raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
-        out->left[l]                       = p.contributes ? p.t : out->left[l];
+        out->last_t[l]                     = p.contributes ? p.t : out->last_t[l];
         out->r[l]                          = muladd(fused, p.weight, red, out->r[l]);
         out->g[l]                          = muladd(fused, p.weight, green, out->g[l]);
         out->b[l]                          = muladd(fused, p.weight, blue, out->b[l]);
@@ -269,11 +270,11 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
     struct raster_block_state state;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        state.t[l]    = raster_keep_normal(pixels->t[at + l]);
-        state.left[l] = pixels->left[at + l];
-        state.r[l]    = pixels->rgb[0][at + l];
-        state.g[l]    = pixels->rgb[1][at + l];
-        state.b[l]    = pixels->rgb[2][at + l];
+        state.t[l]      = raster_keep_normal(pixels->t[at + l]);
+        state.last_t[l] = pixels->last_t[at + l];
+        state.r[l]      = pixels->rgb[0][at + l];
+        state.g[l]      = pixels->rgb[1][at + l];
+        state.b[l]      = pixels->rgb[2][at + l];
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
@@ -283,39 +284,40 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         pixels->t[at + l]      = state.t[l];
-        pixels->left[at + l]   = state.left[l];
+        pixels->last_t[at + l] = state.last_t[l];
         pixels->rgb[0][at + l] = state.r[l];
         pixels->rgb[1][at + l] = state.g[l];
         pixels->rgb[2][at + l] = state.b[l];
     }
 }
 
-SIMD_INLINE void raster_close(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
+/* Adds the background, and stores the tile. */
+SIMD_INLINE void raster_finish(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
 {
     const size_t plane = (size_t)job->width * (size_t)job->height;
     for (int ch = 0; ch < 3; ch++) {
-        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->left[i] * job->background[ch];
+        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->last_t[i] * job->background[ch];
         raster_store(job, tile, p->rgb[ch], job->rgb + (size_t)ch * plane);
     }
-    raster_store(job, tile, p->left, job->transmittance);
+    raster_store(job, tile, p->last_t, job->transmittance);
 }
 
 SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
 {
-    const struct raster_tile tile  = raster_tile(job);
-    uint32_t                 alive = 0xFFFF;
+    const struct raster_tile tile   = raster_tile(job);
+    uint32_t                 active = 0xFFFF;
     struct raster_pixels     p;
     struct raster_batch      batch;
     memset(p.rgb, 0, sizeof p.rgb);
-    raster_open(&tile, p.t);
-    for (int i = 0; i < TILE_PIXELS; i++) p.left[i] = 1;
-    for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
-        raster_collect(lobed, job, &tile, pair, alive, &batch);
+    raster_begin(&tile, p.t);
+    for (int i = 0; i < TILE_PIXELS; i++) p.last_t[i] = 1;
+    for (const struct pair *pair = tile.pair; pair < tile.end && active; pair += RASTER_BATCH) {
+        raster_load_batch(lobed, job, &tile, pair, active, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
             if (batch.splats[block]) raster_composite_block(fused, lobed, &batch, block, &p);
-        if (tile.end - pair > RASTER_BATCH) alive = raster_active_blocks(p.t);
+        if (tile.end - pair > RASTER_BATCH) active = raster_active_blocks(p.t);
     }
-    raster_close(job, &tile, &p);
+    raster_finish(job, &tile, &p);
 }
 
 /* ---------------------------------------------------------------- backward and score, a block at a time
@@ -327,7 +329,7 @@ struct raster_block_grad { /* a block's pixels */
     real t[PACK], r[PACK], g[PACK], b[PACK], behind[PACK];
 };
 
-/* value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
+/* The gradient of raster_composite in alpha. value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
  * o dL/do and o' dL/do'. Each is 0 where its clamp at ALPHA_MAX holds, all are 0 without a contribution. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
                                       struct raster_batch *batch, int n, int block, struct raster_block_grad *d)
@@ -343,15 +345,15 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
         const real light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
         const real rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
-            const real odds = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? odds : 0;
-            const real grad = contributes * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
-            const real plus = score ? grad : grad * p.value, minus = -grad * p.lobe;
-            value[l] = p.value < ALPHA_MAX ? plus : 0;
-            if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? minus : 0;
+            const real inverse = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? inverse : 0;
+            const real grad   = contributes * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
+            const real dvalue = score ? grad : grad * p.value, dlobe = -grad * p.lobe;
+            value[l] = p.value < ALPHA_MAX ? dvalue : 0;
+            if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? dlobe : 0;
         } else {
-            const real whole = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
-            const real free  = p.value < ALPHA_MAX ? whole : 0;
-            value[l]         = p.contributes ? free : 0;
+            const real dvalue    = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
+            const real unclamped = p.value < ALPHA_MAX ? dvalue : 0;
+            value[l]             = p.contributes ? unclamped : 0;
         }
         if (!score) weight[l] = p.weight;
         d->behind[l] = rest;
@@ -463,11 +465,11 @@ SIMD_INLINE uint32_t raster_lobe_slot(const struct raster_job *job, const struct
     return pair->slot + job->bins->splat[pair->splat].slots;
 }
 
-SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct raster_tile *tile, struct raster_gradients *d)
+SIMD_INLINE void raster_begin_backward(const struct raster_job *job, const struct raster_tile *tile, struct raster_gradients *d)
 {
     const size_t plane = (size_t)job->width * (size_t)job->height;
     real         rgb[TILE_PIXELS];
-    raster_open(tile, d->t);
+    raster_begin(tile, d->t);
     memset(d->behind, 0, sizeof d->behind);
     for (int ch = 0; ch < 3; ch++) {
         raster_load(job, tile, job->drgb + (size_t)ch * plane, d->g[ch]);
@@ -479,8 +481,8 @@ SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct
 }
 
 /* Stores the sums of splat n of the batch in its slot. */
-SIMD_INLINE void raster_flush(const int fused, const int lobed, const int score, const struct raster_job *job,
-                              const struct raster_batch *batch, int n, const struct raster_gradients *d)
+SIMD_INLINE void raster_store_sums(const int fused, const int lobed, const int score, const struct raster_job *job,
+                                   const struct raster_batch *batch, int n, const struct raster_gradients *d)
 {
     const struct pair *pair = &batch->pair[n];
     if (score) {
@@ -502,69 +504,47 @@ SIMD_INLINE void raster_zero_sums(const int lobed, const int score, const struct
 
 SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score, const struct raster_job *job)
 {
-    const struct raster_tile tile  = raster_tile(job);
-    const struct pair       *pair  = tile.pair;
-    uint32_t                 alive = 0xFFFF;
+    const struct raster_tile tile   = raster_tile(job);
+    const struct pair       *pair   = tile.pair;
+    uint32_t                 active = 0xFFFF;
     struct raster_gradients  d;
     struct raster_batch      batch;
-    raster_open_backward(job, &tile, &d);
-    for (; pair < tile.end && alive; pair += RASTER_BATCH) {
-        raster_collect(lobed, job, &tile, pair, alive, &batch);
+    raster_begin_backward(job, &tile, &d);
+    for (; pair < tile.end && active; pair += RASTER_BATCH) {
+        raster_load_batch(lobed, job, &tile, pair, active, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
             if (batch.splats[block]) raster_differentiate_block(fused, lobed, score, &batch, block, &d);
-        for (int n = 0; n < batch.count; n++) raster_flush(fused, lobed, score, job, &batch, n, &d);
-        if (tile.end - pair > RASTER_BATCH) alive = raster_active_blocks(d.t);
+        for (int n = 0; n < batch.count; n++) raster_store_sums(fused, lobed, score, job, &batch, n, &d);
+        if (tile.end - pair > RASTER_BATCH) active = raster_active_blocks(d.t);
     }
     for (; pair < tile.end; pair++) raster_zero_sums(lobed, score, job, pair);
 }
 
-/* ---------------------------------------------------------------- entry points, with and without second lobes */
+/* ---------------------------------------------------------------- entry points: tiles of scenes with second lobes, or without */
 
-SIMD_BODY void raster_forward_plain_body(const int fused, const struct raster_job *job)
+SIMD_INLINE int raster_has_lobes(const struct raster_job *job)
 {
-    raster_forward_tile(fused, 0, job);
-}
-SIMD_BODY void raster_forward_lobed_body(const int fused, const struct raster_job *job)
-{
-    raster_forward_tile(fused, 1, job);
-}
-SIMD_BODY void raster_backward_plain_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 0, 0, job);
-}
-SIMD_BODY void raster_backward_lobed_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 1, 0, job);
-}
-SIMD_BODY void raster_score_plain_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 0, 1, job);
-}
-SIMD_BODY void raster_score_lobed_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 1, 1, job);
-}
-SIMD_DISPATCH(static, raster_forward_plain, struct raster_job)
-SIMD_DISPATCH(static, raster_forward_lobed, struct raster_job)
-SIMD_DISPATCH(static, raster_backward_plain, struct raster_job)
-SIMD_DISPATCH(static, raster_backward_lobed, struct raster_job)
-SIMD_DISPATCH(static, raster_score_plain, struct raster_job)
-SIMD_DISPATCH(static, raster_score_lobed, struct raster_job)
-
-OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job)
-{
-    if (job->bins->lobes + job->bins->context_lobes) raster_forward_lobed(isa, job);
-    else raster_forward_plain(isa, job);
+    return job->bins->lobes + job->bins->context_lobes > 0;
 }
 
-OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job)
+SIMD_BODY void raster_forward_body(const int fused, const struct raster_job *job)
 {
-    if (job->bins->lobes + job->bins->context_lobes) raster_backward_lobed(isa, job);
-    else raster_backward_plain(isa, job);
+    if (raster_has_lobes(job)) raster_forward_tile(fused, 1, job);
+    else raster_forward_tile(fused, 0, job);
 }
 
-OXL_INTERNAL void raster_score(int isa, const struct raster_job *job)
+SIMD_BODY void raster_backward_body(const int fused, const struct raster_job *job)
 {
-    if (job->bins->lobes + job->bins->context_lobes) raster_score_lobed(isa, job);
-    else raster_score_plain(isa, job);
+    if (raster_has_lobes(job)) raster_backward_tile(fused, 1, 0, job);
+    else raster_backward_tile(fused, 0, 0, job);
 }
+
+SIMD_BODY void raster_score_body(const int fused, const struct raster_job *job)
+{
+    if (raster_has_lobes(job)) raster_backward_tile(fused, 1, 1, job);
+    else raster_backward_tile(fused, 0, 1, job);
+}
+
+SIMD_DISPATCH(OXL_INTERNAL, raster_forward, struct raster_job)
+SIMD_DISPATCH(OXL_INTERNAL, raster_backward, struct raster_job)
+SIMD_DISPATCH(OXL_INTERNAL, raster_score, struct raster_job)

@@ -92,39 +92,6 @@ static oxl_result colmap_read_pose(struct colmap_reader *r, struct colmap_image 
     return rc;
 }
 
-/* POINT3D_ID; 2^64 - 1 is how unsigned programs print -1. */
-static oxl_result colmap_read_match(struct colmap_reader *r, int64_t *out)
-{
-    static const char none[] = "18446744073709551615";
-    colmap_skip_blanks(r);
-    if ((size_t)(r->end - r->cursor) >= sizeof none - 1 && memcmp(r->cursor, none, sizeof none - 1) == 0) {
-        *out = -1;
-        r->cursor += sizeof none - 1;
-        if (colmap_at_field_end(r)) return OXL_OK;
-        r->cursor -= sizeof none - 1;
-    }
-    return colmap_id(r, "POINT3D_ID of a 2D point (X Y POINT3D_ID)", out);
-}
-
-static oxl_result colmap_read_observations(struct colmap_reader *r, struct colmap_image *image)
-{
-    struct colmap *out    = r->out;
-    const size_t   needed = out->observation_count + (size_t)(r->end - r->cursor) / 6 + 1; /* "0 0 0 " is the shortest */
-    oxl_result rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, needed, sizeof *out->observation);
-    for (; rc == OXL_OK && r->cursor < r->end; image->observation_count++) {
-        struct colmap_observation *o = &out->observation[out->observation_count];
-        rc                           = colmap_real(r, "X of a 2D point (X Y POINT3D_ID)", &o->x);
-        if (rc == OXL_OK) rc = colmap_real(r, "Y of a 2D point (X Y POINT3D_ID)", &o->y);
-        if (rc == OXL_OK) rc = colmap_read_match(r, &o->point);
-        if (rc == OXL_OK && !(fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX)) {
-            *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
-            colmap_warn(r, WARN_OBSERVATION);
-        }
-        out->observation_count++;
-    }
-    return rc;
-}
-
 static int colmap_peek_real(const char **p, const char *end, double *out)
 {
     while (*p < end && colmap_is_blank(**p)) ++*p;
@@ -165,7 +132,7 @@ static int colmap_is_pose(const struct colmap_reader *r)
 }
 
 /* The second line of an image. If it is missing, the reader does not advance. */
-static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, struct colmap_image *image)
+static oxl_result colmap_read_second_line(struct colmap_reader *r, struct colmap_image *image)
 {
     if (!colmap_next_line(r)) return r->rc;
     if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
@@ -176,19 +143,18 @@ static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, str
     }
     image->points_at   = r->offset + (uint64_t)(r->cursor - r->window);
     image->points_size = (size_t)(r->end - r->cursor);
-    return keep ? colmap_read_observations(r, image) : OXL_OK;
+    return OXL_OK;
 }
 
-static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observations)
+static oxl_result colmap_read_images(struct colmap_reader *r)
 {
     struct colmap *out = r->out;
-    const size_t guess = keep_observations ? (size_t)(r->file.size / 22) : 0; /* "851.868 0.985 12345 ": grown later, if at all */
-    oxl_result   rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, guess, sizeof *out->observation);
+    oxl_result     rc  = OXL_OK;
     while (rc == OXL_OK && colmap_next_record(r)) {
-        struct colmap_image image = {.first_observation = out->observation_count};
+        struct colmap_image image = {0};
         rc                        = colmap_read_pose(r, &image);
         if (rc == OXL_OK) rc = colmap_add_image(r, &image);
-        if (rc == OXL_OK) rc = colmap_read_second_line(r, keep_observations, &out->image[out->image_count - 1]);
+        if (rc == OXL_OK) rc = colmap_read_second_line(r, &out->image[out->image_count - 1]);
     }
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->image_count == 0)
@@ -242,7 +208,7 @@ static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colma
                     folder, binary.count > text.count ? binary.missing : text.missing);
 }
 
-static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder, int keep_observations)
+static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder)
 {
     struct colmap *out = r->out;
     oxl_result     rc  = colmap_open(r, folder, "cameras.txt");
@@ -250,7 +216,7 @@ static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder, 
     if (rc == OXL_OK) colmap_compare(r, "cameras", out->camera_count);
     colmap_close(r);
     if (rc == OXL_OK) rc = colmap_open(r, folder, "images.txt");
-    if (rc == OXL_OK) rc = colmap_read_images(r, keep_observations);
+    if (rc == OXL_OK) rc = colmap_read_images(r);
     if (rc == OXL_OK) colmap_compare(r, "images", out->image_count);
     colmap_close(r);
     if (rc == OXL_OK) rc = colmap_open(r, folder, "points3D.txt");
@@ -260,8 +226,7 @@ static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder, 
     return rc;
 }
 
-OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
-                                               struct colmap *out)
+OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, size_t window, struct colmap *out)
 {
     struct colmap_reader r      = {.ctx = ctx, .out = out, .window_size = window};
     enum colmap_format   format = COLMAP_TEXT;
@@ -272,9 +237,7 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its name", folder);
     out->format      = format;
     out->images_file = colmap_names[format][1];
-    if (rc == OXL_OK)
-        rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder, keep_observations)
-                                   : colmap_read_binary(&r, folder, keep_observations);
+    if (rc == OXL_OK) rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder) : colmap_read_binary(&r, folder);
     oxl_free(ctx, r.window);
     oxl_free(ctx, r.cameras.slot);
     oxl_free(ctx, r.images.slot);
@@ -282,16 +245,15 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
     return rc;
 }
 
-OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out)
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)
 {
-    return colmap_read_in_windows(ctx, folder, keep_observations, COLMAP_WINDOW, out);
+    return colmap_read_in_windows(ctx, folder, COLMAP_WINDOW, out);
 }
 
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
 {
     oxl_free(ctx, c->camera);
     oxl_free(ctx, c->image);
-    oxl_free(ctx, c->observation);
     oxl_free(ctx, c->point);
     oxl_free(ctx, c->track);
     oxl_free(ctx, c->names);

@@ -16,7 +16,7 @@ struct colmap_index {
     size_t    slots; /* a power of 2, at least twice the rows */
 };
 
-enum colmap_warning { WARN_NO_POINTS_LINE, WARN_OBSERVATION, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
+enum colmap_warning { WARN_NO_POINTS_LINE, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
 
 #define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
 #define COLMAP_FIX_SAME   "export all three files from the same COLMAP model"
@@ -43,7 +43,7 @@ struct colmap_reader {
     int                 suppressed;
     size_t              warned[WARN_COUNT];
     struct colmap_index cameras, images;
-    size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
+    size_t              camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
 };
 
 /* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the
@@ -94,6 +94,6 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
 
 /* colmap_binary.c: the three files of a folder. */
-OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations);
+OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder);
 
 #endif

@@ -209,38 +209,17 @@ static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_
                                                : binary_fail(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
 }
 
-static oxl_result binary_observation(struct colmap_reader *r, struct colmap_observation *o)
+/* Their place in the file alone: exports copy them. */
+static oxl_result binary_skip_observations(struct colmap_reader *r, struct colmap_image *image)
 {
-    const char *p  = NULL;
-    oxl_result  rc = binary_take(r, BINARY_OBSERVATION, "a 2D point", &p);
-    if (rc == OXL_OK) rc = binary_point_id(r, p + 16, &o->point);
-    if (rc != OXL_OK) return rc;
-    o->x = bytes_double(p);
-    o->y = bytes_double(p + 8);
-    if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
-    *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
-    colmap_warn(r, WARN_OBSERVATION);
-    return OXL_OK;
+    uint64_t         count = 0;
+    const oxl_result rc    = binary_count(r, "the number of 2D points", BINARY_OBSERVATION, &count);
+    image->points_at       = binary_offset(r);
+    image->points_size     = (size_t)count * BINARY_OBSERVATION;
+    return rc == OXL_OK ? binary_skip(r, image->points_size) : rc;
 }
 
-static oxl_result binary_observations(struct colmap_reader *r, int keep, struct colmap_image *image)
-{
-    struct colmap *out   = r->out;
-    uint64_t       count = 0;
-    oxl_result     rc    = binary_count(r, "the number of 2D points", BINARY_OBSERVATION, &count);
-    image->points_at     = binary_offset(r);
-    image->points_size   = (size_t)count * BINARY_OBSERVATION;
-    if (rc != OXL_OK || !keep) return rc == OXL_OK ? binary_skip(r, image->points_size) : rc;
-    rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, out->observation_count + (size_t)count,
-                     sizeof *out->observation);
-    for (uint64_t i = 0; i < count && rc == OXL_OK; i++) {
-        rc = binary_observation(r, &out->observation[out->observation_count]);
-        if (rc == OXL_OK) out->observation_count++, image->observation_count++;
-    }
-    return rc;
-}
-
-static oxl_result binary_images(struct colmap_reader *r, int keep_observations)
+static oxl_result binary_images(struct colmap_reader *r)
 {
     struct colmap *out   = r->out;
     uint64_t       count = 0;
@@ -251,11 +230,11 @@ static oxl_result binary_images(struct colmap_reader *r, int keep_observations)
                       "sparse/1, ...)",
                       r->path);
     while (rc == OXL_OK && out->image_count < count) {
-        struct colmap_image image = {.first_observation = out->observation_count};
+        struct colmap_image image = {0};
         r->line++;
         rc = binary_pose(r, &image);
         if (rc == OXL_OK) rc = colmap_add_image(r, &image);
-        if (rc == OXL_OK) rc = binary_observations(r, keep_observations, &out->image[out->image_count - 1]);
+        if (rc == OXL_OK) rc = binary_skip_observations(r, &out->image[out->image_count - 1]);
     }
     if (rc == OXL_OK) binary_end(r);
     return rc;
@@ -337,7 +316,7 @@ static oxl_result binary_points(struct colmap_reader *r)
 
 /* ---------------------------------------------------------------- entry */
 
-OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations)
+OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder)
 {
     oxl_result rc = colmap_open_bytes(r, folder, "cameras.bin");
     if (rc == OXL_OK) rc = colmap_fill(r);
@@ -345,7 +324,7 @@ OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *
     colmap_close(r);
     if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "images.bin");
     if (rc == OXL_OK) rc = colmap_fill(r);
-    if (rc == OXL_OK) rc = binary_images(r, keep_observations);
+    if (rc == OXL_OK) rc = binary_images(r);
     colmap_close(r);
     if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "points3D.bin");
     if (rc == OXL_OK) rc = colmap_fill(r);

@@ -38,7 +38,6 @@ static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, co
 
 static const char *const colmap_warning_text[WARN_COUNT] = {
     "the image before has no line of 2D points; it is taken as empty",
-    "a 2D point without a finite position; it is taken as unmatched",
     "a quaternion whose length is not 1; it is normalised",
     "a point without a finite position; it is left out",
     "a reprojection error that is no finite number; it is taken as unknown",

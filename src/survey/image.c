@@ -196,7 +196,7 @@ OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int cha
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
     if (rc != OXL_OK) goto done;
     data = (const stbi_uc *)file.data;
-    *out = (struct pixels){.width = w, .height = h, .channels = channels};
+    *out = (struct pixels){.width = w, .height = h};
     if (stbi_is_16_bit_from_memory(data, (int)file.size))
         out->data =
             image_to_8_bits(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels), (size_t)w * h * channels);

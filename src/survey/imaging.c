@@ -119,7 +119,7 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
 }
 
 /* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or names are random, the keys
- * say nothing: all views count as one camera's. */
+ * have no meaning: all views count as one camera's. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     uint64_t *sorted  = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
@@ -575,14 +575,9 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
     return rc;
 }
 
-/* ---------------------------------------------------------------- of blocks
- *
- * Each block has gains of zero mean over its own views, and so its own brightness. Views that two blocks share say by how much
- * they differ: the later block's gains are raised, and its colours lowered, by that.
- */
+/* ---------------------------------------------------------------- of blocks */
 
-/* Averages the gains of a block with those of earlier blocks. count (views): blocks that
- * contained the view so far. */
+/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view so far. */
 OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
 {
     for (int i = 0; i < all->views; i++) {

@@ -18,19 +18,12 @@ struct colmap_camera {
     int         line;
 };
 
-struct colmap_observation {
-    double  x, y;  /* px */
-    int64_t point; /* POINT3D_ID, -1: none */
-};
-
 struct colmap_image {
     int64_t  id;
     double   rotation[4]; /* w x y z as read */
     double   translation[3];
     int64_t  camera_id;
-    size_t   name;              /* offset in colmap.names */
-    size_t   first_observation; /* in colmap.observation */
-    size_t   observation_count;
+    size_t   name;        /* offset in colmap.names */
     uint64_t points_at;   /* offset of its 2D points in the file of images, text or binary; exports copy them */
     size_t   points_size; /* bytes; 0: none */
     int      line;
@@ -57,31 +50,28 @@ enum colmap_format {
 };
 
 struct colmap {
-    struct colmap_camera      *camera;
-    size_t                     camera_count;
-    struct colmap_image       *image; /* in the file's order */
-    size_t                     image_count;
-    struct colmap_observation *observation;
-    size_t                     observation_count;
-    struct colmap_point       *point; /* by id */
-    size_t                     point_count;
-    struct colmap_track       *track;
-    size_t                     track_count;
-    char                      *folder;
-    char                      *names; /* zero-terminated, one after the other */
-    size_t                     names_size;
-    size_t                     warnings;      /* deviations that were logged and corrected */
-    int                        is_truncated;  /* a file has fewer rows than its header states */
-    int                        images_beside; /* names are relative to `folder`, not to the image folder */
-    enum colmap_format         format;
-    const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
+    struct colmap_camera *camera;
+    size_t                camera_count;
+    struct colmap_image  *image; /* in the file's order */
+    size_t                image_count;
+    struct colmap_point  *point; /* by id */
+    size_t                point_count;
+    struct colmap_track  *track;
+    size_t                track_count;
+    char                 *folder;
+    char                 *names; /* zero-terminated, one after the other */
+    size_t                names_size;
+    size_t                warnings;      /* deviations that were logged and corrected */
+    int                   is_truncated;  /* a file has fewer rows than its header states */
+    int                   images_beside; /* names are relative to `folder`, not to the image folder */
+    enum colmap_format    format;
+    const char           *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. keep_observations = 0 skips the 2D points. */
-OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
+/* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
 /* The same with another window size in bytes, for tests. */
-OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
-                                               struct colmap *out);
+OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, size_t window, struct colmap *out);
 /* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Observations and tracks are not moved.
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
@@ -136,7 +126,7 @@ OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);     
 /* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
 
 struct pixels { /* 8 bits, interleaved as stb gives them */
-    int      width, height, channels;
+    int      width, height;
     uint8_t *data;
 };
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);

@@ -33,7 +33,7 @@ static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, st
                                         int *models)
 {
     struct colmap    found;
-    const oxl_result rc = colmap_read(ctx, folder, 0, &found);
+    const oxl_result rc = colmap_read(ctx, folder, &found);
     if (rc != OXL_OK) return rc;
     ++*models;
     if (*best_folder && found.image_count <= best->image_count) {

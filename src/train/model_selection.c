@@ -337,11 +337,10 @@ OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
     if (parts & PHOTOMETRY_WATER) water_set_from_tracks(&t->water, water_span(t->scene), &p, why, sizeof why);
     selection_record_imaging(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
     if (t->water.on && fabs(p.drift) > SELECTION_DRIFT)
-        oxl_log(
-            t->ctx, OXL_LOG_WARNING,
-            "the images' exposure goes with the distance of what they show (correlation %.2f): exposure and attenuation are not told "
-            "apart, and scene_clear.ply is not measured colour",
-            p.drift);
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "
+                "separated, and scene_clear.ply is not measured colour",
+                p.drift);
     photometry_free(t->ctx, &p);
     if (t->water.on || t->lamp.on) {
         struct imaging m = step_imaging(t);

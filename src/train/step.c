@@ -28,7 +28,7 @@ static const struct image_window *step_window(const struct train *t, int view)
     return t->output && t->output->window ? &t->output->window[view] : NULL;
 }
 
-/* Of that part, at this step's resolution; the renderer is told of the whole. */
+/* Of that part, at this step's resolution; the renderer gets the full image's size, too. */
 static oxl_camera step_camera(struct train *t, int view)
 {
     const struct image_window *w      = step_window(t, view);
@@ -415,7 +415,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
-        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
+        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
                       t->step);
     }
     if (rc != OXL_OK) return rc;

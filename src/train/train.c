@@ -339,7 +339,6 @@ static void train_store_imaging(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
-    exposure_apply_pending(&t->exposure, INT_MAX);
     *to                       = t->exposure.of;
     to->medium                = water_medium(&t->water);
     to->medium.training_range = 0;

@@ -76,7 +76,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);         /*
 OXL_INTERNAL int  archive_fits(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
 
 typedef void            checkpoint_state(struct archive *a, void *user);
-/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key` says what the run depends on. */
+/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
 OXL_INTERNAL uint64_t   checkpoint_sum(const void *bytes, size_t size); /* of a file, as checkpoints have it */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user);
@@ -177,7 +177,7 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
 struct water {
-    int    on, fixed, steps;            /* fixed: as the tracks say */
+    int    on, fixed, steps;            /* fixed: the tracks' values */
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };

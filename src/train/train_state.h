@@ -86,7 +86,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t);         /* to the model's shape */
 OXL_INTERNAL double     step_seconds(const struct train *t);           /* of the whole run, over all processes */
-OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
+OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzero: the caller stops the run */
 
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
