@@ -1052,6 +1052,16 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     oxl_scene_free(test_ctx, scene);
 }
 
+TEST(lamp_of_each_camera_begins_with_the_shape_that_its_tracks_have)
+{
+    struct photometry p = {.points = 9, .parts = PHOTOMETRY_LAMP};
+    struct lamp_fit   l = {.groups = 3};
+    char              why[400];
+    for (int g = 0; g < 3; g++) memcpy(p.shape[g], lamp_of(-1).shape, sizeof p.shape[g]), p.shape[g][g] += 1;
+    lamp_set_from_tracks(&l, OXL_AUTO, &p, why, sizeof why);
+    for (int g = 0; g < 3; g++) CHECK(l.on && memcmp(l.group[g].shape, p.shape[g], sizeof p.shape[g]) == 0);
+}
+
 /* The left camera has eight training views and a lamp of its own, the right one seven and the lamp of all others, as the held-out view. */
 TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
 {
@@ -1174,6 +1184,7 @@ TEST(water_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
         CHECK(!strcmp(line[0], blocks_test_line("out/blocks/001/imaging.txt", word[k], line[1])));
         CHECK(!strcmp(line[0], blocks_test_line("out/imaging.txt", word[k], line[1])) ==
               (k == 0)); /* the merged model's lamp goes on */
+        CHECK(strlen(line[1]) > 20);
     }
     blocks_test_shows_the_images(23);
 }
@@ -1181,7 +1192,10 @@ TEST(water_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
 TEST(water_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
 {
     oxl_job_options o = blocks_test_options();
+    char            line[2][300];
     for (o.block = 0; o.block < 2; o.block++) CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    blocks_test_line("out/blocks/coarse/imaging.txt", "bD 0.3", line[0]);
+    CHECK(!strcmp(line[0], blocks_test_line("out/blocks/001/imaging.txt", "bD 0.3", line[1]))); /* read by another process */
     job_test_limit_memory(test_path("out"), &o, 0.6);
     CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
     CHECK(os_is_file(test_path("out/blocks/whole/groups.txt")));
