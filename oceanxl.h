@@ -374,10 +374,10 @@ typedef struct oxl_train_options {
     float      background[3];
     float      ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
-    float      coarse;             /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    float      dropout;            /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30
+    float      coarse;    /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
+    float      dropout;   /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30
                                     * training views and fewer than 5 images per point [Park 2025]; CPU only */
-    float      alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
+    float      alpha_min; /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     float      sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float      rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;

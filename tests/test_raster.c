@@ -298,8 +298,7 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     CHECK_OK(renderer_create(test_ctx, &r));
     renderer_use_cpu(r);
     CHECK_OK(renderer_forward(test_ctx, r, &m, &camera, &options));
-    for (size_t i = 0; i < DROP_COUNT; i++)
-        shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
+    for (size_t i = 0; i < DROP_COUNT; i++) shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
     (void)raster_dropped_sum(r, &m, &camera, 0.5);
     for (size_t i = 0; i < DROP_COUNT; i++) {
         if (!renderer_row_visible(r, i)) continue;

@@ -3,7 +3,7 @@
 #include "../core/vecmath.h"
 
 #define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
-#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24) /* another */
+#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* another */
 #define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
 #define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
@@ -155,7 +155,8 @@ static const struct lamp *step_lamp(const struct train *t, int view)
 static void step_set_dropout(struct train *t)
 {
     const int    apart = (t->output && t->output->window) || renderer_has_device(t->renderer);
-    const double rate  = apart && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene) * t->step / t->options->iterations;
+    const double rate =
+        apart && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene) * t->step / t->options->iterations;
     if (rate > 0) renderer_set_dropout(t->renderer, rate, t->ctx->options.seed ^ STEP_DROPOUT ^ (uint64_t)t->step);
 }
 
