@@ -53,6 +53,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
     }
     task.train.keep.kind = OXL_KEEP_ALL;
+    if (task.train.dropout < 0) task.train.dropout = 0; /* of blocks, `auto` is off */
     job_limit_time(job, &task.train);
     if (job->ctx->vulkan)
         oxl_log(job->ctx, OXL_LOG_WARNING, "%s renders whole images only: blocks are trained on the CPU",
@@ -173,6 +174,7 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->share));
     if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->share;
     if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the coarse model has it */
+    if (o.dropout < 0) o.dropout = 0;
     return o;
 }
 

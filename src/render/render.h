@@ -180,9 +180,9 @@ struct depth_point {
 };
 enum { DEPTH_POINTS = 128 }; /* most */
 OXL_INTERNAL void          renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight);
-/* In the next forward this share of the Gaussians is not rendered, and the opacities of all others are divided by 1 - share; `draw` picks
- * them. On the CPU. */
-OXL_INTERNAL void          renderer_set_dropout(struct renderer *r, double share, uint64_t draw);
+/* In the next forward this share of the Gaussians is not rendered, and the opacities of all others are divided by 1 - share; seed and step
+ * pick them. On the CPU. */
+OXL_INTERNAL void          renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step);
 /* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
 OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
 /* From the next loss on the rendered image is multiplied by the lamp's gain over the image, too; NULL: by none. Not copied. */

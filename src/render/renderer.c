@@ -198,25 +198,28 @@ static struct project_job render_context_job(struct renderer *r, int64_t task)
                                 .visible       = r->visible + r->packs};
 }
 
-OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t draw)
+OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step)
 {
     r->dropout      = share;
-    r->dropout_draw = draw;
+    r->dropout_seed = seed;
+    r->dropout_step = step;
 }
 
-/* Dropout of a task's rows after their projection [Park 2025]. The box stays that of the undivided opacity. Backward needs nothing:
+/* Dropout of a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided opacity:
+ * what the division adds beyond them, below alpha_min / (1 - share), may be missing. Backward needs nothing:
  * d alpha / d logit = alpha (1 - o), whatever factor alpha has. */
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
     const uint64_t most  = (uint64_t)(r->dropout * 4294967296.0);
-    const float    raise = (float)(-vecmath_log(1 - r->dropout) / 0.6931471805599453);
+    const float    gain  = (float)(-vecmath_log(1 - r->dropout) / 0.6931471805599453);
     const size_t   first = (size_t)(job->splat - r->splat); /* row 0 of the job */
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (size_t l = 0, row = pack * PACK; l < PACK; l++, row++) {
             if (!(job->visible[pack] >> l & 1)) continue;
-            if (random_bits(r->dropout_draw, first + row, 0) >> 32 < most) job->visible[pack] &= (uint16_t) ~(1u << l);
-            job->splat[row].peak += raise;
-            if (row < job->in.lobes) job->lobe[row].peak += raise;
+            if (random_bits(r->dropout_seed, first + row, (uint64_t)r->dropout_step) >> 32 < most)
+                job->visible[pack] &= (uint16_t) ~(1u << l);
+            job->splat[row].peak += gain;
+            if (row < job->in.lobes) job->lobe[row].peak += gain;
         }
 }
 
@@ -427,8 +430,6 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
     if (r->device && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
-    if (r->device && r->dropout > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a device does not leave out Gaussians\nfix: --dropout 0, or --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc != OXL_OK || r->device) return rc;

@@ -36,7 +36,8 @@ struct renderer {
     double             dmedium[MEDIUM_SUMS];
     size_t             medium_pack_capacity, medium_sum_capacity;
     double             dropout; /* of renderer_set_dropout */
-    uint64_t           dropout_draw;
+    uint64_t           dropout_seed;
+    int                dropout_step;
     float              gain[3]; /* of renderer_set_gain */
     int                has_gain;
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */

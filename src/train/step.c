@@ -151,15 +151,6 @@ static const struct lamp *step_lamp(const struct train *t, int view)
     return which < 0 ? NULL : &t->lamp.group[which];
 }
 
-/* More with every step [Park 2025]. `auto` is off in blocks, which have parts of the survey's views, and on a device. */
-static void step_set_dropout(struct train *t)
-{
-    const int    apart = (t->output && t->output->window) || renderer_has_device(t->renderer);
-    const double rate =
-        apart && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene) * t->step / t->options->iterations;
-    if (rate > 0) renderer_set_dropout(t->renderer, rate, t->ctx->options.seed ^ STEP_DROPOUT ^ (uint64_t)t->step);
-}
-
 /* The model rendered from a view, times its gain, against its image as step_load_image has left it. */
 static oxl_result step_forward_loss(struct train *t, int view, const float gain[3], int learns, struct renderer_loss *loss)
 {
@@ -169,9 +160,11 @@ static oxl_result step_forward_loss(struct train *t, int view, const float gain[
     oxl_result           rc;
     renderer_set_medium(t->renderer, &m.medium);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
-    if (learns) step_set_dropout(t);
+    if (learns)
+        renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations, STEP_DROPOUT ^ t->ctx->options.seed,
+                             t->step);
     rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
-    renderer_set_dropout(t->renderer, 0, 0);
+    renderer_set_dropout(t->renderer, 0, 0, 0);
     renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
     if (rc != OXL_OK) return rc;

@@ -122,6 +122,15 @@ static oxl_result train_begin_moments(struct train *t)
     return OXL_OK;
 }
 
+/* A device renders all Gaussians. */
+static oxl_result train_begin_dropout(struct train *t)
+{
+    const int device = renderer_has_device(t->renderer);
+    t->dropout       = device && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene);
+    if (!device || !(t->dropout > 0)) return OXL_OK;
+    return oxl_fail(t->ctx, OXL_ERR_USAGE, "a device does not leave out Gaussians\nfix: --dropout auto, or --backend cpu");
+}
+
 static oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx       = t->ctx;
@@ -137,6 +146,7 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->output ? t->output->context : NULL);
     if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
+    if (rc == OXL_OK) rc = train_begin_dropout(t);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
     if (rc != OXL_OK) return rc;

@@ -307,8 +307,6 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 OXL_INTERNAL float      schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t     schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double     schedule_pixels(const oxl_scene *scene); /* of all training views */
-/* Share of the Gaussians that the last step leaves out. */
-OXL_INTERNAL double     schedule_dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 /* Share of the run in which an image of this size is halved. */
 OXL_INTERNAL double     schedule_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int        schedule_densifies_at(const oxl_train_options *options, int step);

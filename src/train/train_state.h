@@ -25,6 +25,7 @@ struct train {
     struct density            *density;
     struct ucd                 ucd;
     struct prune               prune;
+    double                     dropout; /* of the last step */
     struct transients          transients;
     struct exposure            exposure;
     struct water               water;
@@ -67,6 +68,8 @@ OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float              schedule_alpha_min(const struct train *t);
+/* Share of the Gaussians that the last step leaves out. */
+OXL_INTERNAL double             schedule_dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options *options);
 
 /* ---------------------------------------------------------------- step.c: the parts of one step */
