@@ -3,8 +3,7 @@
  * COLMAP writes rows in the order of its hash tables, so its text and binary exports of one model differ in this order. The result
  * depends on it: Gaussians and sums follow the order of the points.
  *
- * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of observations and
- * tracks.
+ * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of tracks.
  */
 #include "colmap.h"
 

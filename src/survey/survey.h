@@ -72,7 +72,7 @@ struct colmap {
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
 /* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, size_t window, struct colmap *out);
-/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Observations and tracks are not moved.
+/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Tracks are not moved.
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
