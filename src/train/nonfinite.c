@@ -12,7 +12,7 @@
  *
  * Invariant: trained models are finite, and all interventions are reported.
  */
-#include "train.h"
+#include "train_state.h"
 #include "../core/json.h"
 
 #include <stddef.h>

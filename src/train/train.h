@@ -6,21 +6,15 @@
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
-/* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
-OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
-                                                       oxl_model *second);
-/* The loss of a view is not finite, and these rows were cleared. */
-OXL_INTERNAL void                      nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                                         struct renderer_nonfinite cleared);
-OXL_INTERNAL void                      nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                                         struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
-OXL_INTERNAL oxl_result                nonfinite_end(oxl_context *ctx, oxl_nonfinite *f,
-                                                     oxl_model *model); /* removes such Gaussians and logs the counts */
-OXL_INTERNAL void                      nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
-OXL_INTERNAL void                      nonfinite_archive(struct archive *a, oxl_nonfinite *f);
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *f); /* members, each with a comma behind it */
-OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *f);
+OXL_INTERNAL void       nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
+OXL_INTERNAL void       nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+                                          struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f,
+                                      oxl_model *model); /* removes such Gaussians and logs the counts */
+OXL_INTERNAL void       nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
+OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *f);
+OXL_INTERNAL void       nonfinite_add_json(struct text *t, const oxl_nonfinite *f); /* members, each with a comma behind it */
+OXL_INTERNAL void       nonfinite_read_json(const char *text, oxl_nonfinite *f);
 
 /* ---------------------------------------------------------------- density.c: split, prune, reset */
 
