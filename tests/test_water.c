@@ -618,7 +618,7 @@ static double medium_score(struct renderer *r, const oxl_camera *camera, const o
     oxl_render_options o = oxl_render_options_default();
     const float       *rgb;
     double             sum = 0;
-    renderer_set_medium(r, medium);
+    renderer_set_medium(r, medium, 1);
     CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
@@ -727,7 +727,7 @@ TEST(medium_alone_shows_its_veil)
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_OPACITY][0] = -20;
-    renderer_set_medium(r, &water_murky);
+    renderer_set_medium(r, &water_murky, 1);
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     CHECK(rgb[0] == water_murky.veil[0]);

@@ -145,11 +145,11 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
 {
     struct project_job job = render_project_job(r, task);
     job.out                = *out;
-    project_backward(ctx->isa, &job);
-    if (render_has_medium(r)) {
-        const struct medium_job medium = render_medium_job(r, task);
-        medium_backward_centres(&medium, out);
+    if (job.medium && r->medium_trains) {
+        job.medium_sum = r->medium_sum[task];
+        memset(job.medium_sum, 0, sizeof r->medium_sum[task]);
     }
+    project_backward(ctx->isa, &job);
 }
 
 static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
@@ -170,12 +170,15 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     depth_loss_backward(&r->bins, r->depth_point, r->depth_points, r->depth_weight, r->sums);
     r->depth_points = 0;
-    if (render_has_medium(r)) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
+    memset(r->dmedium, 0, sizeof r->dmedium);
+    if (r->medium.on && r->medium_trains)
+        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
     r->unprojected = !gradient;
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) render_project_backward(ctx, r, task, &out);
+    render_add_medium_sums(r);
     return OXL_OK;
 }
 
