@@ -138,10 +138,12 @@ TEST(exposure_gradient_agrees_with_finite_differences)
 TEST(exposure_gains_multiply_the_gradient_of_the_image)
 {
     const float gain[3] = {0.5f, 1, 2}, x[6] = {1, 2, 3, 4, 5, 6}, dy[6] = {1, -1, 1, -1, 1, -1};
-    float       y[6], dx[6];
-    double      d[3];
-    exposure_forward(gain, x, 2, y);
-    exposure_backward(gain, y, dy, 2, dx, d);
+    float       y[6], map[2], dx[6];
+    double      d[3], shape[LAMP_TERMS];
+
+    const struct exposure_job job = {{2, 1, 2, 1, 0, 0}, gain, NULL, x, y, map, dy, dx, d, shape};
+    exposure_forward(test_ctx->isa, &job);
+    exposure_backward(test_ctx->isa, &job);
     CHECK(y[0] == 0.5f && y[3] == 4 && y[5] == 12);
     CHECK(dx[0] == 0.5f && dx[3] == -1 && dx[4] == 2);
     CHECK_CLOSE(d[0], -0.5, 1e-12);

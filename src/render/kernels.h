@@ -356,6 +356,22 @@ OXL_INTERNAL void depth_loss_backward(const struct bins *bins, const struct dept
                                       float (*sums)[SPLAT_SUMS]);
 #endif
 
+/* ---------------------------------------------------------------- exposure.c: gains on pixels */
+
+#ifndef OXL_REFERENCE
+struct exposure_job {
+    struct lamp_area area;
+    const float     *gain, *shape;   /* (3); (LAMP_TERMS) the lamp's, or NULL */
+    const float     *x;              /* (3,H,W) rendered */
+    float           *y, *lamp_map;   /* (3,H,W) times the gains; (H,W) the lamp's: written by forward, read by backward */
+    const float     *dy;             /* (3,H,W) backward only: dL/dy, */
+    float           *dx;             /* (3,H,W) to dL/dx, may be the same, */
+    double          *dlog_gain, *dshape; /* (3), (LAMP_TERMS) and dL/d(log gain), dL/d(shape), overwritten */
+};
+OXL_INTERNAL void exposure_forward(int isa, const struct exposure_job *job);
+OXL_INTERNAL void exposure_backward(int isa, const struct exposure_job *job);
+#endif
+
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */
 
 struct loss_job {

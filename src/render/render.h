@@ -198,11 +198,4 @@ OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct 
 /* (10) of the last backward, after the step that ends it: by direct, scatter and veil, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 
-/* ---------------------------------------------------------------- exposure.c: gains on pixels */
-
-/* exposure.c: y = gain x, channel by channel; x, y (3,n). */
-OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n, float *y);
-OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
-                                    double dlog_gain[3]);
-
 #endif

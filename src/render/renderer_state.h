@@ -43,7 +43,7 @@ struct renderer {
     int                has_gain;
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
     float             *exposed;  /* (3,H,W) rgb times gain and lamp */
-    float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
+    float             *lamp_map; /* (H,W) the lamp's gain */
     double             dlamp[LAMP_TERMS];
     size_t             exposed_capacity, lamp_capacity;
     float             *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
