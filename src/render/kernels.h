@@ -274,7 +274,7 @@ struct project_job {
     const struct medium        *medium;               /* NULL: clear water, no falloff */
     struct medium_pack         *medium_pack;          /* (packs) of the visible ones */
     /* backward only: */
-    double *medium_sum; /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
+    double *medium_sum;             /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
     real            *dmean2d;       /* (count) |dL/d(u,v)| in units of half an image, for visible rows */
@@ -361,11 +361,11 @@ OXL_INTERNAL void depth_loss_backward(const struct bins *bins, const struct dept
 #ifndef OXL_REFERENCE
 struct exposure_job {
     struct lamp_area area;
-    const float     *gain, *shape;   /* (3); (LAMP_TERMS) the lamp's, or NULL */
-    const float     *x;              /* (3,H,W) rendered */
-    float           *y, *lamp_map;   /* (3,H,W) times the gains; (H,W) the lamp's: written by forward, read by backward */
-    const float     *dy;             /* (3,H,W) backward only: dL/dy, */
-    float           *dx;             /* (3,H,W) to dL/dx, may be the same, */
+    const float     *gain, *shape;       /* (3); (LAMP_TERMS) the lamp's, or NULL */
+    const float     *x;                  /* (3,H,W) rendered */
+    float           *y, *lamp_map;       /* (3,H,W) times the gains; (H,W) the lamp's: written by forward, read by backward */
+    const float     *dy;                 /* (3,H,W) backward only: dL/dy, */
+    float           *dx;                 /* (3,H,W) to dL/dx, may be the same, */
     double          *dlog_gain, *dshape; /* (3), (LAMP_TERMS) and dL/d(log gain), dL/d(shape), overwritten */
 };
 OXL_INTERNAL void exposure_forward(int isa, const struct exposure_job *job);

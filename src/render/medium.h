@@ -27,7 +27,8 @@ SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *
         const real   z = job->in.plane[OXL_MEAN + 2][i] - eye.z;
         out->range[l]  = real_sqrt(x * x + y * y + z * z);
         out->log_near[l] =
-            m->has_falloff ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * (real)0.693147181 : 0;
+            m->has_falloff ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * (real)0.693147181
+                           : 0;
     }
     for (int c = 0; c < 3; c++)
 #pragma omp simd

@@ -63,8 +63,8 @@ static struct lamp_area render_lamp_area(const struct renderer *r)
 static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                          float ssim_weight, double dlog_gain[3], struct loss_value *out)
 {
-    const size_t        pixels   = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    const float         one[3]   = {1, 1, 1}, *rendered = NULL;
+    const size_t        pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const float         one[3] = {1, 1, 1}, *rendered = NULL;
     struct exposure_job exposure = {.area      = render_lamp_area(r),
                                     .gain      = r->has_gain ? r->gain : one,
                                     .shape     = r->lamp ? r->lamp->shape : NULL,
@@ -151,7 +151,8 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     r->depth_points = 0;
     memset(r->dmedium, 0, sizeof r->dmedium);
     if (r->medium.on && r->medium_trains)
-        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
+        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height,
+                             r->dmedium);
     r->unprojected = !gradient;
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);

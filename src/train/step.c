@@ -253,8 +253,7 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
-    if (lamp)
-        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
+    if (lamp) lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
