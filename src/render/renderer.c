@@ -11,6 +11,12 @@ oxl_render_options oxl_render_options_default(void)
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
+static oxl_result render_say_cpu(oxl_context *ctx, const char *why)
+{
+    oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 {
     oxl_result rc = backend_begin(ctx);
@@ -22,6 +28,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     if (ctx->vulkan) {
         (*out)->backend = vulkan_functions();
         rc              = (*out)->backend->create(ctx, &(*out)->device);
+        if (rc == OXL_ERR_MEMORY && ctx->options.backend == OXL_BACKEND_AUTO) rc = render_say_cpu(ctx, ctx->error);
     }
 #endif
     if (rc == OXL_OK) return rc;
@@ -151,13 +158,12 @@ OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct rendere
 {
     char why[160];
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
-    snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
+    snprintf(why, sizeof why, "%.159s", ctx->error);
     rc = render_download_target(ctx, r);
     if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     renderer_use_cpu(r);
-    oxl_log(ctx, OXL_LOG_WARNING, "%s: continuing on the CPU", why);
-    return OXL_OK;
+    return render_say_cpu(ctx, why);
 }
 
 /* ---------------------------------------------------------------- forward */

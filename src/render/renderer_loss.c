@@ -173,7 +173,7 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
     oxl_result rc;
-    if (r->device) return r->backend->score(r->device, drgb, score);
+    if (r->device) return render_fall_back_to_cpu(ctx, r, r->backend->score(r->device, drgb, score));
     rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);

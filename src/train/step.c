@@ -73,12 +73,15 @@ static int step_loss_on_host(const struct train *t)
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
-    const struct training_image *image = NULL;
-    t->halved                          = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    const struct image_window   *window = step_window(t, view);
+    const struct training_image *image;
+    oxl_result                   rc = OXL_ERR_MEMORY;
+    t->halved                       = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     if (step_loss_on_host(t)) return step_load_image_on_host(t, view);
-    if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, scene_image_cache(t->scene), view)))
-        return t->ctx->failed;
-    return renderer_set_image(t->ctx, t->renderer, view, image, step_window(t, view), t->halved);
+    if (renderer_has_image(t->renderer, view)) rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
+    if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
+    image = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
+    return image ? renderer_set_image(t->ctx, t->renderer, view, image, window, t->halved) : t->ctx->failed;
 }
 
 /* The next views of the epoch that a device does not hold. */
@@ -184,11 +187,13 @@ OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct rend
 /* A loss that is not finite: the step is left out. */
 static oxl_result step_skip(struct train *t, int step, int view)
 {
-    oxl_result rc = renderer_download(t->ctx, t->renderer, DOWNLOAD_TO_CHANGE);
-    if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
+    struct renderer_nonfinite cleared;
+    oxl_result                rc = OXL_OK;
+    if (renderer_has_device(t->renderer))
+        rc = renderer_clear_nonfinite(t->ctx, t->renderer, t->model, &t->first, &t->second, &cleared);
+    else cleared = nonfinite_clear(t->renderer, t->model, &t->first, &t->second);
     if (rc != OXL_OK) return rc;
-    nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, t->renderer, t->model, &t->first,
-                      &t->second);
+    nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, cleared);
     return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
 }
 
