@@ -196,16 +196,9 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
  * colours that are seen so those behind water and lamp. */
 OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model);
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
-/* From the next forward on; CPU only. */
-OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
-/* (10) of the last backward: by direct, scatter and veil, and by the falloff. */
+/* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
+OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
+/* (10) of the last backward, after the step that ends it: by direct, scatter and veil, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
-
-/* ---------------------------------------------------------------- exposure.c: gains on pixels */
-
-/* exposure.c: y = gain x, channel by channel; x, y (3,n). */
-OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n, float *y);
-OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
-                                    double dlog_gain[3]);
 
 #endif

@@ -161,7 +161,7 @@ static oxl_result step_forward_loss(struct train *t, int view, const float gain[
     const oxl_camera     camera      = step_camera(t, view);
     const struct imaging m           = step_imaging(t);
     oxl_result           rc;
-    renderer_set_medium(t->renderer, &m.medium);
+    renderer_set_medium(t->renderer, &m.medium, learns && !t->water.fixed);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
     if (learns)
         renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations, STEP_DROPOUT ^ t->ctx->options.seed,
@@ -254,14 +254,13 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     if (t->water.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
-    if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
-    if (lamp)
-        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
-                  t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
-    if (rc == OXL_OK) step_update_means(t, here, &loss, skipped);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
+    if (lamp) lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
+    step_update_means(t, here, &loss, skipped);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- deferred steps: the device works while the host goes on */
