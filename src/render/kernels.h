@@ -270,6 +270,7 @@ struct project_job {
     /* backward only: */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
+    size_t           out_row;       /* of the model that is the first of `out` */
     real            *dmean2d;       /* (count) |dL/d(u,v)| in units of half an image, for visible rows */
 };
 OXL_INTERNAL void project_forward(int isa, const struct project_job *job);
@@ -353,7 +354,7 @@ struct medium_job {
 OXL_INTERNAL void medium_forward(int isa, const struct medium_job *job);
 /* sum: of the rows; bD, bB, Binf by channel, then the falloff. */
 OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS]);
-OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out);
+OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out, size_t out_row);
 OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
                                        double sum[MEDIUM_SUMS]);
 #endif
@@ -397,6 +398,7 @@ struct adam_job {
     size_t      lobe_packs;
     real       *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
     const real *gradient[OXL_PLANES];
+    size_t      gradient_row;       /* of the model that is the first of `gradient` */
     real        rate[OXL_PLANES];   /* including the bias correction of the first moment */
     real        beta1, beta2;       /* decay of the two moments per step */
     real        inverse_correction; /* 1 / sqrt(1 - beta2^t) */

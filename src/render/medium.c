@@ -109,8 +109,8 @@ OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIU
         }
 }
 
-/* After project_backward: adds the gradient of the range to that of the centre. */
-OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out)
+/* After project_backward: adds the gradient of the range to that of the centre. out, out_row: as in project_job. */
+OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out, size_t out_row)
 {
     const float eye[3] = {job->kernel_camera->eye.x, job->kernel_camera->eye.y, job->kernel_camera->eye.z};
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
@@ -118,7 +118,7 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
             const size_t i = pack * PACK + l;
             if (!(job->visible[pack] >> l & 1)) continue;
             for (int a = 0; a < 3; a++)
-                out->plane[OXL_MEAN + a][i] += job->pack[pack].drange[l] * (job->in.plane[OXL_MEAN + a][i] - eye[a]);
+                out->plane[OXL_MEAN + a][i - out_row] += job->pack[pack].drange[l] * (job->in.plane[OXL_MEAN + a][i] - eye[a]);
         }
 }
 

@@ -141,14 +141,18 @@ OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_poi
     r->depth_weight = weight;
 }
 
-OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out)
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
+                                          const struct gaussians *out, size_t out_row)
 {
-    struct project_job job = render_project_job(r, task);
-    job.out                = *out;
+    struct project_job job = render_project_job(r, 0);
+    job.first_pack = first_pack, job.end_pack = end_pack;
+    job.out     = *out;
+    job.out_row = out_row;
     project_backward(ctx->isa, &job);
     if (render_has_medium(r)) {
-        const struct medium_job medium = render_medium_job(r, task);
-        medium_backward_centres(&medium, out);
+        struct medium_job medium = render_medium_job(r, 0);
+        medium.first_pack = first_pack, medium.end_pack = end_pack;
+        medium_backward_centres(&medium, out, out_row);
     }
 }
 
@@ -175,7 +179,10 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int64_t task = 0; task < tasks; task++) render_project_backward(ctx, r, task, &out);
+    for (int64_t task = 0; task < tasks; task++) {
+        const size_t first = (size_t)task * RENDER_TASK;
+        render_project_backward(ctx, r, first, OXL_MIN(first + RENDER_TASK, r->packs), &out, 0);
+    }
     return OXL_OK;
 }
 

@@ -156,7 +156,7 @@ static oxl_result selection_set_degree(struct train *t, int degree)
     oxl_model *all[3] = {t->model, &t->first, &t->second};
     oxl_result rc     = step_download(t, DOWNLOAD_TO_CHANGE);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
-    return rc == OXL_OK ? step_resize_gradient(t) : rc;
+    return rc;
 }
 
 static void selection_record_sh_degree(struct train *t, int most, const double psnr[4])
@@ -235,7 +235,6 @@ static oxl_result selection_assign_lobes(struct train *t)
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
     if (given > 0)
         rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
-    if (rc == OXL_OK && given > 0) rc = step_resize_gradient(t);
 done:
     oxl_free(t->ctx, active);
     return rc;
