@@ -63,13 +63,14 @@
 
 /* forward and backward pass of one image */
 #include "src/render/kernels.h"        /* types of the kernels */
+#include "src/render/medium.h"         /* water between camera and Gaussians, inlined into: */
 #include "src/render/project.c"        /* Gaussians to splats: forward and backward */
 #include "src/render/bin.c"            /* splats per tile, in depth order */
 #include "src/render/raster.c"         /* splats to pixels: forward and backward */
 #include "src/render/loss.c"           /* L1 + SSIM: value and gradient */
-#include "src/render/medium.c"         /* water between camera and Gaussians */
+#include "src/render/medium.c"         /* what a model looks like through water; the water behind it */
 #include "src/render/depth_loss.c"     /* opacity in front of points of known depth */
-#include "src/render/exposure.c"       /* a gain per channel between the rendered image and the loss */
+#include "src/render/exposure.c"       /* gains between the rendered image and the loss */
 #include "src/render/adam.c"           /* optimizer step */
 #include "src/render/renderer_state.h" /* the renderer's state */
 #include "src/render/renderer.c"       /* chains the kernels above: the forward pass */

@@ -40,7 +40,7 @@ static oxl_result borders_view(struct borders *b, int view, float *depth, oxl_im
     o.near_plane              = (float)scene_near_plane(b->scene);
     for (int k = 0; k < b->models && rc == OXL_OK; k++) {
         oxl_image rendered = {0};
-        renderer_set_medium(b->renderer, &b->imaging[k].medium);
+        renderer_set_medium(b->renderer, &b->imaging[k].medium, 0);
         rc = renderer_draw(b->ctx, b->renderer, &b->model[k], &of->camera, &o, &rendered, k == 0 ? depth : NULL);
         if (rc == OXL_OK) rc = imaging_apply_lamp(b->ctx, b->scene, &b->imaging[k], view, &rendered);
         if (rc == OXL_OK) imaging_apply(&b->imaging[k], view, &rendered);

@@ -309,7 +309,7 @@ static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
     CHECK_OK(model_set_lobes(test_ctx, &first, 19));
     CHECK_OK(model_set_lobes(test_ctx, &second, 19));
     CHECK_OK(renderer_create(test_ctx, &renderer));
-    renderer_set_medium(renderer, &water);
+    renderer_set_medium(renderer, &water, 1);
     CHECK_OK(renderer_forward(test_ctx, renderer, m, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
     CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &first, &second, &adam, &aside));

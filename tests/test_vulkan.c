@@ -129,6 +129,45 @@ static float *vulkan_noise(size_t count, uint64_t seed)
     return out;
 }
 
+/* What the last view saw, as the CPU's renderer has it. */
+static void vulkan_download_rows(oxl_context *device, struct renderer *renderer)
+{
+    struct vulkan_renderer *r = renderer->device;
+    struct vulkan          *v = device->vulkan;
+    const size_t            n = r->count, rows = renderer->bins.packs * PACK;
+    float(*a)[4]   = oxl_alloc(device, 3 * n + 1, sizeof *a);
+    uint32_t *seen = oxl_alloc(device, n + 1, sizeof *seen);
+    CHECK_OK(oxl_reserve(device, (void **)&renderer->splat, &renderer->splat_capacity, rows, sizeof *renderer->splat));
+    CHECK_OK(oxl_reserve(device, (void **)&renderer->visible, &renderer->visible_capacity, rows / PACK + 1,
+                         sizeof *renderer->visible));
+    CHECK_OK(oxl_reserve(device, (void **)&renderer->dmean2d, &renderer->dmean2d_capacity, rows, sizeof *renderer->dmean2d));
+    vulkan_enter(v);
+    vulkan_download(v, &r->splat_a, 0, a, n * sizeof *a);
+    vulkan_download(v, &r->splat_b, 0, a + n, n * sizeof *a);
+    vulkan_download(v, &r->splat_c, 0, a + 2 * n, n * sizeof *a);
+    vulkan_download(v, &r->seen, 0, seen, n * sizeof *seen);
+    if (r->mean2d.size >= n * sizeof(float)) vulkan_download(v, &r->mean2d, 0, renderer->dmean2d, n * sizeof(float));
+    CHECK(v->rc == OXL_OK);
+    memset(renderer->visible, 0, rows / PACK * sizeof *renderer->visible);
+    for (size_t i = 0; i < n && v->rc == OXL_OK; i++) {
+        const float *b = a[n + i], *c = a[2 * n + i];
+        if (!seen[i]) continue;
+        renderer->visible[i / PACK] = (uint16_t)(renderer->visible[i / PACK] | 1u << i % PACK);
+        renderer->splat[i]          = (struct splat){.u      = a[i][0],
+                                                     .v      = a[i][1],
+                                                     .a      = a[i][2],
+                                                     .k      = a[i][3],
+                                                     .e      = b[0],
+                                                     .peak   = b[1],
+                                                     .colour = {c[0], c[1], c[2]},
+                                                     .depth  = c[3],
+                                                     .half_x = b[2],
+                                                     .half_y = b[3]};
+    }
+    oxl_free(device, a);
+    oxl_free(device, seen);
+}
+
 /* |a - b| over |a|, as vectors; and the largest difference. */
 struct vulkan_distance {
     double relative, most;
@@ -219,7 +258,7 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
 {
     size_t other = 0, seen = 0;
     double worst[10] = {0};
-    CHECK_OK(renderer_download_rows(t->ctx[1], t->r[1]));
+    vulkan_download_rows(t->ctx[1], t->r[1]);
     for (size_t i = 0; i < count; i++) {
         const struct splat *a = &t->r[0]->splat[i], *b = &t->r[1]->splat[i];
         const float         x[10] = {a->u, a->v, a->a, a->k, a->e, a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
@@ -570,7 +609,7 @@ static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lob
         CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], m.count).relative, 0, 2e-3);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
         CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], lobes).relative, 0, 2e-3);
-    CHECK_OK(renderer_download_rows(device, t.r[1]));
+    vulkan_download_rows(device, t.r[1]);
     for (size_t i = 0; i < m.count; i++)
         if (renderer_row_visible(t.r[0], i) && renderer_row_visible(t.r[1], i))
             CHECK_CLOSE(t.r[1]->dmean2d[i], t.r[0]->dmean2d[i], 1e-2 * t.r[0]->dmean2d[i] + 1e-2);
@@ -717,6 +756,54 @@ static void vulkan_check_downloads(oxl_context *device)
     oxl_free(test_ctx, drgb);
 }
 
+static void vulkan_check_same_model(const oxl_model *a, const oxl_model *b)
+{
+    CHECK(a->count == b->count && a->lobes == b->lobes);
+    for (int k = 0; k < OXL_PLANES && a->count == b->count; k++) {
+        const size_t rows = k >= OXL_LOBE ? a->lobes : k < oxl_model_planes(a) ? a->count : 0;
+        if (rows > 0) CHECK(memcmp(a->plane[k], b->plane[k], rows * sizeof(float)) == 0);
+    }
+}
+
+/* After a loss that is not finite: of three rows one holds such a number unseen, one makes such a colour, one holds one among its lobes. They
+ * are cleared as on the CPU, and 12 bytes are read. */
+static void vulkan_check_cleared(oxl_context *device)
+{
+    struct vulkan_twins       t = vulkan_twins(device, 64, 48);
+    struct renderer_nonfinite cleared[2];
+    struct vulkan_run         run[2];
+    size_t                    read;
+    device->vulkan->slab_rows = 256;
+    for (int k = 0; k < 2; k++) {
+        run[k] = vulkan_run_begin(600, 1, 300);
+        for (int i = 0; i < 3; i++) run[k].model.plane[OXL_MEAN + i][400] = i == 2 ? 2.6f : -1.5f;
+        for (int i = 0; i < 3; i++) run[k].model.plane[OXL_LOG_SCALE + i][400] = 0;
+        for (int i = 0; i < 4; i++)
+            run[k].model.plane[OXL_SH + 3 * i + 2][400] = 3.4e38f; /* each fits a float, their sum does not */
+        run[k].model.plane[OXL_MEAN + 2][500]  = -50;
+        run[k].model.plane[OXL_SH + 5][500]    = NAN;
+        run[k].model.plane[OXL_LOBE + 1][200]  = INFINITY;
+        run[k].first.plane[OXL_LOG_SCALE][500] = 1;
+        run[k].second.plane[OXL_LOBE + 1][200] = 1;
+        run[k].second.plane[OXL_OPACITY][201]  = 1;
+    }
+    for (int k = 0; k < 2; k++) {
+        const oxl_render_options options = oxl_render_options_default();
+        CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &run[k].model, &t.camera, &options));
+    }
+    cleared[0] = nonfinite_clear(t.r[0], &run[0].model, &run[0].first, &run[0].second);
+    read       = device->vulkan->read_bytes;
+    CHECK_OK(renderer_clear_nonfinite(device, t.r[1], &run[1].model, &run[1].first, &run[1].second, &cleared[1]));
+    CHECK(device->vulkan->read_bytes - read == 12);
+    for (int k = 0; k < 2; k++) CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
+    CHECK_OK(renderer_download(device, t.r[1], DOWNLOAD_TO_READ));
+    vulkan_check_same_model(&run[0].model, &run[1].model);
+    vulkan_check_same_model(&run[0].first, &run[1].first);
+    vulkan_check_same_model(&run[0].second, &run[1].second);
+    for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
+    vulkan_twins_free(&t);
+}
+
 static void vulkan_check_aside(oxl_context *device)
 {
     struct vulkan_twins t    = vulkan_twins(device, 64, 48);
@@ -841,7 +928,7 @@ static void vulkan_check_halt(oxl_context *device)
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
         CHECK(!report.exists);
         renderer_defer(d[1].r, 0);
-        CHECK_OK(renderer_download_rows(device, d[1].r));
+        vulkan_download_rows(device, d[1].r);
         CHECK(renderer_row_visible(d[1].r, 40) && renderer_row_finite(d[1].r, 40) == (halt == HALT_PAIRS));
         CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         vulkan_check_same_run(&d[0], &d[1]);
@@ -908,6 +995,15 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_destroy(VkDevice device, const VkA
     vulkan_lost_calls++;
 }
 
+static PFN_vkGetInstanceProcAddr vulkan_real_lookup;
+static int                       vulkan_stopped_listening;
+
+static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_note_lookup(VkInstance instance, const char *name)
+{
+    vulkan_stopped_listening += strcmp(name, "vkDestroyDebugUtilsMessengerEXT") == 0;
+    return vulkan_real_lookup(instance, name);
+}
+
 /* What the host has of the model, and so what the next checkpoint would hold, stays as it was. No other call goes to the device. */
 static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struct vulkan_run *run, const char *words)
 {
@@ -915,21 +1011,26 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     const oxl_render_options options = oxl_render_options_default();
     float                   *before  = oxl_alloc(test_ctx, run->model.count, sizeof *before);
     const float             *image;
+    int                      listens;
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
     vulkan_lost_calls = 0;
     CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
-    device->vulkan->QueueSubmit   = vulkan_play_loss;
-    device->vulkan->DestroyDevice = vulkan_play_destroy;
+    device->vulkan->QueueSubmit         = vulkan_play_loss;
+    device->vulkan->DestroyDevice       = vulkan_play_destroy;
+    listens                             = device->vulkan->messenger != VK_NULL_HANDLE;
+    vulkan_real_lookup                  = device->vulkan->GetInstanceProcAddr;
+    vulkan_stopped_listening            = 0;
+    device->vulkan->GetInstanceProcAddr = vulkan_note_lookup;
     CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
     renderer_free(device, r);
     CHECK(device->vulkan->complaints == 0);
     vulkan_close(device->vulkan);
     device->vulkan = NULL;
-    CHECK(vulkan_lost_calls == 1);
+    CHECK(vulkan_lost_calls == 1 && vulkan_stopped_listening == listens);
     oxl_free(test_ctx, before);
 }
 
@@ -957,6 +1058,109 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
 static void vulkan_check_timeout(oxl_context *device)
 {
     vulkan_check_loss_of_device(device, 1);
+}
+
+static PFN_vkQueueSubmit vulkan_real_submit;
+static int               vulkan_submits_short; /* this many submissions, from now on, find no memory */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_submit(VkQueue queue, uint32_t count, const VkSubmitInfo *info,
+                                                               VkFence fence)
+{
+    return vulkan_submits_short-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_submit(queue, count, info, fence);
+}
+
+/* A submission that finds no memory is repeated, and the run is the same; where the second one finds none either, the step is not counted,
+ * and the device is given up. */
+static void vulkan_check_short_submit(oxl_context *device)
+{
+    static struct vulkan_deferral d[2];
+    struct vulkan_renderer       *r;
+    struct vulkan                *v       = device->vulkan;
+    struct adam_params            adam    = {.beta = {0.7, 0.9995}, .step = 7};
+    const oxl_render_options      options = oxl_render_options_default();
+    struct renderer_nonfinite     skipped;
+    struct renderer_loss          none;
+    struct renderer_report        report;
+    size_t                        steps;
+    vulkan_real_submit = v->QueueSubmit;
+    for (int k = 0; k < 2; k++) {
+        vulkan_deferral_begin(device, &d[k]);
+        CHECK(renderer_defer(d[k].r, 1));
+        for (int step = 1; step <= 6; step++) {
+            v->QueueSubmit       = vulkan_play_short_submit;
+            vulkan_submits_short = k && step % 2;
+            vulkan_step_of(device, &d[k], step, &none);
+            CHECK_OK(renderer_report(device, d[k].r, 0, &report));
+            CHECK(vulkan_submits_short <= 0);
+        }
+        CHECK_OK(renderer_report(device, d[k].r, 1, &report));
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+    }
+    vulkan_check_same_run(&d[0], &d[1]);
+    renderer_free(device, d[0].r);
+    vulkan_run_free(&d[0].run);
+    r     = d[1].r->device;
+    steps = r->steps;
+    CHECK_OK(renderer_forward(device, d[1].r, &d[1].run.model, &d[1].camera, &options));
+    CHECK_OK(renderer_loss(device, d[1].r, NULL, NULL, 0.2f, &none));
+    CHECK_OK(renderer_backward(device, d[1].r, NULL, &d[1].run.gradient));
+    vulkan_submits_short = 2;
+    CHECK(renderer_step(device, d[1].r, &d[1].run.model, &d[1].run.gradient, &d[1].run.first, &d[1].run.second, &adam,
+                        &skipped) == OXL_ERR_FAILED);
+    CHECK(r->steps == steps && v->lost);
+    CHECK_TEXT(oxl_error_text(device), "no device memory is left");
+    CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
+    renderer_free(device, d[1].r);
+    vulkan_run_free(&d[1].run);
+    vulkan_close(v); /* it would wait, and destroy, were it not given up */
+    device->vulkan = NULL;
+}
+
+/* What is uploaded when an error comes counts as uploaded: a shape, an image that is kept. */
+static void vulkan_check_uploads(oxl_context *device)
+{
+    struct vulkan                *v = device->vulkan;
+    static struct vulkan_deferral d[2];
+    const oxl_render_options      options = oxl_render_options_default();
+    const size_t                  range   = v->range;
+    struct renderer_loss          loss[2];
+    for (int k = 0; k < 2; k++) {
+        const struct training_image image = {64, 48, d[k].bytes, NULL};
+        vulkan_deferral_begin(device, &d[k]);
+        vulkan_step_of(device, &d[k], 1, &loss[k]);
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+        for (int i = 0; i < 300; i++) d[k].run.model.plane[OXL_OPACITY][i] -= 1;
+        CHECK_OK(renderer_send_shape(device, d[k].r, &d[k].run.model, 1));
+        CHECK_OK(renderer_set_image(device, d[k].r, 1, &image, NULL, 0));
+        if (k) {
+            const oxl_camera larger = vulkan_camera(640, 480);
+            v->range                = 64 * 48 * 16;
+            CHECK(renderer_forward(device, d[k].r, &d[k].run.model, &larger, &options) == OXL_ERR_MEMORY);
+            CHECK_TEXT(oxl_error_text(device), "in one array");
+            v->range = range;
+        }
+        CHECK(renderer_has_image(d[k].r, 1));
+        CHECK_OK(renderer_set_image(device, d[k].r, 1, NULL, NULL, 0));
+        CHECK_OK(renderer_forward(device, d[k].r, &d[k].run.model, &d[k].camera, &options));
+        CHECK_OK(renderer_loss(device, d[k].r, NULL, NULL, 0.2f, &loss[k]));
+        vulkan_step_of(device, &d[k], 2, &loss[k]);
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+    }
+    CHECK(loss[0].total == loss[1].total);
+    vulkan_check_same_run(&d[0], &d[1]);
+    for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
+}
+
+/* A CPU may take as long as it takes. */
+static void vulkan_check_patience(oxl_context *device)
+{
+    struct vulkan *v = device->vulkan, other = *v;
+    other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU;
+    vulkan_set_times(&other);
+    CHECK(other.patience == VULKAN_WAIT && other.part == VULKAN_PART);
+    other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_CPU;
+    vulkan_set_times(&other);
+    CHECK(other.patience == UINT64_MAX && other.part == 0);
 }
 
 /* Another error comes first, while the device is at work. */
@@ -1008,8 +1212,8 @@ static void vulkan_check_slots(oxl_context *device)
     vulkan_download(v, &d->staged, 0, staged, d->pairs * sizeof *staged);
     CHECK(v->rc == OXL_OK && d->pairs > 1000);
     for (int i = 0; i < 599; i++) {
+        if (first[i] == first[i + 1]) continue; /* and what is not seen has no order */
         vulkan_download(v, &d->row_slots, order[i] * sizeof used, used, sizeof used);
-        if (first[i] == first[i + 1]) continue;
         wrong += used[0] != first[i] || used[1] > first[i + 1] - first[i];
         unused += first[i + 1] - first[i] - used[1];
         for (uint32_t k = first[i]; k < first[i + 1]; k++)
@@ -1123,8 +1327,9 @@ static void vulkan_check_budget(oxl_context *device)
     struct vulkan       *v     = device->vulkan;
     const size_t         bytes = 4 * t.pixels, most = v->image_bytes_max;
     struct renderer_loss loss;
-    oxl_model            m;
+    oxl_model            m, larger;
     vulkan_scene(30, 0, 0, &m);
+    vulkan_scene(3000, 1, 0, &larger);
     v->budgets                               = 1;
     v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = 100, vulkan_usage = 30;
@@ -1138,7 +1343,36 @@ static void vulkan_check_budget(oxl_context *device)
         CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss));
         CHECK(renderer_has_image(t.r[1], view) == (view == 3));
     }
+    CHECK(renderer_has_image(t.r[1], 3));
+    v->image_bytes_max = most;
+    vulkan_budget      = 64; /* allocations succeed, but would move other memory off the device */
+    CHECK_OK(vulkan_take_and_draw(&t, 1, &larger, 3, &loss));
+    CHECK(!renderer_has_image(t.r[1], 3));
     oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &larger);
+    vulkan_twins_free(&t);
+}
+
+/* A view is scored on the CPU, whole, where the device has no memory for its scores. */
+static void vulkan_check_score_falls_back(oxl_context *device)
+{
+    struct vulkan_twins      t       = vulkan_twins(device, 64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    float                    one[300], views[2][300], *drgb = vulkan_noise(3 * t.pixels, 51), score[2][300];
+    oxl_model                m;
+    vulkan_scene(300, 1, 0, &m);
+    memset(views, 0, sizeof views), memset(score, 0, sizeof score);
+    CHECK_OK(renderer_forward(device, t.r[1], &m, &t.camera, &options));
+    vulkan_play_full(device->vulkan, 0);
+    for (int k = 0; k < 2; k++) {
+        struct prune_pass pass = {one, views[k], drgb, 0};
+        CHECK_OK(prune_score_view(t.ctx[k], t.r[k], &m, &t.camera, &options, &pass, score[k]));
+    }
+    CHECK(t.r[1]->device == NULL && score[0][0] + score[0][7] + score[0][11] > 0);
+    CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && memcmp(views[0], views[1], sizeof views[0]) == 0);
+    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, drgb);
     vulkan_twins_free(&t);
 }
 
@@ -1161,6 +1395,12 @@ static void vulkan_check_fallback(oxl_context *device)
     CHECK_CLOSE(loss[0].total, loss[1].total, 1e-6); /* its bytes made floats on the device */
     oxl_model_free(test_ctx, &m);
     vulkan_twins_free(&t);
+    vulkan_play_full(device->vulkan, 0);
+    t = vulkan_twins(device, 64, 48);
+    CHECK(t.r[1]->device == NULL);
+    vulkan_twins_free(&t);
+    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    vulkan_check_score_falls_back(device);
 }
 
 /* Steps, density control and an opacity reset, steps; the rows downloaded and uploaded (0), moved on the device (1),
@@ -1205,15 +1445,6 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     for (int step = 3; step <= 4; step++) vulkan_step_of(device, d, step, &loss);
     CHECK_OK(renderer_download(device, d->r, DOWNLOAD_TO_READ));
     density_free(test_ctx, density);
-}
-
-static void vulkan_check_same_model(const oxl_model *a, const oxl_model *b)
-{
-    CHECK(a->count == b->count && a->lobes == b->lobes);
-    for (int k = 0; k < OXL_PLANES && a->count == b->count; k++) {
-        const size_t rows = k >= OXL_LOBE ? a->lobes : k < oxl_model_planes(a) ? a->count : 0;
-        if (rows > 0) CHECK(memcmp(a->plane[k], b->plane[k], rows * sizeof(float)) == 0);
-    }
 }
 
 static void vulkan_check_moves(oxl_context *device)
@@ -1303,6 +1534,66 @@ static void vulkan_check_parts(oxl_context *device)
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, rgb);
     oxl_free(test_ctx, drgb);
+}
+
+static PFN_vkCmdPushConstants vulkan_real_push;
+static uint32_t               vulkan_drawn[VULKAN_PARTS][2];
+static int                    vulkan_drawn_parts;
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_note_part(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
+                                                   uint32_t offset, uint32_t size, const void *push)
+{
+    if (vulkan_drawn_parts < VULKAN_PARTS) memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
+    vulkan_real_push(commands, layout, stages, offset, size, push);
+}
+
+/* Nine in ten pairs are in three of many tiles: no submission draws more than a part of the pairs and one tile. */
+static void vulkan_check_unbalanced(oxl_context *device)
+{
+    const oxl_camera         camera  = vulkan_camera(320, 240);
+    const oxl_render_options options = oxl_render_options_default();
+    struct vulkan           *v       = device->vulkan;
+    struct vulkan_renderer  *d;
+    struct renderer         *r;
+    oxl_model                m;
+    uint32_t                 start[20 * 15 + 1], most_of_tile = 0, most = 0, all = 0, wrong = 0, drawn = 0;
+    const float             *image;
+    vulkan_scene(4000, 0, 0, &m);
+    for (size_t i = 0; i < 3600; i++) {
+        const double at[3] = {-1.2 + 1e-3 * vulkan_random(i, 0), 0.5 + 1e-3 * vulkan_random(i, 1), 4 + 0.1 * vulkan_random(i, 2)};
+        for (int k = 0; k < 3; k++) m.plane[OXL_MEAN + k][i] = (float)at[k], m.plane[OXL_LOG_SCALE + k][i] = -4;
+    }
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    d = r->device;
+    vulkan_download(v, &d->start, 0, start, sizeof start);
+    v->part             = 700;
+    vulkan_real_push    = v->CmdPushConstants;
+    v->CmdPushConstants = vulkan_note_part;
+    vulkan_drawn_parts  = 0;
+    vulkan_draw(d, 0);
+    CHECK(vulkan_finish(v) == OXL_OK && vulkan_drawn_parts > 6);
+    for (int tile = 0; tile < 300; tile++) most_of_tile = OXL_MAX(most_of_tile, start[tile + 1] - start[tile]);
+    for (int k = 0; k < vulkan_drawn_parts; k++) {
+        uint32_t pairs = 0;
+        for (int tile = 0; tile < 300; tile++)
+            if (start[tile] >= vulkan_drawn[k][0] && start[tile] < vulkan_drawn[k][1]) pairs += start[tile + 1] - start[tile];
+        most = OXL_MAX(most, pairs), all += pairs;
+    }
+    CHECK(most_of_tile > 1000 && most <= 700 + most_of_tile);
+    CHECK(all == start[300] && all == d->pairs);
+    vulkan_fill(v, &d->rgb, 0, VK_WHOLE_SIZE, 0x7F800000);
+    vulkan_draw_part(d, vulkan_drawn[2], 0);
+    CHECK_OK(renderer_image(device, r, &image));
+    for (int i = 0; i < 320 * 240; i++) {
+        const uint32_t at = start[i / 320 / 16 * 20 + i % 320 / 16];
+        wrong += (image[i] < INFINITY) != (at >= vulkan_drawn[2][0] && at < vulkan_drawn[2][1]);
+        drawn += image[i] < INFINITY;
+    }
+    CHECK(wrong == 0 && drawn > 0 && drawn < 320 * 240);
+    v->CmdPushConstants = vulkan_real_push;
+    renderer_free(device, r);
+    oxl_model_free(test_ctx, &m);
 }
 
 /* ---------------------------------------------------------------- a survey */
@@ -1538,6 +1829,34 @@ static void vulkan_check_kept_rows(oxl_context *device)
     }
 }
 
+/* --backend auto: the device has all images of a run, and no memory for the next step: the CPU continues, with an image that it reads. */
+static void vulkan_check_run_falls_back(oxl_context *device)
+{
+    oxl_train_options       options = train_options(60);
+    struct vulkan          *v       = device->vulkan;
+    oxl_model               model;
+    struct vulkan_renderer *d;
+    struct train            t = {
+                   .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .model = &model, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.scene;
+    CHECK_OK(train_begin(&t));
+    for (int k = 0; k < t.views; k += 2) vulkan_two_steps(&t);
+    d = t.renderer->device;
+    for (int k = 0; k < t.views; k++) CHECK(renderer_has_image(t.renderer, t.view[k]));
+    CHECK(vulkan_finish(v) == OXL_OK);
+    vulkan_release(v, &d->target);
+    vulkan_play_full(v, 0);
+    v->image_bytes_max      = 0;
+    v->make_room            = NULL;
+    device->options.backend = OXL_BACKEND_AUTO;
+    vulkan_two_steps(&t);
+    CHECK(!renderer_has_device(t.renderer) && t.last_loss > 0 && t.last_loss < 1);
+    v->AllocateMemory = vulkan_real_allocate;
+    train_end(&t);
+    oxl_model_free(device, &model);
+    oxl_scene_free(device, scene);
+}
+
 /* Once at each iteration that it is due. user: the last one. */
 static int vulkan_stops(void *user, const oxl_progress *p)
 {
@@ -1546,8 +1865,7 @@ static int vulkan_stops(void *user, const oxl_progress *p)
     return stops;
 }
 
-static PFN_vkCmdPushConstants vulkan_real_push;
-static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
+static int vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
 
 /* Room for one pair in every third deferred step. */
 static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
@@ -1644,6 +1962,23 @@ static void vulkan_hear(void *user, oxl_log_level level, const char *text)
 }
 
 /* auto: off and said, in the log and in run.json; on: refused. */
+static void vulkan_check_dropout(oxl_context *device)
+{
+    oxl_scene        *scene   = vulkan_survey(device, 0);
+    oxl_train_options options = train_options(5);
+    oxl_model         model;
+    options.dropout = 0.2;
+    CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(device), "a device does not leave out Gaussians");
+    CHECK_TEXT(oxl_error_text(device), "fix: --dropout auto, or --backend cpu");
+    options.dropout                                           = -1;
+    ((struct scene_stats *)scene_stats_of(scene))->mean_track = 3; /* so on the CPU it is on */
+    CHECK(schedule_dropout_rate(&options, scene) > 0);
+    CHECK_OK(oxl_train(device, scene, &options, NULL, &model));
+    oxl_model_free(device, &model);
+    oxl_scene_free(device, scene);
+}
+
 static void vulkan_check_lamp_and_water(oxl_context *device)
 {
     struct text               decisions = {.ctx = device};
@@ -1791,6 +2126,21 @@ TEST(vulkan_gives_up_a_device_that_is_lost)
     ON_DEVICE(vulkan_check_lost);
 }
 
+TEST(vulkan_repeats_a_submission_that_finds_no_memory)
+{
+    ON_DEVICE(vulkan_check_short_submit);
+}
+
+TEST(vulkan_keeps_uploads_when_an_error_follows)
+{
+    ON_DEVICE(vulkan_check_uploads);
+}
+
+TEST(vulkan_waits_for_a_cpu_without_a_limit)
+{
+    ON_DEVICE(vulkan_check_patience);
+}
+
 TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
 {
     ON_DEVICE(vulkan_check_slots);
@@ -1811,6 +2161,11 @@ TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
     ON_DEVICE(vulkan_check_fallback);
 }
 
+TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)
+{
+    ON_DEVICE(vulkan_check_run_falls_back);
+}
+
 TEST(vulkan_leaves_out_what_is_below_alpha_min)
 {
     ON_DEVICE(vulkan_check_alpha_min);
@@ -1824,6 +2179,11 @@ TEST(vulkan_validation_reports_planted_faults)
 TEST(vulkan_renders_the_same_whole_and_in_parts)
 {
     ON_DEVICE(vulkan_check_parts);
+}
+
+TEST(vulkan_bounds_a_submission_of_an_unbalanced_image)
+{
+    ON_DEVICE(vulkan_check_unbalanced);
 }
 
 TEST(vulkan_shaders_fit_the_least_shared_memory)
@@ -1864,6 +2224,11 @@ TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
 TEST(vulkan_steps_do_not_depend_on_when_the_host_looks)
 {
     ON_DEVICE(vulkan_check_downloads);
+}
+
+TEST(vulkan_clears_nonfinite_rows_after_such_a_loss)
+{
+    ON_DEVICE(vulkan_check_cleared);
 }
 
 TEST(vulkan_skips_nonfinite_rows)
@@ -1919,6 +2284,11 @@ TEST(vulkan_density_control_moves_rows_as_the_host_does)
 TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_exposure);
+}
+
+TEST(vulkan_refuses_a_dropout_and_leaves_out_that_of_auto)
+{
+    ON_DEVICE(vulkan_check_dropout);
 }
 
 TEST(vulkan_leaves_lamp_and_water_to_the_cpu_and_says_so)

@@ -138,10 +138,12 @@ TEST(exposure_gradient_agrees_with_finite_differences)
 TEST(exposure_gains_multiply_the_gradient_of_the_image)
 {
     const float gain[3] = {0.5f, 1, 2}, x[6] = {1, 2, 3, 4, 5, 6}, dy[6] = {1, -1, 1, -1, 1, -1};
-    float       y[6], dx[6];
-    double      d[3];
-    exposure_forward(gain, x, 2, y);
-    exposure_backward(gain, y, dy, 2, dx, d);
+    float       y[6], map[2], dx[6];
+    double      d[3], shape[LAMP_TERMS];
+
+    const struct exposure_job job = {{2, 1, 2, 1, 0, 0}, gain, NULL, x, y, map, dy, dx, d, shape};
+    exposure_forward(test_ctx->isa, &job);
+    exposure_backward(test_ctx->isa, &job);
     CHECK(y[0] == 0.5f && y[3] == 4 && y[5] == 12);
     CHECK(dx[0] == 0.5f && dx[3] == -1 && dx[4] == 2);
     CHECK_CLOSE(d[0], -0.5, 1e-12);
@@ -618,7 +620,7 @@ static double medium_score(struct renderer *r, const oxl_camera *camera, const o
     oxl_render_options o = oxl_render_options_default();
     const float       *rgb;
     double             sum = 0;
-    renderer_set_medium(r, medium);
+    renderer_set_medium(r, medium, 1);
     CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
@@ -727,7 +729,7 @@ TEST(medium_alone_shows_its_veil)
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_OPACITY][0] = -20;
-    renderer_set_medium(r, &water_murky);
+    renderer_set_medium(r, &water_murky, 1);
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
     CHECK(rgb[0] == water_murky.veil[0]);
@@ -1001,6 +1003,49 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
     oxl_model_free(test_ctx, &gradient);
     renderer_free(test_ctx, r);
     oxl_scene_free(test_ctx, scene);
+}
+
+/* Gradients of a loss through water, lamp and gains: of the Gaussians; then of the 10 parameters of the water, the lamp's, the gains. */
+static void water_gradients(int isa, int threads, oxl_model *gradient, double d[MEDIUM_SUMS + LAMP_TERMS + 3])
+{
+    const int            isa_before = test_ctx->isa, threads_before = test_ctx->threads;
+    const double         log_gain[3] = {0.1, -0.2, 0.3};
+    const struct lamp    lamp        = lamp_of(-1);
+    oxl_scene           *scene       = train_scene(3);
+    struct renderer     *r;
+    struct renderer_loss loss;
+    oxl_model            model;
+    test_ctx->isa = isa, test_ctx->threads = threads;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    CHECK_OK(oxl_model_create(test_ctx, model.count, 1, gradient));
+    renderer_set_medium(r, &water_murky, 1);
+    renderer_set_lamp(r, &lamp);
+    loss = exposure_loss(r, scene, &model, log_gain);
+    CHECK_OK(renderer_backward(test_ctx, r, NULL, gradient));
+    memcpy(d, renderer_medium_gradient(r), MEDIUM_SUMS * sizeof *d);
+    memcpy(d + MEDIUM_SUMS, renderer_lamp_gradient(r), LAMP_TERMS * sizeof *d);
+    memcpy(d + MEDIUM_SUMS + LAMP_TERMS, loss.dlog_gain, 3 * sizeof *d);
+    test_ctx->isa = isa_before, test_ctx->threads = threads_before;
+    oxl_model_free(test_ctx, &model);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(water_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_number_of_threads)
+{
+    double    d[3][MEDIUM_SUMS + LAMP_TERMS + 3];
+    oxl_model gradient[3];
+    water_gradients(test_ctx->isa, 1, &gradient[0], d[0]);
+    water_gradients(test_ctx->isa, 3, &gradient[1], d[1]);
+    water_gradients(OXL_MIN(test_ctx->isa, ISA_AVX2), 2, &gradient[2], d[2]);
+    for (int k = 1; k < 3; k++) {
+        CHECK(memcmp(d[0], d[k], sizeof d[0]) == 0);
+        for (int plane = 0; plane < oxl_model_planes(&gradient[0]); plane++)
+            CHECK(!memcmp(gradient[0].plane[plane], gradient[k].plane[plane], gradient[0].count * sizeof(float)));
+    }
+    for (int i = 0; i < MEDIUM_SUMS + LAMP_TERMS + 3; i++) CHECK(d[0][i] != 0);
+    for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &gradient[k]);
 }
 
 /* The scene of test_train.c, each image times the lamp's gain; of two lamps in turn, the one of a left, the other of a right camera. */

@@ -19,7 +19,7 @@ int main(void)
 static unsigned compile_variants(int pass)
 {
     if (pass == PASS_SCAN) return 1 | 2 | 4 | 8;
-    if (pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_BACKWARD) return 1 | 2;
+    if (pass == PASS_STEP || pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_BACKWARD) return 1 | 2;
     return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
 }
 

@@ -7,8 +7,16 @@
 
 /* ---------------------------------------------------------------- loader and instance */
 
-static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1",  "libvulkan.so",      "vulkan-1.dll",
-                                             "libvulkan.dylib", "libvulkan.1.dylib", "libMoltenVK.dylib"};
+/* Homebrew's folder is none that macOS searches. */
+static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1",
+                                             "libvulkan.so",
+                                             "vulkan-1.dll",
+                                             "libvulkan.dylib",
+                                             "libvulkan.1.dylib",
+                                             "libMoltenVK.dylib",
+                                             "/opt/homebrew/lib/libvulkan.dylib",
+                                             "/opt/homebrew/lib/libvulkan.1.dylib",
+                                             "/opt/homebrew/lib/libMoltenVK.dylib"};
 
 static int vulkan_load(struct vulkan *v)
 {
@@ -137,13 +145,18 @@ static oxl_result vulkan_start(struct vulkan *v)
     return v->rc;
 }
 
-static void vulkan_stop(struct vulkan *v)
+/* The messenger points to v. */
+static void vulkan_stop_listening(struct vulkan *v)
 {
     PFN_vkDestroyDebugUtilsMessengerEXT destroy;
-    if (v->messenger) {
-        destroy = (PFN_vkDestroyDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkDestroyDebugUtilsMessengerEXT");
-        if (destroy) destroy(v->instance, v->messenger, NULL);
-    }
+    if (!v->messenger) return;
+    destroy = (PFN_vkDestroyDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkDestroyDebugUtilsMessengerEXT");
+    if (destroy) destroy(v->instance, v->messenger, NULL);
+}
+
+static void vulkan_stop(struct vulkan *v)
+{
+    vulkan_stop_listening(v);
     if (v->instance) v->DestroyInstance(v->instance, NULL);
     if (v->library) os_library_close(v->library);
 }
@@ -234,6 +247,15 @@ static uint32_t vulkan_batch(uint32_t shared)
     return most >= 8 && shared >= SPIRV_RASTER_BACKWARD_8_LOBED_SHARED ? 8 : 4;
 }
 
+/* No system resets a CPU, and a slow one may need minutes. Of GPUs the discrete ones are about 16 times as fast as the others. */
+static void vulkan_set_times(struct vulkan *v)
+{
+    const VkPhysicalDeviceType type = v->properties.deviceType;
+    const int                  cpu  = type == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    v->patience                     = cpu ? UINT64_MAX : VULKAN_WAIT;
+    v->part                         = cpu ? 0 : type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ? 16 * VULKAN_PART : VULKAN_PART;
+}
+
 /* What the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
 static oxl_result vulkan_check(struct vulkan *v)
 {
@@ -241,10 +263,7 @@ static oxl_result vulkan_check(struct vulkan *v)
     v->range                        = l->maxStorageBufferRange;
     v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
     v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
-    v->part                         = v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ||
-                      v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU
-                                          ? 0
-                                          : VULKAN_PART;
+    vulkan_set_times(v);
     v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
     if (l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
         l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() && v->slab_rows > 0)
@@ -318,10 +337,9 @@ static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
 
 OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
 {
-    const VkFenceCreateInfo fence  = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    struct vulkan          *v      = oxl_calloc(ctx, 1, sizeof *v);
-    void                   *mapped = NULL;
-    oxl_result              rc;
+    struct vulkan *v      = oxl_calloc(ctx, 1, sizeof *v);
+    void          *mapped = NULL;
+    oxl_result     rc;
     *out = NULL;
     if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
     v->ctx = ctx;
@@ -331,7 +349,6 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     if (rc == OXL_OK) rc = vulkan_create_device(v);
     if (rc == OXL_OK) v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
-    if (rc == OXL_OK && !vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &v->idle), "a fence")) rc = v->rc;
     if (rc == OXL_OK) {
         v->image_bytes_max = vulkan_memory_left(v) / VULKAN_IMAGE_SHARE;
         vulkan_create(v, &v->staging, VULKAN_FRAMES * VULKAN_STAGING, 1);
@@ -348,13 +365,13 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
 OXL_INTERNAL void vulkan_close(struct vulkan *v)
 {
     if (!v) return;
-    vulkan_idle(v);
-    if (v->lost) { /* may neither be waited for nor destroyed: vulkan_submitted */
+    vulkan_finish(v);
+    if (v->lost) { /* may neither be waited for nor destroyed: vulkan_give_up */
+        vulkan_stop_listening(v);
         oxl_free(v->ctx, v);
         return;
     }
     if (v->device && v->DestroyDevice) {
-        v->DestroyFence(v->device, v->idle, NULL);
         for (int pass = 0; pass < PASS_COUNT; pass++) {
             struct vulkan_pipeline *p = &v->pipeline[pass];
             for (int i = 0; i < VULKAN_VARIANTS; i++) v->DestroyPipeline(v->device, p->variant[i], NULL);

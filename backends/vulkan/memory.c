@@ -1,7 +1,7 @@
 /* memory.c - buffers on the device, and how much memory there is for them.
  *
- * Where an allocation fails, images that are kept on the device make room first (vulkan.make_room); what still fails is OXL_ERR_MEMORY, and
- * with --backend auto the CPU takes over (src/render/renderer.c).
+ * Where an allocation would exceed the memory budget, or fails, images that are kept on the device make room first (vulkan.make_room); what
+ * still fails is OXL_ERR_MEMORY, and with --backend auto the CPU takes over (src/render/renderer.c).
  */
 #include "state.h"
 
@@ -40,10 +40,13 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
     *b = (struct vulkan_buffer){0};
 }
 
-/* Where there is none left, images that are kept on the device make room. */
+/* Where there is none left, images that are kept on the device make room; also before a driver would move other memory off the device. */
 static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *info, VkDeviceMemory *out)
 {
-    VkResult result = v->AllocateMemory(v->device, info, NULL, out);
+    const int own = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
+    VkResult  result;
+    if (own && v->budgets && v->make_room && info->allocationSize > vulkan_memory_left(v)) v->make_room(v);
+    result = v->AllocateMemory(v->device, info, NULL, out);
     if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && v->make_room && v->make_room(v) > 0)
         result = v->AllocateMemory(v->device, info, NULL, out);
     return result;

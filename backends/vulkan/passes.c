@@ -65,12 +65,16 @@ OXL_INTERNAL const char *vulkan_word(VkResult result)
     }
 }
 
+static int vulkan_is_short(VkResult result)
+{
+    return result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
+
 /* Keeps the first failure. 1: all is well. */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
 {
-    const int memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
     if (result == VK_SUCCESS) return v->rc == OXL_OK;
-    if (v->rc == OXL_OK && memory)
+    if (v->rc == OXL_OK && vulkan_is_short(result))
         v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
                          "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
                          vulkan_word(result), (int)result);
@@ -152,39 +156,60 @@ OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
     v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
 }
 
-/* Clears what was recorded in a frame, or submitted and is complete. */
-static void vulkan_drop(struct vulkan *v, struct vulkan_frame *f)
+/* The device is abandoned, its objects stay allocated. After a timeout a submission continues, or hangs: its fence, buffers and pools must
+ * not be touched, and another wait may not end. A lost device frees nothing either. And where something could not be submitted,
+ * what is on the device is not what the host takes it for. Returns 0. */
+static int vulkan_give_up(struct vulkan *v, VkResult result)
 {
-    v->ResetCommandPool(v->device, f->command_pool, 0);
+    v->lost = 1;
+    v->rc   = oxl_fail(v->ctx, OXL_ERR_FAILED,
+                       "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
+                         "not help, a smaller --max-side, or --backend cpu",
+                       v->properties.deviceName, vulkan_word(result), (int)result);
+    return 0;
+}
+
+/* Clears what was submitted in a frame and is complete. */
+static void vulkan_clear_frame(struct vulkan *v, struct vulkan_frame *f)
+{
+    VkResult result = v->ResetCommandPool(v->device, f->command_pool, 0);
     v->ResetDescriptorPool(v->device, f->descriptor_pool, 0);
-    if (f->under_way) vulkan_ok(v, v->ResetFences(v->device, 1, &f->fence), "a fence");
+    if (result == VK_SUCCESS) result = v->ResetFences(v->device, 1, &f->fence);
+    if (result != VK_SUCCESS) vulkan_give_up(v, result);
     f->sets = f->command_at = f->under_way = 0;
     f->staged                              = 0;
 }
 
-/* After a timeout the submission continues, or hangs: its fence, buffers and pools must not be touched, and another wait may not end. A
- * lost device frees nothing either. In both cases the device is abandoned, and its objects stay allocated. */
-static int vulkan_submitted(struct vulkan *v, VkResult result)
+/* Until the device is done with a frame. A wait that finds no memory is repeated. */
+static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 {
-    if (result == VK_TIMEOUT || result == VK_ERROR_DEVICE_LOST) v->lost = 1;
-    if (!v->lost) return vulkan_ok(v, result, "a submission");
-    if (v->rc == OXL_OK)
-        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
-                         "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
-                         "not help, a smaller --max-side, or --backend cpu",
-                         v->properties.deviceName, vulkan_word(result), (int)result);
-    return 0;
+    VkResult result = VK_ERROR_OUT_OF_HOST_MEMORY;
+    if (!f->under_way || v->lost) return;
+    for (int tries = 0; tries < 3 && vulkan_is_short(result); tries++)
+        result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, v->patience);
+    if (result != VK_SUCCESS) {
+        vulkan_give_up(v, result);
+        return;
+    }
+    vulkan_read_clock(v, f);
+    vulkan_clear_frame(v, f);
 }
 
+/* A submission that finds no memory has changed nothing: it is repeated when the other frames have ended, which hold some. */
 static int vulkan_submit(struct vulkan *v, VkFence fence)
 {
     const VkSubmitInfo submit = {
         .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &v->commands};
+    VkResult result;
     if (v->updates) vulkan_barrier(v);
     v->submissions++;
     v->recording = 0;
-    return vulkan_ok(v, v->EndCommandBuffer(v->commands), "recording") &&
-           vulkan_submitted(v, v->QueueSubmit(v->queue, 1, &submit, fence));
+    result       = v->EndCommandBuffer(v->commands);
+    if (result != VK_SUCCESS) return vulkan_give_up(v, result);
+    result = v->QueueSubmit(v->queue, 1, &submit, fence);
+    for (int k = 1; k < VULKAN_FRAMES && vulkan_is_short(result); k++) vulkan_wait(v, &v->frame[(v->at + k) % VULKAN_FRAMES]);
+    if (vulkan_is_short(result) && !v->lost) result = v->QueueSubmit(v->queue, 1, &submit, fence);
+    return result == VK_SUCCESS || vulkan_give_up(v, result);
 }
 
 OXL_INTERNAL void vulkan_flush(struct vulkan *v)
@@ -198,56 +223,30 @@ OXL_INTERNAL void vulkan_flush(struct vulkan *v)
 static void vulkan_submit_frame(struct vulkan *v)
 {
     struct vulkan_frame *f = vulkan_frame(v);
-    if (f->command_at > 0) vulkan_record(v);
-    if (v->recording) f->under_way = vulkan_submit(v, f->fence);
+    if (f->command_at > 0 && !vulkan_record(v)) vulkan_give_up(v, VK_ERROR_OUT_OF_HOST_MEMORY);
+    if (v->recording && !v->lost) f->under_way = vulkan_submit(v, f->fence);
 }
 
-/* Until the device is done with a frame. */
-static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
-{
-    if (!f->under_way || v->rc != OXL_OK) return;
-    if (!vulkan_submitted(v, v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, VULKAN_WAIT))) return;
-    vulkan_read_clock(v, f);
-    vulkan_drop(v, f);
-}
-
-/* As vkDeviceWaitIdle, which has no time limit and may wait for a device that hangs for ever. */
-OXL_INTERNAL void vulkan_idle(struct vulkan *v)
-{
-    VkResult result;
-    if (v->lost || !v->idle) return;
-    result = v->QueueSubmit(v->queue, 0, NULL, v->idle);
-    if (result == VK_SUCCESS) result = v->WaitForFences(v->device, 1, &v->idle, VK_TRUE, VULKAN_WAIT);
-    if (result == VK_SUCCESS) result = v->ResetFences(v->device, 1, &v->idle);
-    v->lost = result != VK_SUCCESS;
-    if (v->lost) v->rc = OXL_OK; /* what went wrong before matters less */
-    vulkan_submitted(v, result);
-}
-
-/* What was recorded or submitted before a failure is dropped: the buffers it works on may not exist. A lost device stays as it is. */
-static void vulkan_drop_all(struct vulkan *v)
-{
-    vulkan_idle(v);
-    if (v->lost) return;
-    v->recording = v->reads = v->updates = 0;
-    for (int k = 0; k < VULKAN_FRAMES; k++) vulkan_drop(v, &v->frame[k]);
-}
-
+/* What was recorded before a failure is complete, and counts as done: it is submitted all the same. */
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
 {
+    const oxl_result before = v->rc;
+    if (v->lost) return v->rc;
+    v->rc = OXL_OK;
     vulkan_submit_frame(v);
     for (int k = 0, waits = 0; k < VULKAN_FRAMES; k++) {
         struct vulkan_frame *f = &v->frame[(v->at + 1 + k) % VULKAN_FRAMES];
         v->waits += f->under_way && waits++ == 0;
         vulkan_wait(v, f);
     }
-    if (v->rc != OXL_OK) vulkan_drop_all(v);
     vulkan_frame(v)->staged = 0;
+    if (!v->lost) v->rc = before;
     return v->rc;
 }
 
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v)
 {
+    if (v->rc != OXL_OK) return v->rc;
     vulkan_submit_frame(v);
     v->at = (v->at + 1) % VULKAN_FRAMES;
     v->frame_waits += (size_t)vulkan_frame(v)->under_way;
@@ -257,8 +256,9 @@ OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v)
 
 OXL_INTERNAL void vulkan_enter(struct vulkan *v)
 {
-    if (v->lost) return;
-    if (v->rc != OXL_OK) vulkan_drop_all(v);
+    if (v->rc == OXL_OK) return;
+    v->reads = 0;
+    vulkan_finish(v);
     if (!v->lost) v->rc = OXL_OK;
 }
 

@@ -47,7 +47,8 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
 {
-    struct kernel_camera l = render_kernel_camera(c, o->near_plane);
+    const uint32_t       on = HALT_NONE;
+    struct kernel_camera l  = render_kernel_camera(c, o->near_plane);
     render_set_alpha_min(&l, o->alpha_min);
     r->view  = (struct vulkan_view){.rotation    = {l.rotation.x.x, l.rotation.x.y, l.rotation.x.z, l.rotation.y.x, l.rotation.y.y,
                                                     l.rotation.y.z, l.rotation.z.x, l.rotation.z.y, l.rotation.z.z},
@@ -71,6 +72,7 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, con
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
     vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
     vulkan_update(r->v, &r->view_buffer, 0, &r->view, sizeof r->view);
+    if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on); /* of a step that was given up */
 }
 
 static void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32_t push[6])
@@ -145,32 +147,31 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
                VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start, &r->counts));
 }
 
-/* Calls draw(r, first tile, tiles, argument) for the whole image, or for some rows of tiles at a time, each a submission of its own: an
- * operating system resets a GPU that is busy for longer than 2 s with one (Windows' default), and integrated ones may be. With
- * VULKAN_PART pairs of 256 pixels x 55 operations, 3.7 G operations: 0.2 s where a tenth of 200 G a second is reached, and rows of tiles may
- * hold some times more pairs than others. Estimated, not measured. */
+/* Calls draw(r, part, argument) for the whole image, or for the tiles whose first pair is in a part of the pairs, each part a
+ * submission of its own: an operating system resets a GPU that is busy for longer than 2 s with one (Windows' default). The shader looks whether
+ * a tile is in the part, so the host need not know the tiles' pairs. docs/log/SPEED.md has the estimates. */
 static void vulkan_in_parts(struct vulkan_renderer *r,
-                            void (*draw)(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t argument),
-                            uint32_t argument)
+                            void (*draw)(struct vulkan_renderer *r, const uint32_t part[2], uint32_t argument), uint32_t argument)
 {
-    const size_t part = r->v->part, parts = part ? OXL_MIN((r->pairs + part - 1) / part, (size_t)VULKAN_PARTS) : 1;
-    const size_t rows = r->view.tiles_y, each = (rows + OXL_MAX(parts, (size_t)1) - 1) / OXL_MAX(parts, (size_t)1);
+    const size_t most = r->v->part, wanted = most ? OXL_MIN((r->pairs + most - 1) / most, (size_t)VULKAN_PARTS) : 1;
+    const size_t parts = OXL_MAX(wanted, (size_t)1), each = r->pairs / parts + 1;
     if (parts > 1) vulkan_flush(r->v);
-    for (size_t row = 0; row < rows; row += each) {
-        draw(r, (uint32_t)(row * r->view.tiles_x), OXL_MIN(each, rows - row) * r->view.tiles_x, argument);
+    for (size_t k = 0; k < parts; k++) {
+        const uint32_t part[2] = {(uint32_t)(k * each), k + 1 < parts ? (uint32_t)((k + 1) * each) : UINT32_MAX};
+        draw(r, part, argument);
         if (parts > 1) vulkan_flush(r->v);
     }
 }
 
-static void vulkan_draw_part(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t depths)
+static void vulkan_draw_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t depths)
 {
-    const uint32_t push[3] = {(uint32_t)r->lobes, first, depths};
+    const uint32_t push[4] = {(uint32_t)r->lobes, part[0], part[1], depths};
     if (r->lobes)
-        VULKAN_RUN(r->v, RASTER_LOBED, 0, tiles, push,
+        VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                                   &r->splat_c, &r->lobe_a, &r->rgb));
     else
-        VULKAN_RUN(r->v, RASTER, 0, tiles, push,
+        VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                                   &r->splat_c, NULL, &r->rgb));
 }
@@ -296,9 +297,10 @@ static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
     return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
 }
 
-static void vulkan_draw_backward_part(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t score)
+static void vulkan_draw_backward_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t score)
 {
-    vulkan_run(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 2 * score, tiles, VULKAN_PUSH((uint32_t)r->lobes, first, 0),
+    vulkan_run(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 2 * score, r->tiles,
+               VULKAN_PUSH((uint32_t)r->lobes, part[0], part[1], 0),
                VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                               &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c,
                               &r->sums_d, &r->sums_e));
@@ -391,15 +393,45 @@ static struct renderer_nonfinite vulkan_nonfinite_of(const uint32_t counts[3])
     return (struct renderer_nonfinite){counts[0], counts[0] ? counts[1] : SIZE_MAX, counts[2]};
 }
 
+static oxl_result vulkan_read_nonfinite(struct vulkan_renderer *r, struct renderer_nonfinite *out)
+{
+    uint32_t counts[3] = {0, 0, 0};
+    vulkan_download(r->v, &r->counts, COUNT_NONFINITE * sizeof *counts, counts, sizeof counts);
+    *out = vulkan_nonfinite_of(counts);
+    return r->v->rc;
+}
+
+static oxl_result vulkan_fail_other_model(struct vulkan_renderer *r)
+{
+    return oxl_fail(r->v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
+}
+
+/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. */
+static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
+{
+    const uint32_t none[3] = {0, UINT32_MAX, 0};
+    uint32_t       push[6];
+    vulkan_update(r->v, &r->counts, COUNT_NONFINITE * sizeof *none, none, sizeof none);
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_row_push(r, s, push);
+        VULKAN_RUN(r->v, STEP, variant, vulkan_groups(push[1]),
+                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], numbers[0], numbers[1], numbers[2]),
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots,
+                                  variant ? &r->splat_a : &r->sums_a, variant ? &r->splat_b : &r->sums_b, &r->sums_c,
+                                  variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first,
+                                  &r->slab[s].second, &r->counts, &r->rates));
+    }
+}
+
 /* Of a deferred one: its report is on the way when the host goes on to the next. */
 static oxl_result vulkan_end_step(struct vulkan_renderer *r)
 {
     struct vulkan *v  = r->v;
     const size_t   at = r->steps % VULKAN_REPORTS * sizeof *r->report;
-    if (v->rc == OXL_OK) r->steps++;
     vulkan_copy(v, &r->counts, &r->reports, at + offsetof(struct vulkan_report, counts), sizeof r->report->counts);
     vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals), sizeof r->report->totals);
-    return vulkan_next_frame(v);
+    r->steps += vulkan_next_frame(v) == OXL_OK;
+    return v->rc;
 }
 
 static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
@@ -410,29 +442,30 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     const double            correction = 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]));
     const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))));
     float                   rate[OXL_PLANES];
-    uint32_t                skipped[3] = {0, UINT32_MAX, 0}, push[6];
+    const uint32_t numbers[3] = {vulkan_bits((float)adam->beta[0]), vulkan_bits((float)adam->beta[1]), vulkan_bits(inverse)};
     vulkan_enter(v);
     for (uint32_t k = 0; k < r->planes; k++)
         rate[k] = (float)(adam->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
-    if (r->model != model) v->rc = oxl_fail(v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
+    if (r->model != model) v->rc = vulkan_fail_other_model(r);
     vulkan_take_moments(r, first, second);
     vulkan_reserve(v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
-    vulkan_update(v, &r->counts, COUNT_NONFINITE * sizeof *skipped, skipped, sizeof skipped);
-    for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_row_push(r, s, push);
-        VULKAN_RUN(v, STEP, 0, vulkan_groups(push[1]),
-                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], vulkan_bits((float)adam->beta[0]),
-                               vulkan_bits((float)adam->beta[1]), vulkan_bits(inverse)),
-                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
-                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first, &r->slab[s].second,
-                                  &r->counts, &r->rates));
-    }
-    r->stepped = 1;
+    vulkan_run_step(r, 0, numbers);
+    if (r->v->rc == OXL_OK) r->stepped = 1;
     if (r->deferred) return vulkan_end_step(r);
-    vulkan_download(v, &r->counts, COUNT_NONFINITE * sizeof *skipped, skipped, sizeof skipped);
-    *out = vulkan_nonfinite_of(skipped);
-    return v->rc;
+    return vulkan_read_nonfinite(r, out);
+}
+
+static oxl_result vulkan_clear_nonfinite(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
+                                         struct renderer_nonfinite *out)
+{
+    struct vulkan_renderer *r = device;
+    vulkan_enter(r->v);
+    if (r->model != model) r->v->rc = vulkan_fail_other_model(r);
+    vulkan_take_moments(r, first, second);
+    vulkan_run_step(r, 1, (const uint32_t[3]){0, 0, 0});
+    if (r->v->rc == OXL_OK) r->stepped = 1;
+    return vulkan_read_nonfinite(r, out);
 }
 
 static int vulkan_defer(void *device, int on)
@@ -485,66 +518,27 @@ static oxl_result vulkan_clear_visible(void *device)
     return r->v->rc;
 }
 
-/* ---------------------------------------------------------------- what the last view saw, for the host */
-
-static oxl_result vulkan_rows(void *device, struct splat *splat, uint16_t *visible, float *mean2d)
-{
-    struct vulkan_renderer *r = device;
-    struct vulkan          *v = r->v;
-    const size_t            n = r->count;
-    float(*a)[4]              = oxl_alloc(v->ctx, 3 * n + 1, sizeof *a);
-    uint32_t *seen            = oxl_alloc(v->ctx, n + 1, sizeof *seen);
-    vulkan_enter(v);
-    if (!a || !seen) v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory to look at %zu Gaussians", n);
-    if (v->rc == OXL_OK) {
-        vulkan_download(v, &r->splat_a, 0, a, n * sizeof *a);
-        vulkan_download(v, &r->splat_b, 0, a + n, n * sizeof *a);
-        vulkan_download(v, &r->splat_c, 0, a + 2 * n, n * sizeof *a);
-        vulkan_download(v, &r->seen, 0, seen, n * sizeof *seen);
-        if (r->mean2d.size >= n * sizeof *mean2d) vulkan_download(v, &r->mean2d, 0, mean2d, n * sizeof *mean2d);
-    }
-    memset(visible, 0, (n + PACK - 1) / PACK * sizeof *visible);
-    for (size_t i = 0; i < n && v->rc == OXL_OK; i++) {
-        const float *b = a[n + i], *c = a[2 * n + i];
-        if (!seen[i]) continue;
-        visible[i / PACK] = (uint16_t)(visible[i / PACK] | 1u << i % PACK);
-        splat[i]          = (struct splat){.u      = a[i][0],
-                                           .v      = a[i][1],
-                                           .a      = a[i][2],
-                                           .k      = a[i][3],
-                                           .e      = b[0],
-                                           .peak   = b[1],
-                                           .colour = {c[0], c[1], c[2]},
-                                           .depth  = c[3],
-                                           .half_x = b[2],
-                                           .half_y = b[3]};
-    }
-    oxl_free(v->ctx, a);
-    oxl_free(v->ctx, seen);
-    return v->rc;
-}
-
 OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
 {
-    static const struct renderer_device interface = {.create        = vulkan_renderer_create,
-                                                     .free          = vulkan_renderer_free,
-                                                     .forward       = vulkan_forward,
-                                                     .image         = vulkan_image,
-                                                     .has_image     = vulkan_has_image,
-                                                     .take_image    = vulkan_take_image,
-                                                     .target        = vulkan_target,
-                                                     .loss          = vulkan_loss,
-                                                     .backward      = vulkan_backward,
-                                                     .gradient      = vulkan_gradient,
-                                                     .score         = vulkan_score,
-                                                     .step          = vulkan_step,
-                                                     .defer         = vulkan_defer,
-                                                     .report        = vulkan_report,
-                                                     .observe       = vulkan_observe,
-                                                     .download      = vulkan_download_model,
-                                                     .move_rows     = vulkan_move_rows,
-                                                     .send_shape    = vulkan_send_shape,
-                                                     .clear_visible = vulkan_clear_visible,
-                                                     .rows          = vulkan_rows};
+    static const struct renderer_device interface = {.create          = vulkan_renderer_create,
+                                                     .free            = vulkan_renderer_free,
+                                                     .forward         = vulkan_forward,
+                                                     .image           = vulkan_image,
+                                                     .has_image       = vulkan_has_image,
+                                                     .take_image      = vulkan_take_image,
+                                                     .target          = vulkan_target,
+                                                     .loss            = vulkan_loss,
+                                                     .backward        = vulkan_backward,
+                                                     .gradient        = vulkan_gradient,
+                                                     .score           = vulkan_score,
+                                                     .step            = vulkan_step,
+                                                     .defer           = vulkan_defer,
+                                                     .report          = vulkan_report,
+                                                     .observe         = vulkan_observe,
+                                                     .download        = vulkan_download_model,
+                                                     .move_rows       = vulkan_move_rows,
+                                                     .send_shape      = vulkan_send_shape,
+                                                     .clear_visible   = vulkan_clear_visible,
+                                                     .clear_nonfinite = vulkan_clear_nonfinite};
     return &interface;
 }

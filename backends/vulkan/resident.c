@@ -305,8 +305,9 @@ static void vulkan_upload_image(struct vulkan *v, const struct training_image *i
 
 OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
 {
-    size_t dropped = 0, bytes = 0;
-    if (vulkan_finish(v) != OXL_OK) return 0; /* commands under way may name them */
+    size_t dropped = 0, bytes = 0, images = 0;
+    for (const struct vulkan_renderer *r = v->renderers; r; r = r->next) images += r->images;
+    if (images == 0 || vulkan_finish(v) != OXL_OK) return 0; /* commands under way may name them */
     for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
         for (size_t i = 0; i < r->image_capacity; i++) {
             const size_t size = r->image[i].bytes.size;

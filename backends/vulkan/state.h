@@ -27,7 +27,7 @@
 #define VULKAN_SETS       1024           /* passes of a frame, at most */
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
-#define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
+#define VULKAN_WAIT       60000000000ull /* ns: a GPU that takes longer for a submission is given up */
 #define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
 #define VULKAN_PART       (1u << 18) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
@@ -147,7 +147,6 @@ struct vulkan {
     struct vulkan_frame              frame[VULKAN_FRAMES];
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
-    VkFence                          idle;     /* of vulkan_idle */
     struct vulkan_pipeline           pipeline[PASS_COUNT];
     struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
     char                            *mapped;           /* staging, as the host sees it */
@@ -163,6 +162,7 @@ struct vulkan {
     double                           pass_seconds[PASS_COUNT];
     int                              pass_runs[PASS_COUNT];
     oxl_result                       rc;
+    uint64_t                         patience;        /* ns: of a wait */
     size_t                           range;           /* bytes: the largest array */
     size_t                           image_bytes_max; /* bytes of images that a renderer may keep */
     uint32_t                         slab_rows;       /* at most */
@@ -181,7 +181,6 @@ OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
-OXL_INTERNAL void       vulkan_idle(struct vulkan *v);  /* waits for all submissions, or the device is lost */
 OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
 OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);

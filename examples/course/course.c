@@ -308,7 +308,7 @@ EXPORT int fit_show(void) {
 
 /* ---------------------------------------------------------------- 6: underwater, second lobe */
 
-/* What reaches the camera of a surface of colour J at the distance r (m), of one channel [O: src/render/medium.c]:
+/* What reaches the camera of a surface of colour J at the distance r (m), of one channel [O: src/render/medium.h]:
  *     c = J (sun + lamp / r^2 e^(-beta r)) e^(-beta r) + Binf (1 - e^(-beta r)).
  * The lamp's light passes the water twice, and spreads. Returns dc/dJ. */
 double water_forward(double J, double r, double beta, double sun, double lamp, double Binf, double *c) {

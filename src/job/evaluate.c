@@ -50,7 +50,7 @@ static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p,
     oxl_image          rendered = {0};
     oxl_result         rc;
     options.near_plane = (float)scene_near_plane(p->scene);
-    renderer_set_medium(p->r, &scene_imaging(p->scene)->medium);
+    renderer_set_medium(p->r, &scene_imaging(p->scene)->medium, 0);
     rc = renderer_draw(ctx, p->r, p->model, camera, &options, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);

@@ -150,7 +150,7 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     *out                             = (struct render_file){
                                     .name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_for_thread(ctx)};
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
-    renderer_set_medium(f->renderer, what->clear ? NULL : &scene_imaging(scene)->medium);
+    renderer_set_medium(f->renderer, what->clear ? NULL : &scene_imaging(scene)->medium, 0);
     if (rc == OXL_OK) rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->rendered, out->depth);
     if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->rendered);
     if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
@@ -158,7 +158,7 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
         out->depth[i] *= (float)what->unit;
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
     if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_alters_colours(scene_imaging(scene))) {
-        renderer_set_medium(f->renderer, NULL);
+        renderer_set_medium(f->renderer, NULL, 0);
         rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->clear, NULL);
     }
     if (rc != OXL_OK) render_file_free(ctx, out);

@@ -1,46 +1,90 @@
-/* exposure.c - a gain per channel between the rendered image and the loss.
+/* exposure.c - gains between the rendered image and the loss: one per channel, and the lamp's over the image.
  *
- * Model (Schonberger 2016, reduced to a gain; LichtFeld Studio PR 1892):  y = exp(a_c) x,  a_c the image's log gain of channel c.
+ * Model (Schonberger 2016, reduced to a gain; LichtFeld Studio PR 1892):  y = exp(a_c + s) x,  a_c the image's log gain of channel c, s the
+ * lamp's polynomial at the pixel (survey/imaging.h).
  *
- * Invariant: sums are over blocks of fixed length, in pixel order, so they do not depend on the number of threads.
+ * Invariant: sums are over the lanes of a row, then over rows, so they do not depend on the width of vectors.
  */
-#include "render.h"
+#include "kernels.h"
 
-enum { EXPOSURE_BLOCK = 256 };
+enum { EXPOSURE_POWERS = LAMP_DEGREE + 1, EXPOSURE_SUMS = 3 + EXPOSURE_POWERS };
 
-/* x (3,n) -> y (3,n). */
-OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n, float *y)
+static size_t exposure_row(const struct exposure_job *job, int channel, int y)
 {
-    for (int c = 0; c < 3; c++) {
-        const float *restrict xc = x + (size_t)c * n;
-        float *restrict yc       = y + (size_t)c * n;
-        const float g            = gain[c];
-#pragma omp simd
-        for (size_t i = 0; i < n; i++) yc[i] = g * xc[i];
-    }
+    return ((size_t)channel * (size_t)job->area.height + (size_t)y) * (size_t)job->area.width;
 }
 
-/* dy (3,n) -> dx (3,n), may be the same; dlog_gain (3) is overwritten: dL/da = sum dy y, since dy/da = y. */
-OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
-                                    double dlog_gain[3])
+SIMD_BODY void exposure_forward_body(const int fused, const struct exposure_job *job)
 {
-    for (int c = 0; c < 3; c++) {
-        const float *yc = y + (size_t)c * n, *dyc = dy + (size_t)c * n;
-        float       *dxc = dx + (size_t)c * n;
-        double       sum = 0;
-        for (size_t first = 0; first < n; first += EXPOSURE_BLOCK) {
-            const size_t end      = OXL_MIN(first + EXPOSURE_BLOCK, n);
-            float        lane[16] = {0};
-            double       block    = 0;
-            for (size_t i = first; i + 16 <= end; i += 16)
+    const int   width = job->area.width;
+    const float left = lamp_coordinate(job->area.x, job->area.full_width), step = 2 / (float)job->area.full_width;
+    for (int y = 0; y < job->area.height; y++) {
+        float *lamp = job->lamp_map + exposure_row(job, 0, y);
+        float  a[EXPOSURE_POWERS];
+        if (job->shape) lamp_row(job->shape, &job->area, y, a);
 #pragma omp simd
-                for (int l = 0; l < 16; l++) lane[l] += dyc[i + (size_t)l] * yc[i + (size_t)l];
-            for (size_t i = end - (end - first) % 16; i < end; i++) block += (double)dyc[i] * yc[i];
-            for (int l = 0; l < 16; l++) block += lane[l];
-            sum += block;
+        for (int i = 0; i < width; i++) {
+            const float x = left + step * (float)i;
+            lamp[i]       = job->shape ? real_exp(fused, a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4])))) : 1;
         }
+        for (int c = 0; c < 3; c++) {
+            const float *in   = job->x + exposure_row(job, c, y);
+            float       *out  = job->y + exposure_row(job, c, y);
+            const float  gain = job->gain[c];
 #pragma omp simd
-        for (size_t i = 0; i < n; i++) dxc[i] = gain[c] * dyc[i];
-        dlog_gain[c] = sum;
+            for (int i = 0; i < width; i++) out[i] = gain * in[i] * lamp[i];
+        }
     }
 }
+
+/* `count` pixels of a row: dx; and sums of dL/da: by channel, then over the channels times powers of x. dx may be dy. */
+SIMD_INLINE void exposure_lanes(const struct exposure_job *job, int y, int first, const int count, const int has_lamp,
+                                float sum[EXPOSURE_SUMS][PACK])
+{
+    const float *y0 = job->y + exposure_row(job, 0, y) + first, *y1 = job->y + exposure_row(job, 1, y) + first;
+    const float *y2 = job->y + exposure_row(job, 2, y) + first, *lamp = job->lamp_map + exposure_row(job, 0, y) + first;
+    const float *dy0 = job->dy + exposure_row(job, 0, y) + first, *dy1 = job->dy + exposure_row(job, 1, y) + first;
+    const float *dy2 = job->dy + exposure_row(job, 2, y) + first, red = job->gain[0], green = job->gain[1], blue = job->gain[2];
+    float       *dx0 = job->dx + exposure_row(job, 0, y) + first, *dx1 = job->dx + exposure_row(job, 1, y) + first;
+    float       *dx2  = job->dx + exposure_row(job, 2, y) + first;
+    const float  left = lamp_coordinate(job->area.x, job->area.full_width), step = 2 / (float)job->area.full_width;
+#pragma omp simd
+    for (int l = 0; l < count; l++) {
+        const float x  = left + step * (float)(first + l);
+        const float d0 = dy0[l] * y0[l], d1 = dy1[l] * y1[l], d2 = dy2[l] * y2[l];
+        float       d = d0 + d1 + d2;
+        sum[0][l] += d0, sum[1][l] += d1, sum[2][l] += d2;
+        for (int k = 0; k < EXPOSURE_POWERS && has_lamp; k++, d *= x) sum[3 + k][l] += d;
+        dx0[l] = red * dy0[l] * lamp[l], dx1[l] = green * dy1[l] * lamp[l], dx2[l] = blue * dy2[l] * lamp[l];
+    }
+}
+
+SIMD_INLINE void exposure_row_backward(const struct exposure_job *job, int y, const int has_lamp, double total[EXPOSURE_SUMS])
+{
+    const int width                    = job->area.width;
+    float     sum[EXPOSURE_SUMS][PACK] = {{0}};
+    int       first                    = 0;
+    for (; first + PACK <= width; first += PACK) exposure_lanes(job, y, first, PACK, has_lamp, sum);
+    exposure_lanes(job, y, first, width - first, has_lamp, sum);
+    for (int k = 0; k < EXPOSURE_SUMS; k++) {
+        total[k] = 0;
+        for (int l = 0; l < PACK; l++) total[k] += (double)sum[k][l];
+    }
+}
+
+SIMD_BODY void exposure_backward_body(const int fused, const struct exposure_job *job)
+{
+    (void)fused;
+    memset(job->dlog_gain, 0, 3 * sizeof *job->dlog_gain);
+    memset(job->dshape, 0, LAMP_TERMS * sizeof *job->dshape);
+    for (int y = 0; y < job->area.height; y++) {
+        double total[EXPOSURE_SUMS];
+        if (job->shape) exposure_row_backward(job, y, 1, total);
+        else exposure_row_backward(job, y, 0, total);
+        for (int c = 0; c < 3; c++) job->dlog_gain[c] += total[c];
+        if (job->shape) lamp_add_row(&job->area, y, total + 3, job->dshape);
+    }
+}
+
+SIMD_DISPATCH(OXL_INTERNAL, exposure_forward, struct exposure_job)
+SIMD_DISPATCH(OXL_INTERNAL, exposure_backward, struct exposure_job)

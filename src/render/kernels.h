@@ -260,6 +260,10 @@ struct lobe {
 #define SUM_YY     5
 #define SUM_RED    6 /* alpha T dL/dC, without g: colour, three channels */
 
+struct medium_pack { /* what the backward pass through water reads of the forward pass, by channel and row */
+    real range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
+};
+
 struct project_job {
     struct gaussians            in;
     const struct kernel_camera *kernel_camera;
@@ -267,7 +271,10 @@ struct project_job {
     struct splat               *splat;                /* (count) written for visible rows */
     struct lobe                *lobe;                 /* (lobes) written for visible rows */
     uint16_t                   *visible;              /* (packs) a bit a row */
+    const struct medium        *medium;               /* NULL: clear water, no falloff */
+    struct medium_pack         *medium_pack;          /* (packs) of the visible ones */
     /* backward only: */
+    double *medium_sum;             /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
     size_t           out_row;       /* of the model that is the first of `out` */
@@ -334,27 +341,10 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera,
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);       /* at least ALPHA_MIN */
 #endif
 
-/* ---------------------------------------------------------------- medium.c: water between the camera and the Gaussians */
+/* ---------------------------------------------------------------- medium.c: the water behind the last Gaussian */
 
 #ifndef OXL_REFERENCE
-struct medium_pack { /* what backward reads of forward, by channel and row */
-    float range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
-    float drange[PACK]; /* dL/dr / r */
-};
-struct medium_job {
-    const struct medium        *medium;
-    struct gaussians            in;
-    const struct kernel_camera *kernel_camera;
-    size_t                      first_pack, end_pack;
-    const uint16_t             *visible; /* (packs) */
-    struct splat               *splat;   /* (count) colours: with the medium after forward, without it after backward */
-    struct medium_pack         *pack;    /* (packs) of the visible rows */
-    real (*sums)[SPLAT_SUMS];            /* (slots, SPLAT_SUMS) */
-};
-OXL_INTERNAL void medium_forward(int isa, const struct medium_job *job);
-/* sum: of the rows; bD, bB, Binf by channel, then the falloff. */
-OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS]);
-OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out, size_t out_row);
+/* sum: adds those of Binf. */
 OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
                                        double sum[MEDIUM_SUMS]);
 #endif
@@ -365,6 +355,22 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
 /* Adds dL/d(opacity) to the sums (slots, SPLAT_SUMS) of raster_backward. */
 OXL_INTERNAL void depth_loss_backward(const struct bins *bins, const struct depth_point *point, int count, double weight,
                                       float (*sums)[SPLAT_SUMS]);
+#endif
+
+/* ---------------------------------------------------------------- exposure.c: gains on pixels */
+
+#ifndef OXL_REFERENCE
+struct exposure_job {
+    struct lamp_area area;
+    const float     *gain, *shape;       /* (3); (LAMP_TERMS) the lamp's, or NULL */
+    const float     *x;                  /* (3,H,W) rendered */
+    float           *y, *lamp_map;       /* (3,H,W) times the gains; (H,W) the lamp's: written by forward, read by backward */
+    const float     *dy;                 /* (3,H,W) backward only: dL/dy, */
+    float           *dx;                 /* (3,H,W) to dL/dx, may be the same, */
+    double          *dlog_gain, *dshape; /* (3), (LAMP_TERMS) and dL/d(log gain), dL/d(shape), overwritten */
+};
+OXL_INTERNAL void exposure_forward(int isa, const struct exposure_job *job);
+OXL_INTERNAL void exposure_backward(int isa, const struct exposure_job *job);
 #endif
 
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */

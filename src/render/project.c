@@ -12,6 +12,7 @@
  * Invariant: the backward pass is the exact gradient of the forward pass, clamps included: where a clamp holds, its gradient is 0.
  */
 #include "colour.h"
+#include "medium.h"
 
 /* ---------------------------------------------------------------- one lane: geometry */
 
@@ -278,6 +279,7 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
         if (!seen) continue;
         if (pack + 1 < job->end_pack) project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
         project_colour(&job->in, job->kernel_camera, first, &colour);
+        if (job->medium) medium_pack_forward(fused, job, pack, colour.value);
         for (int l = 0; l < PACK; l++)
             if (seen >> l & 1) project_store(job, first + l, l, &lanes, &colour);
         for (int l = 0; l < lobes; l++)
@@ -455,12 +457,14 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         const int                lobes = project_lobes(&job->in, first);
         struct project_gradients d;
         struct project_colour    colour;
+        real                     drange[PACK];
         if (!seen) continue;
         if (pack + 1 < job->end_pack && job->visible[pack + 1]) {
             project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
             project_prefetch(job->out.plane, job->in.sh_degree, to + PACK);
         }
         project_gather(job, first, seen, &d);
+        if (job->medium) medium_pack_backward(job, pack, d.sums + SUM_RED, drange);
         project_view_direction(&job->in, job->kernel_camera, first, &colour);
         memset(d.mean, 0, sizeof d.mean);
         project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.mean);
@@ -473,6 +477,7 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
 #pragma omp simd
             for (int l = 0; l < PACK; l++) project_lobe_lane_backward(fused, job, both, first + l, l, sums, &d);
         }
+        if (job->medium) medium_pack_centres(job, pack, drange, d.mean);
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < PACK; l++) job->out.plane[OXL_MEAN + axis][to + l] = seen >> l & 1 ? d.mean[axis][l] : 0;
     }

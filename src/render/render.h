@@ -48,7 +48,8 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
 
 /* Pruning score, with S = sum over pixels and channels of drgb (3,H,W) x the rendered image: adds to score[row] of each visible row
- * the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
+ * the sum over its pixels of (o dS/dalpha)^2. No loss is needed. A renderer that falls back to the CPU here (renderer_has_device) adds
+ * nothing: the view must be rendered again. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
 struct adam_params {
@@ -118,8 +119,10 @@ OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r
 
 OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
                                                struct renderer *r); /* marks all rows invisible in the last view */
-/* Results of the last view for row i; on a device, as of renderer_download_rows. */
-OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r);
+/* On a device: clears the rows that hold a value that is not finite, or that the last view made one of, as nonfinite.c does on the CPU. */
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *first,
+                                                 oxl_model *second, struct renderer_nonfinite *out);
+/* Results of the last view for row i, on the CPU. */
 OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
 OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
@@ -156,8 +159,8 @@ struct renderer_device {
     oxl_result (*move_rows)(void *device, const struct renderer_move *move, int *moved);
     oxl_result (*send_shape)(void *device, oxl_model *model, int reset_opacity);
     oxl_result (*clear_visible)(void *device);
-    /* Results of the last view, as in struct renderer: splats of visible rows, visibility bits, |dL/d(u,v)|. */
-    oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);
+    oxl_result (*clear_nonfinite)(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
+                                  struct renderer_nonfinite *out);
 };
 #ifdef OXL_VULKAN
 OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
@@ -193,16 +196,9 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
  * colours that are seen so those behind water and lamp. */
 OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model);
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
-/* From the next forward on; CPU only. */
-OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
-/* (10) of the last backward: by direct, scatter and veil, and by the falloff. */
+/* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
+OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
+/* (10) of the last backward, after the step that ends it: by direct, scatter and veil, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
-
-/* ---------------------------------------------------------------- exposure.c: gains on pixels */
-
-/* exposure.c: y = gain x, channel by channel; x, y (3,n). */
-OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n, float *y);
-OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
-                                    double dlog_gain[3]);
 
 #endif

@@ -11,6 +11,12 @@ oxl_render_options oxl_render_options_default(void)
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
+static oxl_result render_say_cpu(oxl_context *ctx, const char *why)
+{
+    oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 {
     oxl_result rc = backend_begin(ctx);
@@ -22,6 +28,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     if (ctx->vulkan) {
         (*out)->backend = vulkan_functions();
         rc              = (*out)->backend->create(ctx, &(*out)->device);
+        if (rc == OXL_ERR_MEMORY && ctx->options.backend == OXL_BACKEND_AUTO) rc = render_say_cpu(ctx, ctx->error);
     }
 #endif
     if (rc == OXL_OK) return rc;
@@ -152,13 +159,12 @@ OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct rendere
 {
     char why[160];
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
-    snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
+    snprintf(why, sizeof why, "%.159s", ctx->error);
     rc = render_download_target(ctx, r);
     if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     renderer_use_cpu(r);
-    oxl_log(ctx, OXL_LOG_WARNING, "%s: continuing on the CPU", why);
-    return OXL_OK;
+    return render_say_cpu(ctx, why);
 }
 
 /* ---------------------------------------------------------------- forward */
@@ -174,6 +180,11 @@ OXL_INTERNAL int64_t render_tasks(const struct renderer *r)
     return render_tasks_of(r->packs);
 }
 
+OXL_INTERNAL int render_has_medium(const struct renderer *r)
+{
+    return r->medium.on || r->medium.has_falloff;
+}
+
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task)
 {
     return (struct project_job){.in            = r->in,
@@ -183,6 +194,8 @@ OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t t
                                 .splat         = r->splat,
                                 .lobe          = r->lobe,
                                 .visible       = r->visible,
+                                .medium        = render_has_medium(r) ? &r->medium : NULL,
+                                .medium_pack   = r->medium_pack,
                                 .sums          = (const float(*)[SPLAT_SUMS])r->sums,
                                 .dmean2d       = r->dmean2d};
 }
@@ -196,7 +209,9 @@ static struct project_job render_context_job(struct renderer *r, int64_t task)
                                 .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs - r->packs),
                                 .splat         = r->splat + r->packs * PACK,
                                 .lobe          = r->lobe + r->in.lobes,
-                                .visible       = r->visible + r->packs};
+                                .visible       = r->visible + r->packs,
+                                .medium        = render_has_medium(r) ? &r->context_medium : NULL,
+                                .medium_pack   = r->medium_pack + r->packs};
 }
 
 OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step)
@@ -235,73 +250,27 @@ static void render_project(oxl_context *ctx, struct renderer *r)
     }
 }
 
-/* ---------------------------------------------------------------- the medium, between the stages */
+/* ---------------------------------------------------------------- the medium */
 
-OXL_INTERNAL int render_has_medium(const struct renderer *r)
+static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
-    return r->medium.on || r->medium.has_falloff;
-}
-
-OXL_INTERNAL struct medium_job render_medium_job(struct renderer *r, int64_t task)
-{
-    return (struct medium_job){.medium        = &r->medium,
-                               .in            = r->in,
-                               .kernel_camera = &r->kernel_camera,
-                               .first_pack    = (size_t)task * RENDER_TASK,
-                               .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->packs),
-                               .visible       = r->visible,
-                               .splat         = r->splat,
-                               .pack          = r->medium_pack,
-                               .sums          = r->sums};
-}
-
-/* The context's colours are as files have them: without a shift. */
-static struct medium_job render_context_medium_job(struct renderer *r, const struct medium *medium, int64_t task)
-{
-    const struct project_job job = render_context_job(r, task);
-    return (struct medium_job){.medium        = medium,
-                               .in            = job.in,
-                               .kernel_camera = &r->kernel_camera,
-                               .first_pack    = job.first_pack,
-                               .end_pack      = job.end_pack,
-                               .visible       = job.visible,
-                               .splat         = job.splat,
-                               .pack          = r->medium_pack + r->packs};
-}
-
-static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
-{
-    const int64_t own = render_tasks(r), tasks = own + render_tasks_of(r->bins.packs - r->packs);
-    struct medium unshifted = r->medium;
-    oxl_result    rc =
+    const size_t tasks = (size_t)render_tasks(r);
+    oxl_result   rc =
         oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
-    if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)own + 1, sizeof *r->medium_sum);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
-    unshifted.training_range = 0;
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int64_t task = 0; task < tasks; task++) {
-        const struct medium_job job =
-            task < own ? render_medium_job(r, task) : render_context_medium_job(r, &unshifted, task - own);
-        medium_forward(ctx->isa, &job);
-    }
+    r->context_medium                = r->medium;
+    r->context_medium.training_range = 0;
     if (r->medium.on) memcpy(r->background, r->medium.veil, sizeof r->background);
     return OXL_OK;
 }
 
-OXL_INTERNAL void render_medium_backward(oxl_context *ctx, struct renderer *r, const float *drgb)
+/* After the backward pass of all tasks: adds their sums to those of the background. */
+OXL_INTERNAL void render_add_medium_sums(struct renderer *r)
 {
-    const int64_t tasks = render_tasks(r);
-    (void)ctx; /* without OpenMP */
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int64_t task = 0; task < tasks; task++) {
-        const struct medium_job job = render_medium_job(r, task);
-        medium_backward(&job, r->medium_sum[task]);
-    }
-    memset(r->dmedium, 0, sizeof r->dmedium);
-    for (int64_t task = 0; task < tasks; task++)
+    if (!render_has_medium(r) || !r->medium_trains) return;
+    for (int64_t task = 0; task < render_tasks(r); task++)
         for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
-    if (r->medium.on) medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
 }
 
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
@@ -321,9 +290,10 @@ OXL_INTERNAL int renderer_has_device(const struct renderer *r)
     return r->device != NULL;
 }
 
-OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
+OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium, int trains)
 {
-    r->medium = medium ? *medium : (struct medium){0};
+    r->medium        = medium ? *medium : (struct medium){0};
+    r->medium_trains = trains;
 }
 
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r)
@@ -436,10 +406,10 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
         if (rc != OXL_OK || r->device) return rc;
     }
     rc = render_begin(ctx, r, model, camera, options);
+    if (rc == OXL_OK && render_has_medium(r)) rc = render_begin_medium(ctx, r);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
-    if (render_has_medium(r)) rc = render_medium(ctx, r);
-    if (rc == OXL_OK) rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
+    rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     return rc;
 }

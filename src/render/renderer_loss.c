@@ -59,48 +59,27 @@ static struct lamp_area render_lamp_area(const struct renderer *r)
     return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
 }
 
-/* y (3,n) times the lamp's gain, which lamp_map keeps. */
-static void render_lamp_forward(struct renderer *r, size_t pixels, float *y)
-{
-    const struct lamp_area area = render_lamp_area(r);
-    lamp_gain(r->lamp->shape, &area, r->lamp_map);
-    for (size_t c = 0; c < 3; c++)
-#pragma omp simd
-        for (size_t i = 0; i < pixels; i++) y[c * pixels + i] *= r->lamp_map[i];
-}
-
-/* dx (3,n): gain (3) times dL/dy -> dL/d(rendered image); y is after the lamp. */
-static void render_lamp_backward(struct renderer *r, const float gain[3], size_t pixels, const float *y, float *dx)
-{
-    const float            red = 1 / gain[0], green = 1 / gain[1], blue = 1 / gain[2];
-    const struct lamp_area area = render_lamp_area(r);
-#pragma omp simd
-    for (size_t i = 0; i < pixels; i++) {
-        const size_t g = i + pixels, b = i + 2 * pixels;
-        const float  slope = red * (dx[i] * y[i]) + green * (dx[g] * y[g]) + blue * (dx[b] * y[b]);
-        dx[i] *= r->lamp_map[i], dx[g] *= r->lamp_map[i], dx[b] *= r->lamp_map[i];
-        r->lamp_map[i] = slope;
-    }
-    lamp_project(r->lamp_map, &area, r->dlamp);
-}
-
 /* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the gradient uploaded. */
 static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                          float ssim_weight, double dlog_gain[3], struct loss_value *out)
 {
-    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *rendered = NULL;
-    oxl_result   rc = renderer_image(ctx, r, &rendered);
+    const size_t        pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const float         one[3] = {1, 1, 1}, *rendered = NULL;
+    struct exposure_job exposure = {.area      = render_lamp_area(r),
+                                    .gain      = r->has_gain ? r->gain : one,
+                                    .shape     = r->lamp ? r->lamp->shape : NULL,
+                                    .dlog_gain = dlog_gain,
+                                    .dshape    = r->dlamp};
+    oxl_result          rc       = renderer_image(ctx, r, &rendered);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
-    if (rc == OXL_OK && r->lamp) rc = oxl_reserve(ctx, (void **)&r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
     if (rc != OXL_OK) return rc;
-    exposure_forward(gain, rendered, pixels, r->exposed);
-    if (r->lamp) render_lamp_forward(r, pixels, r->exposed);
+    exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map, exposure.dy = exposure.dx = r->drgb;
+    exposure_forward(ctx->isa, &exposure);
     rc = loss_forward_backward(
         ctx, &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->exposed, rgb, weight, r->drgb},
         &r->loss, out);
-    if (rc == OXL_OK) exposure_backward(gain, r->exposed, r->drgb, pixels, r->drgb, dlog_gain);
-    if (rc == OXL_OK && r->lamp) render_lamp_backward(r, gain, pixels, r->exposed, r->drgb);
+    if (rc == OXL_OK) exposure_backward(ctx->isa, &exposure);
     return rc;
 }
 
@@ -144,16 +123,16 @@ OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_poi
 OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
                                           const struct gaussians *out, size_t out_row)
 {
-    struct project_job job = render_project_job(r, 0);
+    struct project_job job  = render_project_job(r, 0);
+    const size_t       task = first_pack / RENDER_TASK;
     job.first_pack = first_pack, job.end_pack = end_pack;
     job.out     = *out;
     job.out_row = out_row;
-    project_backward(ctx->isa, &job);
-    if (render_has_medium(r)) {
-        struct medium_job medium = render_medium_job(r, 0);
-        medium.first_pack = first_pack, medium.end_pack = end_pack;
-        medium_backward_centres(&medium, out, out_row);
+    if (job.medium && r->medium_trains) {
+        job.medium_sum = r->medium_sum[task];
+        if (first_pack % RENDER_TASK == 0) memset(job.medium_sum, 0, sizeof r->medium_sum[task]);
     }
+    project_backward(ctx->isa, &job);
 }
 
 static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
@@ -174,7 +153,10 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     depth_loss_backward(&r->bins, r->depth_point, r->depth_points, r->depth_weight, r->sums);
     r->depth_points = 0;
-    if (render_has_medium(r)) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
+    memset(r->dmedium, 0, sizeof r->dmedium);
+    if (r->medium.on && r->medium_trains)
+        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height,
+                             r->dmedium);
     r->unprojected = !gradient;
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
@@ -183,6 +165,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
         const size_t first = (size_t)task * RENDER_TASK;
         render_project_backward(ctx, r, first, OXL_MIN(first + RENDER_TASK, r->packs), &out, 0);
     }
+    render_add_medium_sums(r);
     return OXL_OK;
 }
 
@@ -197,7 +180,7 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
     oxl_result rc;
-    if (r->device) return r->backend->score(r->device, drgb, score);
+    if (r->device) return render_fall_back_to_cpu(ctx, r, r->backend->score(r->device, drgb, score));
     rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);

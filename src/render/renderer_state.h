@@ -31,9 +31,10 @@ struct renderer {
     uint16_t            *visible; /* (packs) */
     float               *dmean2d; /* (count) */
     float               *rgb, *drgb, *transmittance;
-    struct medium        medium;
-    struct medium_pack  *medium_pack;  /* (packs) with a medium */
-    double (*medium_sum)[MEDIUM_SUMS]; /* (tasks) */
+    struct medium        medium, context_medium; /* the context's colours are as files have them: without a shift */
+    int                  medium_trains;          /* 1: the backward pass computes dmedium, too */
+    struct medium_pack  *medium_pack;            /* (packs) with a medium */
+    double (*medium_sum)[MEDIUM_SUMS];           /* (tasks) with one that trains */
     double             dmedium[MEDIUM_SUMS];
     size_t             medium_pack_capacity, medium_sum_capacity;
     double             dropout; /* of renderer_set_dropout */
@@ -43,7 +44,7 @@ struct renderer {
     int                has_gain;
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
     float             *exposed;  /* (3,H,W) rgb times gain and lamp */
-    float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
+    float             *lamp_map; /* (H,W) the lamp's gain */
     double             dlamp[LAMP_TERMS];
     size_t             exposed_capacity, lamp_capacity;
     float             *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
@@ -70,8 +71,7 @@ OXL_INTERNAL size_t             render_packs(size_t count);
 OXL_INTERNAL int64_t            render_tasks(const struct renderer *r);
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task);
 OXL_INTERNAL int                render_has_medium(const struct renderer *r);
-OXL_INTERNAL struct medium_job  render_medium_job(struct renderer *r, int64_t task);
-OXL_INTERNAL void               render_medium_backward(oxl_context *ctx, struct renderer *r, const float *drgb);
+OXL_INTERNAL void               render_add_medium_sums(struct renderer *r);
 OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work);
 OXL_INTERNAL oxl_result         render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
 /* Of packs of the model; out_row: the row that is the first of `out`. */

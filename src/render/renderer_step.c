@@ -94,6 +94,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         skipped += here.rows;
         first_skipped = OXL_MIN(first_skipped, here.first);
     }
+    if (r->unprojected) render_add_medium_sums(r);
     r->unprojected = 0;
     *out           = (struct renderer_nonfinite){skipped, first_skipped, 0};
     return OXL_OK;
@@ -174,15 +175,11 @@ OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *first,
+                                                 oxl_model *second, struct renderer_nonfinite *out)
 {
-    const size_t rows = r->bins.packs * PACK;
-    oxl_result   rc;
-    if (!r->device) return OXL_OK;
-    rc = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
-    return rc == OXL_OK ? r->backend->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
+    (void)ctx;
+    return r->backend->clear_nonfinite(r->device, model, first, second, out);
 }
 
 OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row)

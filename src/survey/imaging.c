@@ -245,11 +245,6 @@ static void lamp_evaluate(float x, float out[LAMP_DEGREE + 1])
     }
 }
 
-static float lamp_coordinate(float at, int count)
-{
-    return (2 * at + 1) / (float)count - 1;
-}
-
 OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS])
 {
     float px[LAMP_DEGREE + 1], py[LAMP_DEGREE + 1];
@@ -266,36 +261,34 @@ OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float 
     return sum;
 }
 
+OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y, float a[LAMP_DEGREE + 1])
+{
+    float py[LAMP_DEGREE + 1];
+    lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
+    memset(a, 0, (LAMP_DEGREE + 1) * sizeof *a);
+    for (int t = 0; t < LAMP_TERMS; t++)
+        for (int k = 0; k <= LAMP_DEGREE; k++) a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
+}
+
+OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1], double sum[LAMP_TERMS])
+{
+    float py[LAMP_DEGREE + 1];
+    lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
+    for (int t = 0; t < LAMP_TERMS; t++)
+        for (int k = 0; k <= LAMP_DEGREE; k++)
+            sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
+}
+
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain)
 {
     for (int y = 0; y < area->height; y++) {
-        float py[LAMP_DEGREE + 1], a[LAMP_DEGREE + 1] = {0}; /* of this row: sum over k of a[k] x^k */
-        lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
-        for (int t = 0; t < LAMP_TERMS; t++)
-            for (int k = 0; k <= LAMP_DEGREE; k++) a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
+        float a[LAMP_DEGREE + 1];
+        lamp_row(shape, area, y, a);
         for (int i = 0; i < area->width; i++) {
             const float x = lamp_coordinate(area->x + (float)i, area->full_width);
             gain[(size_t)y * (size_t)area->width + (size_t)i] =
                 (float)vecmath_exp(a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4]))));
         }
-    }
-}
-
-OXL_INTERNAL void lamp_project(const float *by, const struct lamp_area *area, double sum[LAMP_TERMS])
-{
-    for (int t = 0; t < LAMP_TERMS; t++) sum[t] = 0;
-    for (int y = 0; y < area->height; y++) {
-        const float *row = by + (size_t)y * (size_t)area->width;
-        float        py[LAMP_DEGREE + 1];
-        double       power[LAMP_DEGREE + 1] = {0}; /* sum over the row of by x^k */
-        lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
-        for (int i = 0; i < area->width; i++) {
-            const double x = lamp_coordinate(area->x + (float)i, area->full_width), q = row[i];
-            power[0] += q, power[1] += q * x, power[2] += q * x * x, power[3] += q * x * x * x, power[4] += q * x * x * x * x;
-        }
-        for (int t = 0; t < LAMP_TERMS; t++)
-            for (int k = 0; k <= LAMP_DEGREE; k++)
-                sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
     }
 }
 

@@ -64,14 +64,21 @@ struct lamp_area {
     int   width, height, full_width, full_height;
     float x, y;
 };
+/* -1..1 over `count` pixels. */
+static inline float lamp_coordinate(float at, int count)
+{
+    return (2 * at + 1) / (float)count - 1;
+}
 /* gain (H,W): exp of the polynomial. */
-OXL_INTERNAL void               lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
-/* sum (14): of by (H,W) x each term. */
-OXL_INTERNAL void               lamp_project(const float *by, const struct lamp_area *area, double sum[LAMP_TERMS]);
+OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
+/* Row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */
+OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y, float a[LAMP_DEGREE + 1]);
+/* sum (14): adds each term x values of row y, by power[k], the sum of the values times x^k. */
+OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1], double sum[LAMP_TERMS]);
 /* One for each camera with LAMP_VIEWS training views, and the first for all others; flat. Their number. */
-OXL_INTERNAL int                imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
+OXL_INTERNAL int  imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
 /* Which of them is the view's; -1: none. */
-OXL_INTERNAL int                imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
+OXL_INTERNAL int  imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */

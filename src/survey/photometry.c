@@ -265,44 +265,74 @@ static void photometry_add(struct photometry_work *w, int row, int column, doubl
     w->normal[(size_t)row * PHOTOMETRY_PARAMETERS + (size_t)column] += value;
 }
 
+static double *photometry_row(struct photometry_work *w, int row)
+{
+    return w->normal + (size_t)row * PHOTOMETRY_PARAMETERS;
+}
+
+/* Derivatives of an observation or point by a channel's three parameters of the water, and by lamp terms from 3 on, in the order of the
+ * parameters from 9 on. */
+enum { PHOTOMETRY_SHARED = 3 + LAMP_MAX * LAMP_TERMS };
+
+/* A row of the normal equations: adds by x v, of `terms` lamp terms from `first` on. */
+static void photometry_add_terms(double *row, int first, int terms, double by, const double *v)
+{
+    double       *to   = row + 9 + first;
+    const double *from = v + 3 + first;
+    for (int t = 0; t < terms; t++) to[t] += by * from[t];
+}
+
+/* A row: subtracts what the point's colour takes, by x u / aa. */
+static void photometry_subtract(double *row, int c, int count, double by, const double *u, double aa)
+{
+    double *to = row + 6;
+    for (int j = 0; j < 3 && j < count; j++) row[3 * j + c] += -by * u[j] / aa;
+    for (int j = 3; j < count; j++) to[j] += -by * u[j] / aa;
+}
+
+static void photometry_eliminate(struct photometry_work *w, const struct photometry_sample *s, int c,
+                                 const struct photometry_point *p, const double *u, const double *gains, int shared)
+{
+    for (int i = 0; i < shared; i++) photometry_subtract(photometry_row(w, i < 3 ? 3 * i + c : 6 + i), c, i + 1, u[i], u, p->aa);
+    for (int k = 0; k < p->count; k++) {
+        const int own = w->gains + 3 * s[k].view + c;
+        photometry_subtract(photometry_row(w, own), c, shared, gains[k], u, p->aa);
+        for (int l = 0; l <= k; l++) photometry_add(w, own, w->gains + 3 * s[l].view + c, -gains[k] * gains[l] / p->aa);
+    }
+}
+
 static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p)
 {
-    enum { OWN = 3 + 2 * LAMP_TERMS, MOST = 3 + LAMP_MAX * LAMP_TERMS }; /* of an observation, of a point */
-    const int shared = 3 + w->lamps * LAMP_TERMS;
-    int       index[MOST];
-    double    u[MOST] = {0}, gains[PHOTOMETRY_TRACK];
-    for (int i = 0; i < shared; i++) index[i] = i < 3 ? 3 * i + c : 6 + i;
+    const int terms                = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0; /* those that are fixed need no equations */
+    const int shared               = 3 + terms * (w->apart ? w->lamps : 1);
+    double    u[PHOTOMETRY_SHARED] = {0}, gains[PHOTOMETRY_TRACK];
     if (!(p->aa > 0)) return;
     for (int k = 0; k < p->count; k++) {
         const double seen = p->a[k] * p->j + p->b[k], weight = p->weight[k];
-        const int    own = w->gains + 3 * s[k].view + c, count = s[k].lamp ? OWN : 3 + LAMP_TERMS;
-        int          at[OWN] = {0, 1, 2};
-        double       d[OWN];
+        const int    own = w->gains + 3 * s[k].view + c, lamp = w->apart ? LAMP_TERMS * s[k].lamp : 0;
+        double       d[PHOTOMETRY_SHARED], *gain              = photometry_row(w, own);
         d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
-        for (int i = 3; i < count; i++) { /* the common shape, the camera's own */
-            const int term = (i - 3) % LAMP_TERMS;
-            d[i]           = seen * (double)s[k].term[term];
-            at[i]          = 3 + term + (i < 3 + LAMP_TERMS ? 0 : LAMP_TERMS * s[k].lamp);
-        }
+        for (int t = 0; t < terms; t++) d[3 + t] = d[3 + lamp + t] = seen * (double)s[k].term[t];
         gains[k] = weight * p->a[k] * seen;
-        for (int i = 0; i < count; i++) {
-            const int row = index[at[i]];
-            u[at[i]] += weight * p->a[k] * d[i];
-            for (int j = 0; j <= i; j++) photometry_add(w, row, index[at[j]], weight * d[i] * d[j]);
-            photometry_add(w, own, row, weight * d[i] * seen);
-            w->right[row] += weight * d[i] * p->rest[k];
+        for (int part = 0; part < 3; part++) { /* water; the common shape; the camera's own */
+            const int first = part == 0 ? 0 : part == 1 ? 3 : 3 + lamp, end = part == 0 ? 3 : first + terms;
+            for (int i = first; i < end && (part < 2 || lamp > 0); i++) {
+                const double by  = weight * d[i];
+                const int    at  = i < 3 ? 3 * i + c : 6 + i;
+                double      *row = photometry_row(w, at);
+                for (int j = 0; j < 3 && j <= i; j++) row[3 * j + c] += by * d[j];
+                if (part > 0) photometry_add_terms(row, 0, part == 1 ? i - 2 : terms, by, d);
+                if (part > 1) photometry_add_terms(row, lamp, i - first + 1, by, d);
+                gain[at] += by * seen;
+                u[i] += weight * p->a[k] * d[i];
+                w->right[at] += by * p->rest[k];
+            }
         }
-        photometry_add(w, own, own, weight * seen * seen);
+        gain[own] += weight * seen * seen;
         w->right[own] += weight * seen * p->rest[k];
     }
-    for (int i = 0; i < shared; i++) { /* what J takes */
-        for (int j = 0; j <= i; j++) photometry_add(w, index[i], index[j], -u[i] * u[j] / p->aa);
-        for (int k = 0; k < p->count; k++) photometry_add(w, w->gains + 3 * s[k].view + c, index[i], -u[i] * gains[k] / p->aa);
-    }
-    for (int k = 0; k < p->count; k++)
-        for (int l = 0; l <= k; l++)
-            photometry_add(w, w->gains + 3 * s[k].view + c, w->gains + 3 * s[l].view + c, -gains[k] * gains[l] / p->aa);
+    photometry_eliminate(w, s, c, p, u, gains, shared);
 }
 
 static int photometry_is_free(const struct photometry_work *w, int index)

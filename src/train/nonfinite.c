@@ -12,7 +12,7 @@
  *
  * Invariant: trained models are finite, and all interventions are reported.
  */
-#include "train.h"
+#include "train_state.h"
 #include "../core/json.h"
 
 #include <stddef.h>
@@ -44,30 +44,29 @@ static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float 
     m->plane[OXL_OPACITY][row]  = opacity;
 }
 
-/* Clears rows that are not finite; returns their number, the first in *found. r: also rows that it could not render; NULL: none. */
-static size_t nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first, oxl_model *second, size_t *found)
+OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
+                                                       oxl_model *second)
 {
-    size_t rows = 0;
+    struct renderer_nonfinite out = {0, SIZE_MAX, 0};
     for (size_t i = 0; i < model->count; i++) {
         if (model_row_is_finite(model, i) && (!r || renderer_row_finite(r, i))) continue;
-        if (rows++ == 0) *found = i;
+        if (out.rows++ == 0) out.first = i;
         nonfinite_clear_row(model, i, 1, NONFINITE_OPACITY);
         nonfinite_clear_row(first, i, 0, 0);
         nonfinite_clear_row(second, i, 0, 0);
     }
-    return rows;
+    out.cleared = out.rows;
+    return out;
 }
 
-OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view, const struct renderer *r,
-                                    oxl_model *model, oxl_model *first, oxl_model *second)
+OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+                                    struct renderer_nonfinite cleared)
 {
-    size_t       found = 0;
-    const size_t rows  = nonfinite_clear(r, model, first, second, &found);
-    char         rows_text[64];
-    f->cleared += rows;
+    char rows_text[64];
+    f->cleared += cleared.rows;
     if (f->steps++ >= NONFINITE_NAMED) return;
-    nonfinite_name_rows(rows_text, found, rows);
-    if (rows)
+    nonfinite_name_rows(rows_text, cleared.first, cleared.rows);
+    if (cleared.rows)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite because of %s: cleared, the step is skipped", step,
                 view, rows_text);
     else oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite; the step is skipped", step, view);
@@ -76,10 +75,10 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
                                     struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second)
 {
-    size_t found = 0, cleared;
+    size_t cleared;
     char   rows_text[64];
     if (skipped.rows == 0) return;
-    cleared = model ? nonfinite_clear(NULL, model, first, second, &found) : skipped.cleared;
+    cleared = model ? nonfinite_clear(NULL, model, first, second).rows : skipped.cleared;
     nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (f->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",

@@ -152,8 +152,10 @@ static oxl_result prune_score_view(oxl_context *ctx, struct renderer *r, const o
                                    const oxl_render_options *options, struct prune_pass *pass, float *score)
 {
     oxl_result rc = renderer_forward(ctx, r, model, camera, options);
+    const int  on = renderer_has_device(r);
     memset(pass->one, 0, model->count * sizeof *pass->one);
     if (rc == OXL_OK) rc = renderer_score(ctx, r, pass->drgb, pass->one);
+    if (rc == OXL_OK && on && !renderer_has_device(r)) return prune_score_view(ctx, r, model, camera, options, pass, score);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {

@@ -73,12 +73,15 @@ static int step_loss_on_host(const struct train *t)
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
-    const struct training_image *image = NULL;
-    t->halved                          = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    const struct image_window   *window = step_window(t, view);
+    const struct training_image *image;
+    oxl_result                   rc = OXL_ERR_MEMORY;
+    t->halved                       = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     if (step_loss_on_host(t)) return step_load_image_on_host(t, view);
-    if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, scene_image_cache(t->scene), view)))
-        return t->ctx->failed;
-    return renderer_set_image(t->ctx, t->renderer, view, image, step_window(t, view), t->halved);
+    if (renderer_has_image(t->renderer, view)) rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
+    if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
+    image = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
+    return image ? renderer_set_image(t->ctx, t->renderer, view, image, window, t->halved) : t->ctx->failed;
 }
 
 /* The next views of the epoch that a device does not hold. */
@@ -158,7 +161,7 @@ static oxl_result step_forward_loss(struct train *t, int view, const float gain[
     const oxl_camera     camera      = step_camera(t, view);
     const struct imaging m           = step_imaging(t);
     oxl_result           rc;
-    renderer_set_medium(t->renderer, &m.medium);
+    renderer_set_medium(t->renderer, &m.medium, learns && !t->water.fixed);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
     if (learns)
         renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations, STEP_DROPOUT ^ t->ctx->options.seed,
@@ -184,11 +187,13 @@ OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct rend
 /* A loss that is not finite: the step is left out. */
 static oxl_result step_skip(struct train *t, int step, int view)
 {
-    oxl_result rc = renderer_download(t->ctx, t->renderer, DOWNLOAD_TO_CHANGE);
-    if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
+    struct renderer_nonfinite cleared;
+    oxl_result                rc = OXL_OK;
+    if (renderer_has_device(t->renderer))
+        rc = renderer_clear_nonfinite(t->ctx, t->renderer, t->model, &t->first, &t->second, &cleared);
+    else cleared = nonfinite_clear(t->renderer, t->model, &t->first, &t->second);
     if (rc != OXL_OK) return rc;
-    nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, t->renderer, t->model, &t->first,
-                      &t->second);
+    nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, cleared);
     return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
 }
 
@@ -249,14 +254,13 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     if (t->water.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
-    if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
-    if (lamp)
-        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
-                  t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
-    if (rc == OXL_OK) step_update_means(t, here, &loss, skipped);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
+    if (lamp) lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
+    step_update_means(t, here, &loss, skipped);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- deferred steps: the device works while the host goes on */

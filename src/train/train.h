@@ -6,12 +6,9 @@
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
-/* The loss of a view that the renderer drew last is not finite. */
-OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view, const struct renderer *r,
-                                    oxl_model *model, oxl_model *first, oxl_model *second);
-OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                    struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void       nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
+OXL_INTERNAL void       nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+                                          struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
 OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f,
                                       oxl_model *model); /* removes such Gaussians and logs the counts */
 OXL_INTERNAL void       nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);

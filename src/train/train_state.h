@@ -125,4 +125,13 @@ selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_
 OXL_INTERNAL void selection_end(struct train *t); /* after the last step: the decisions of others */
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 
+/* ---------------------------------------------------------------- nonfinite.c */
+
+/* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
+OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
+                                                       oxl_model *second);
+/* The loss of a view is not finite, and these rows were cleared. */
+OXL_INTERNAL void                      nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+                                                         struct renderer_nonfinite cleared);
+
 #endif

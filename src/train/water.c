@@ -1,4 +1,4 @@
-/* water.c - the nine parameters of the medium, optimised with the scene (render/medium.c has the model).
+/* water.c - the nine parameters of the medium, optimised with the scene (render/medium.h has the model).
  *
  * They are those that the colours of tracks give (survey/photometry.c), from the first step on, and are not trained: with the Gaussians'
  * colours free, the images alone do not hold attenuation (docs/WATER.md). The first Gaussians' colours are taken through the water once,

@@ -3,7 +3,8 @@
  * counterpart of src/render/adam.c: so a step neither writes nor reads a gradient of the whole model.
  *
  * A row of which a number or its gradient is not finite is not stepped, counted, and not seen from then on; one with such a number of its
- * own is cleared as in src/train/nonfinite.c. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
+ * own is cleared as in src/train/nonfinite.c. VARIANT 1, after a loss that is not finite, only clears: also rows that the view made such a
+ * number of. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
  */
 #version 450
 #include "common.glsl"
@@ -202,6 +203,23 @@ void clear_row(uint i, bool lobed)
 }
 #endif
 
+#if STEP
+/* sums_a, sums_b and sums_d are the splats. */
+void clear_nonfinite(uint i, uint row, bool lobed)
+{
+    bool good = row_holds_numbers(i, lobed);
+    if (seen[row] != 0u) {
+        for (uint k = 0u; k < 4u; k++) good = good && is_finite(sums_a[row][k]);
+        for (uint k = 0u; k < 3u; k++) good = good && (k > 1u || is_finite(sums_b[row][k])) && is_finite(sums_d[row][k]);
+    }
+    if (good) return;
+    atomicAdd(counts[NONFINITE], 1u);
+    atomicMin(counts[FIRST_NONFINITE], row);
+    atomicAdd(counts[CLEARED], 1u);
+    clear_row(i, lobed);
+}
+#endif
+
 struct LobeGradient {
     float opacity;
     vec3  log_scale;
@@ -223,7 +241,14 @@ bool row_is_finite(uint i, bool lobed, Pull p, float opacity, Light light, LobeG
 void main()
 {
     uint i = work_item(), row = push.first + i;
-    if (i >= push.count || seen[row] == 0u) return;
+    if (i >= push.count) return;
+#if STEP
+    if (VARIANT == 1u) {
+        clear_nonfinite(i, row, row < push.lobes);
+        return;
+    }
+#endif
+    if (seen[row] == 0u) return;
 #if STEP
     if (counts[HALT] != 0u) return;
 #endif

@@ -8,7 +8,7 @@ layout(std430, binding = 8) writeonly buffer Rgb { float rgb[]; }; /* (3,H,W) */
 void main()
 {
     uint tile = tile_index(), i = gl_LocalInvocationIndex;
-    if (tile >= view.tiles_x * view.tiles_y) return;
+    if (!tile_is_drawn(tile)) return;
     uvec2 in_tile = pixel_at(i), at = tile_at() + in_tile;
     bool  inside = at.x < view.width && at.y < view.height;
     float t      = inside ? 1.0 : -1.0;
@@ -23,7 +23,7 @@ void main()
         for (uint n = 0u; n < count; n++) {
             if (!touches(n, i >> 4) || t < 0.0) continue;
             Share p = share_of(n, vec2(in_tile), t);
-            light   = fma(vec3(p.weight), batch_light[n].rgb, light);
+            light   = fma(vec3(p.weight), light_of(n), light);
             t       = p.t;
         }
         alive_after(round, t);

@@ -11,18 +11,19 @@ layout(std430, binding = 4) readonly buffer SplatA { vec4 splat_a[]; };
 layout(std430, binding = 5) readonly buffer SplatB { vec4 splat_b[]; };
 layout(std430, binding = 6) readonly buffer SplatC { vec4 splat_c[]; };
 layout(std430, binding = 7) readonly buffer LobeA { vec4 lobe_a[]; };
-/* first: tile of the first workgroup, for images that are drawn in parts. depths: the colour is (depth, 1, 0) on black. */
-layout(push_constant) uniform Push { uint lobes, first, depths; } push;
+/* begin, end: a part of the image are the tiles whose first pair is in there. depths: the colour is (depth, 1, 0) on black. */
+layout(push_constant) uniform Push { uint lobes, begin, end, depths; } push;
 
-shared vec4 batch_shape[BATCH]; /* -a k -e peak */
-shared vec4 batch_place[BATCH]; /* u v from the tile's first pixel centre; blocks; 1: it has a second lobe */
-shared vec4 batch_light[BATCH]; /* colour; w: the pair's slot */
+/* Bits of numbers beside whole numbers: as floats, a device may flush or change the latter. */
+shared vec4  batch_shape[BATCH]; /* -a k -e peak */
+shared uvec4 batch_place[BATCH]; /* bits of u v from the tile's first pixel centre; blocks; 1: it has a second lobe */
+shared uvec4 batch_light[BATCH]; /* bits of the colour; w: the pair's slot */
 #if LOBED
 shared vec4 batch_lobe[BATCH];
 #endif
 shared uint alive[3];
 
-uint  tile_index() { return push.first + work_group(); }
+uint  tile_index() { return work_group(); }
 uvec2 tile_at() { return uvec2(tile_index() % view.tiles_x, tile_index() / view.tiles_x) * TILE; }
 
 uvec2 pixel_at(uint i)
@@ -40,8 +41,8 @@ void batch_load(uint first, uint end, uint n, uint lobes, bool depths)
     vec4  a = splat_a[pair.x], b = splat_b[pair.x], c = splat_c[pair.x];
     bool  lobed    = LOBED == 1 && pair.x < lobes;
     batch_shape[n] = vec4(-a.z, a.w, -b.x, b.y);
-    batch_place[n] = vec4(a.xy - (vec2(tile_at()) + 0.5), uintBitsToFloat(pair.y), lobed ? 1.0 : 0.0);
-    batch_light[n] = vec4(depths ? vec3(c.w, 1.0, 0.0) : c.rgb, uintBitsToFloat(slot));
+    batch_place[n] = uvec4(floatBitsToUint(a.xy - (vec2(tile_at()) + 0.5)), pair.y, uint(lobed));
+    batch_light[n] = uvec4(floatBitsToUint(depths ? vec3(c.w, 1.0, 0.0) : c.rgb), slot);
 #if LOBED
     if (lobed) {
         vec4 o        = lobe_a[pair.x];
@@ -49,6 +50,11 @@ void batch_load(uint first, uint end, uint n, uint lobes, bool depths)
     }
 #endif
 }
+
+vec2 place_of(uint n) { return uintBitsToFloat(batch_place[n].xy); }
+vec3 light_of(uint n) { return uintBitsToFloat(batch_light[n].rgb); }
+bool lobed_of(uint n) { return LOBED == 1 && batch_place[n].w != 0u; }
+bool touches(uint n, uint block) { return (batch_place[n].z >> block & 1u) != 0u; }
 
 float value_of(vec4 shape, vec2 place, float least, vec2 pixel)
 {
@@ -66,13 +72,13 @@ struct Share {
 Share share_of(uint n, vec2 pixel, float t)
 {
     Share p;
-    bool  lobed = LOBED == 1 && batch_place[n].w != 0.0;
-    p.value     = value_of(batch_shape[n], batch_place[n].xy, lobed ? -120.0 : -view.cut, pixel);
+    bool  lobed = lobed_of(n);
+    p.value     = value_of(batch_shape[n], place_of(n), lobed ? -120.0 : -view.cut, pixel);
     p.lobe      = 0.0;
     p.alpha     = p.value;
 #if LOBED
     if (lobed) {
-        p.lobe              = value_of(batch_lobe[n], batch_place[n].xy, -120.0, pixel);
+        p.lobe              = value_of(batch_lobe[n], place_of(n), -120.0, pixel);
         precise float alpha = p.value - p.lobe;
         float         room  = t < TRANSMITTANCE_MAX ? abs(alpha) : alpha;
         p.alpha             = room >= view.alpha_min ? alpha : 0.0;
@@ -85,7 +91,11 @@ Share share_of(uint n, vec2 pixel, float t)
     return p;
 }
 
-bool touches(uint n, uint block) { return (floatBitsToUint(batch_place[n].z) >> block & 1u) != 0u; }
+/* Whether the tile is in the image, and in the part of it that is drawn. */
+bool tile_is_drawn(uint tile)
+{
+    return tile < view.tiles_x * view.tiles_y && start[tile] >= push.begin && start[tile] < push.end;
+}
 
 /* Whether any pixel of the tile is unfinished, without additional barriers. In round r alive[r % 3] is read after the barrier behind the
  * loading of the batch; until the next barrier unfinished pixels set the next round's, and the one after is cleared. */

@@ -34,7 +34,7 @@ void differentiate(uint n, uint i, vec2 pixel, vec3 g, inout float t, inout floa
     float value = 0.0, lobe = 0.0, weight = 0.0;
     if (touches(n, i >> 4) && t > 0.0) {
         Share p     = share_of(n, pixel, t);
-        float light = dot(g, batch_light[n].rgb), rest = fma(-p.weight, light, behind);
+        float light = dot(g, light_of(n)), rest = fma(-p.weight, light, behind);
         if (LOBED == 1 || SCORE) {
             float slope = p.weight != 0.0 ? fma(p.t, light, -rest) / (1.0 - p.alpha) : 0.0;
             value       = p.value < ALPHA_MAX ? (SCORE ? slope : slope * p.value) : 0.0;
@@ -68,7 +68,8 @@ void add_up(uint i, uint count)
 {
     uint  n = i / EACH, j = i % EACH, to = n * SHARE + j;
     float s[9];
-    vec4  place = batch_place[n], shape = batch_shape[n];
+    vec2  place = place_of(n);
+    vec4  shape = batch_shape[n];
 #if LOBED
     float o[6];
     vec4  other = batch_lobe[n];
@@ -94,7 +95,7 @@ void add_up(uint i, uint count)
         s[7] = fma(c, gradient[256u + p], s[7]);
         s[8] = fma(c, gradient[512u + p], s[8]);
 #if LOBED
-        if (place.w != 0.0) {
+        if (lobed_of(n)) {
             float l = pool[(2u * BATCH + n) * ROW + p], v = fma(other.y, dy, pixel.x - place.x);
             o[0] += l;
             o[1] += l * v;
@@ -106,8 +107,8 @@ void add_up(uint i, uint count)
 #endif
     }
     /* The job of an invocation: sum k of splat m. Its slot is read before the last barrier: behind it the next batch is loaded. */
-    uint  m = i % BATCH, k = i / BATCH, slot = floatBitsToUint(batch_light[m].w);
-    bool  job = m < count, lobed = LOBED == 1 && batch_place[m].w != 0.0;
+    uint  m = i % BATCH, k = i / BATCH, slot = batch_light[m].w;
+    bool  job = m < count, lobed = lobed_of(m);
     float peak = SCORE ? own_exp2(batch_shape[m].w) : 0.0;
     barrier();
     for (uint q = 0u; q < (SCORE ? 1u : SUMS); q++) pool[q * BATCH * SHARE + to] = s[q];
@@ -149,7 +150,7 @@ void give_nothing(uint first, uint end, uint i)
 void main()
 {
     uint tile = tile_index(), i = gl_LocalInvocationIndex;
-    if (tile >= view.tiles_x * view.tiles_y) return;
+    if (!tile_is_drawn(tile)) return;
     uvec2 in_tile = pixel_at(i), at = tile_at() + in_tile;
     bool  inside = at.x < view.width && at.y < view.height;
     uint  plane = view.width * view.height, from = at.y * view.width + at.x, first = start[tile], end = start[tile + 1u];
