@@ -23,7 +23,7 @@
 #define LIVE_SECONDS  0.2  /* between two states of the live line */
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
-enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 1 << 20 };
+enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 4 << 20, ALLOCATION_TRIM = 32 << 20 };
 
 struct console {
     int    json;        /* standard error is JSON lines */
@@ -602,6 +602,7 @@ int main(int argc, char **argv)
     wait_passively(argv);
 #ifdef __GLIBC__
     mallopt(M_MMAP_THRESHOLD, ALLOCATION_MAPPED); /* larger ones return to the system when freed: --ram counts on that */
+    mallopt(M_TRIM_THRESHOLD, ALLOCATION_TRIM);
 #endif
 #ifdef SIGXFSZ
     signal(SIGXFSZ, SIG_IGN); /* past ulimit -f a write fails, as on a full disk */
