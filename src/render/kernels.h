@@ -144,6 +144,7 @@ SIMD_INLINE real real_log2(const int fused, real x)
     int32_t bits, exponent;
     float   m, p = 0.125837037f;
     memcpy(&bits, &x, sizeof bits);
+    bits &= 0x7FFFFFFF;                   /* compilers differ in the sign of NaN */
     exponent = (bits - 0x3F3504F3) >> 23; /* mantissa from sqrt(1/2) to sqrt(2) */
     bits -= exponent * (1 << 23);
     memcpy(&m, &bits, sizeof m);
