@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 #if defined(_OPENMP) && !defined(_WIN32)
 #include <unistd.h>
 #endif
@@ -20,7 +23,7 @@
 #define LIVE_SECONDS  0.2  /* between two states of the live line */
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
-enum { ALLOCATION_HEAD = 16 };
+enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 4 << 20, ALLOCATION_TRIM = 32 << 20 };
 
 struct console {
     int    json;        /* standard error is JSON lines */
@@ -597,6 +600,10 @@ int main(int argc, char **argv)
     if (a.completion) complete_print(stdout);
     if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
     wait_passively(argv);
+#ifdef __GLIBC__
+    mallopt(M_MMAP_THRESHOLD, ALLOCATION_MAPPED); /* larger ones return to the system when freed: --ram counts on that */
+    mallopt(M_TRIM_THRESHOLD, ALLOCATION_TRIM);
+#endif
 #ifdef SIGXFSZ
     signal(SIGXFSZ, SIG_IGN); /* past ulimit -f a write fails, as on a full disk */
 #endif

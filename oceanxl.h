@@ -367,33 +367,33 @@ OXL_API oxl_ucd    oxl_ucd_default(void);
 OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
 
 typedef struct oxl_train_options {
-    int        iterations;    /* one image each */
-    int        sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
-    int        max_gaussians; /* limit of their number; 0: one per 60 training pixels (PAPER.md) */
-    double     max_seconds;   /* stop after this time and write the model; 0: no limit */
-    float      background[3];
-    float      ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
+    int      iterations;    /* one image each */
+    int      sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
+    int      max_gaussians; /* limit of their number; 0: one per 60 training pixels (PAPER.md) */
+    double   max_seconds;   /* stop after this time and write the model; 0: no limit */
+    float    background[3];
+    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
-    float      coarse;    /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    float      dropout;   /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30
-                                    * training views and fewer than 5 images per point [Park 2025]; CPU only */
-    float      alpha_min; /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    float      sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
+    float    coarse;  /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
+    float    dropout; /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30 training
+                                    * views, fewer than 5 images per point and 60 steps per view [Park 2025]; CPU only */
+    float    alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
+    float    sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float      rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and rotations by h = (30 000 / n)^e and
      * those of SH degrees above 0 by sqrt(h), with e = short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
      * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by r^2 (at most 0.5)
      * and 1 - beta2 by r^-1.5 (docs/TRADEOFF.md). */
-    float      short_run_exponent;
-    float      cooldown; /* last share of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
+    float    short_run_exponent;
+    float    cooldown; /* last share of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control */
-    float      densify_from, densify_until; /* shares of the run */
-    int        densify_every;               /* steps */
-    float      densify_gradient;            /* threshold of |dL/d(mean)|, in units of half an image */
-    float      reset_opacity_every;         /* share of the run */
-    oxl_ucd    ucd;
-    oxl_keep   keep;
+    float    densify_from, densify_until; /* shares of the run */
+    int      densify_every;               /* steps */
+    float    densify_gradient;            /* threshold of |dL/d(mean)|, in units of half an image */
+    float    reset_opacity_every;         /* share of the run */
+    oxl_ucd  ucd;
+    oxl_keep keep;
     oxl_switch exposure; /* a log gain per channel and training image */
     oxl_switch lamp;     /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
     oxl_switch medium;   /* a water medium of nine parameters between camera and Gaussians; CPU only (docs/WATER.md) */

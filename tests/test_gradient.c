@@ -312,7 +312,7 @@ static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
     renderer_set_medium(renderer, &water, 1);
     CHECK_OK(renderer_forward(test_ctx, renderer, m, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
-    CHECK_OK(renderer_step(test_ctx, renderer, m, &gradient, &first, &second, &adam, &aside));
+    CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &first, &second, &adam, &aside));
     renderer_free(test_ctx, renderer);
     oxl_model_free(test_ctx, &first);
     oxl_model_free(test_ctx, &second);

@@ -30,7 +30,7 @@ TEST(budget_takes_the_cache_then_trials_then_gaussians)
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
     CHECK((size_t)o.train.max_gaussians == schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train));
     o = budget_test_options(3e9);
-    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)7.5e8);
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)3e8);
     CHECK(o.train.max_gaussians >= most);
     for (double ram = 2e9; ram > 2e8; ram *= 0.9) {
         o = budget_test_options(ram);
@@ -132,7 +132,7 @@ TEST(budget_thins_a_model_that_does_not_fit)
     const struct cost_load load = budget_test_load();
     oxl_job_options        o = budget_test_options(0), none = o;
     CHECK(budget_limit_gaussians(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
-    o.ram = (size_t)3e8;
+    o.ram = (size_t)2.3e8;
     CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_limit_gaussians(test_ctx, &load, &o) && o.train.max_gaussians > 0 &&
           (size_t)o.train.max_gaussians < load.points);

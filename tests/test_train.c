@@ -551,6 +551,11 @@ TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
     scene.stats.mean_track = 4.9;
     for (int i = 0; i < 11; i++) view[i].is_test = 1;
     CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.4, 0);
+    o.iterations = 45 * 29; /* 45 steps per view */
+    CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.2, 1e-12);
+    o.iterations = 30 * 29;
+    CHECK(schedule_dropout_rate(&o, &scene) == 0);
+    o.iterations           = 60 * 29;
     scene.stats.mean_track = 5;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
     scene.stats.mean_track = 0;

@@ -104,15 +104,17 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     struct renderer_nonfinite  aside;
     struct renderer_loss       loss;
     struct adam_params         adam = {.beta = RENDERER_BETAS};
+    oxl_model                  gradient;
     nonfinite_test_begin(&c, 3);
+    CHECK_OK(oxl_model_create(test_ctx, c.model.count, c.model.sh_degree, &gradient));
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
     adam.step = ++c.t.step;
     CHECK_OK(step_load_image(&c.t, 2));
     CHECK_OK(step_loss_of_view(&c.t, 2, &loss));
-    CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
-    c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
-    c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
-    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, &adam, &aside));
+    CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &gradient));
+    gradient.plane[OXL_ROTATION + 1][40] = NAN;
+    gradient.plane[OXL_SH + 2][41]       = -INFINITY;
+    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &gradient, &c.t.first, &c.t.second, &adam, &aside));
     CHECK(aside.rows == 2 && aside.first == 40 && !renderer_row_visible(c.t.renderer, 40) &&
           renderer_row_visible(c.t.renderer, 42));
     for (int k = 0; k < oxl_model_planes(&c.model); k++)
@@ -123,6 +125,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
                "step 4: in v02.png, Gaussian 40 and 1 more met a number that is not finite: the step is skipped, 0");
     CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && nonfinite_test_model_is_finite(&c.model) &&
           nonfinite_test_model_is_finite(&c.t.first));
+    oxl_model_free(test_ctx, &gradient);
     nonfinite_test_free(&c);
 }
 

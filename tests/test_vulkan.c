@@ -1835,7 +1835,6 @@ static void vulkan_check_kept_rows(oxl_context *device)
         CHECK_OK(model_set_lobes(device, &t[k].first, 60));
         CHECK_OK(model_set_lobes(device, &t[k].second, 60));
         for (int i = 0; i < 60; i++) model[k].plane[OXL_LOBE][i] = -1;
-        CHECK_OK(step_resize_gradient(&t[k]));
         bytes[k] = vulkan_prune_and_raise(&t[k], k, moment[k]);
     }
     CHECK(bytes[1] < bytes[0] / 2);

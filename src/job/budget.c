@@ -9,7 +9,7 @@
 #include "job.h"
 
 #define BUDGET_MARGIN 0.9  /* of the budget is planned with: the arithmetic is right within about 10 % */
-#define BUDGET_CACHE  0.25 /* of the budget at most goes to images */
+#define BUDGET_CACHE  0.1  /* of the budget at most goes to images: others are read from files (docs/SCALE.md) */
 #define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 

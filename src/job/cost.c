@@ -67,8 +67,8 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double cache  = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double depths = o->train.medium == OXL_OFF ? 0 : track_depth_bytes((double)load->observations, load->views);
-    const int    sets   = schedule_has_trials(&o->train) ? 10 : 4;
-    /* planes of 4 bytes: parameters, gradient, two moments; all but the gradient two more times during a trial */
+    const int    sets =
+        schedule_has_trials(&o->train) ? 9 : 3; /* planes of 4 bytes: parameters, two moments; three times in a trial */
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES + gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
            (double)load->observations * sizeof(struct colmap_track) + depths;

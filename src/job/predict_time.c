@@ -28,9 +28,9 @@ struct time_probe {
     const oxl_scene   *scene;
     oxl_render_options render;
     struct renderer   *renderer;
-    oxl_model          first, second, gradient; /* the shape of the model that is timed */
-    float             *target;                  /* (3,H,W) of the largest view: grey */
-    int                steps;                   /* timed of each model */
+    oxl_model          first, second; /* the shape of the model that is timed */
+    float             *target;        /* (3,H,W) of the largest view: grey */
+    int                steps;         /* timed of each model */
 };
 
 static oxl_result predict_time_target(struct time_probe *r)
@@ -54,7 +54,7 @@ static oxl_result predict_time_step(struct time_probe *r, oxl_model *model, cons
     oxl_result                rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
     if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
     if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, NULL);
-    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &skipped);
+    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, NULL, &r->first, &r->second, &still, &skipped);
     return rc;
 }
 
@@ -69,7 +69,6 @@ static void predict_time_end_model(struct time_probe *r)
 {
     oxl_model_free(r->ctx, &r->first);
     oxl_model_free(r->ctx, &r->second);
-    oxl_model_free(r->ctx, &r->gradient);
 }
 
 /* Median seconds of a step of the model; halved: at half the images' sides. */
@@ -79,7 +78,6 @@ static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int
     int        steps = 0;
     oxl_result rc    = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->first);
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->second);
-    if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->gradient);
     for (int k = 0; rc == OXL_OK && steps < r->steps && spent < PREDICT_TIME_SECONDS; k++) {
         const oxl_camera *whole   = predict_time_camera(r, k);
         const oxl_camera  camera  = halved ? camera_halve(whole) : *whole;

@@ -33,7 +33,7 @@ SIMD_INLINE unsigned adam_finite(const struct adam_job *job, int planes, size_t 
     real     sum[PACK] = {0};
     unsigned finite    = 0;
     for (int k = 0; k < planes; k++) {
-        const real *g = job->gradient[k] + at, *p = job->parameter[k] + at;
+        const real *g = job->gradient[k] + (at - job->gradient_row), *p = job->parameter[k] + at;
 #pragma omp simd
         for (int l = 0; l < PACK; l++) sum[l] += 0 * g[l] + 0 * p[l];
     }
@@ -46,7 +46,7 @@ SIMD_INLINE void adam_prefetch(const struct adam_job *job, int planes, size_t at
 {
     for (int k = 0; k < planes; k++) {
         simd_prefetch(job->parameter[k] + at);
-        simd_prefetch(job->gradient[k] + at);
+        simd_prefetch(job->gradient[k] + (at - job->gradient_row));
         simd_prefetch(job->first[k] + at);
         simd_prefetch(job->second[k] + at);
     }
@@ -64,7 +64,7 @@ SIMD_BODY void adam_step_body(const int fused, const struct adam_job *job)
         job->visible[pack] = (uint16_t)seen;
         for (int k = 0; k < planes; k++)
             adam_pack(fused, job, seen, job->rate[k], job->parameter[k] + at, job->first[k] + at, job->second[k] + at,
-                      job->gradient[k] + at);
+                      job->gradient[k] + (at - job->gradient_row));
     }
 }
 

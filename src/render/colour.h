@@ -142,13 +142,14 @@ SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_
 SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t first, const struct project_colour *c,
                                          real dcolour[3][PACK], real dmean[3][PACK])
 {
-    const int degree = job->in.sh_degree, bands = (degree + 1) * (degree + 1);
-    real      v[16][PACK], dx[PACK], dy[PACK], dz[PACK];
+    const int    degree = job->in.sh_degree, bands = (degree + 1) * (degree + 1);
+    const size_t to = first - job->out_row;
+    real         v[16][PACK], dx[PACK], dy[PACK], dz[PACK];
     for (int k = 0; k < bands; k++) {
         const real *sh[3]  = {job->in.plane[OXL_SH + 3 * k] + first, job->in.plane[OXL_SH + 3 * k + 1] + first,
                               job->in.plane[OXL_SH + 3 * k + 2] + first};
-        real       *out[3] = {job->out.plane[OXL_SH + 3 * k] + first, job->out.plane[OXL_SH + 3 * k + 1] + first,
-                              job->out.plane[OXL_SH + 3 * k + 2] + first};
+        real       *out[3] = {job->out.plane[OXL_SH + 3 * k] + to, job->out.plane[OXL_SH + 3 * k + 1] + to,
+                              job->out.plane[OXL_SH + 3 * k + 2] + to};
         const real *basis  = c->basis[k];
 #pragma omp simd
         for (int l = 0; l < PACK; l++) {

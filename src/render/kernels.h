@@ -278,6 +278,7 @@ struct project_job {
     double *medium_sum;             /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
+    size_t           out_row;       /* of the model that is the first of `out` */
     real            *dmean2d;       /* (count) |dL/d(u,v)| in units of half an image, for visible rows */
 };
 OXL_INTERNAL void project_forward(int isa, const struct project_job *job);
@@ -404,6 +405,7 @@ struct adam_job {
     size_t      lobe_packs;
     real       *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
     const real *gradient[OXL_PLANES];
+    size_t      gradient_row;       /* of the model that is the first of `gradient` */
     real        rate[OXL_PLANES];   /* including the bias correction of the first moment */
     real        beta1, beta2;       /* decay of the two moments per step */
     real        inverse_correction; /* 1 / sqrt(1 - beta2^t) */

@@ -400,6 +400,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
                                        struct project_gradients *d)
 {
     const struct kernel_camera   *kernel_camera = job->kernel_camera;
+    const size_t                  to            = i - job->out_row;
     int                           in_front;
     const struct project_geometry g    = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, without cancellation */
@@ -407,15 +408,15 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     const int                              ok = seen >> l & 1;
     d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
     d->u[l] = p.u, d->v[l] = p.v;
-    job->out.plane[OXL_LOG_SCALE][i]     = ok ? p.log_scale.x : 0;
-    job->out.plane[OXL_LOG_SCALE + 1][i] = ok ? p.log_scale.y : 0;
-    job->out.plane[OXL_LOG_SCALE + 2][i] = ok ? p.log_scale.z : 0;
-    job->out.plane[OXL_ROTATION][i]      = ok ? p.q[0] : 0;
-    job->out.plane[OXL_ROTATION + 1][i]  = ok ? p.q[1] : 0;
-    job->out.plane[OXL_ROTATION + 2][i]  = ok ? p.q[2] : 0;
-    job->out.plane[OXL_ROTATION + 3][i]  = ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][i]       = ok ? d->sums[SUM_G][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
-    job->dmean2d[i]                      = ok ? project_length(kernel_camera, p.u, p.v) : 0;
+    job->out.plane[OXL_LOG_SCALE][to]     = ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][to] = ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][to] = ok ? p.log_scale.z : 0;
+    job->out.plane[OXL_ROTATION][to]      = ok ? p.q[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][to]  = ok ? p.q[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][to]  = ok ? p.q[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][to]  = ok ? p.q[3] : 0;
+    job->out.plane[OXL_OPACITY][to]       = ok ? d->sums[SUM_G][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->dmean2d[i]                       = ok ? project_length(kernel_camera, p.u, p.v) : 0;
 }
 
 /* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
@@ -424,6 +425,7 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {
     const struct kernel_camera            *kernel_camera = job->kernel_camera;
+    const size_t                           to            = i - job->out_row;
     int                                    in_front;
     const struct project_geometry          g           = project_lobe_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                             rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
@@ -432,25 +434,25 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     const real                             pull        = sums[SUM_G][l];
     const int                              ok          = seen >> l & 1; /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
-    job->out.plane[OXL_LOG_SCALE][i] += ok ? p.log_scale.x : 0;
-    job->out.plane[OXL_LOG_SCALE + 1][i] += ok ? p.log_scale.y : 0;
-    job->out.plane[OXL_LOG_SCALE + 2][i] += ok ? p.log_scale.z : 0;
-    job->out.plane[OXL_ROTATION][i] += ok ? p.q[0] : 0;
-    job->out.plane[OXL_ROTATION + 1][i] += ok ? p.q[1] : 0;
-    job->out.plane[OXL_ROTATION + 2][i] += ok ? p.q[2] : 0;
-    job->out.plane[OXL_ROTATION + 3][i] += ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][i] += ok ? pull * rest : 0;
-    job->out.plane[OXL_LOBE][i]     = ok ? pull * rest_factor : 0;
-    job->out.plane[OXL_LOBE + 1][i] = ok ? p.log_scale.x : 0;
-    job->out.plane[OXL_LOBE + 2][i] = ok ? p.log_scale.y : 0;
-    job->out.plane[OXL_LOBE + 3][i] = ok ? p.log_scale.z : 0;
-    job->dmean2d[i]                 = ok ? project_length(kernel_camera, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
+    job->out.plane[OXL_LOG_SCALE][to] += ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][to] += ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][to] += ok ? p.log_scale.z : 0;
+    job->out.plane[OXL_ROTATION][to] += ok ? p.q[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][to] += ok ? p.q[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][to] += ok ? p.q[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][to] += ok ? p.q[3] : 0;
+    job->out.plane[OXL_OPACITY][to] += ok ? pull * rest : 0;
+    job->out.plane[OXL_LOBE][to]     = ok ? pull * rest_factor : 0;
+    job->out.plane[OXL_LOBE + 1][to] = ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOBE + 2][to] = ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOBE + 3][to] = ok ? p.log_scale.z : 0;
+    job->dmean2d[i]                  = ok ? project_length(kernel_camera, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
 }
 
 SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)
 {
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
-        const size_t             first = pack * PACK;
+        const size_t             first = pack * PACK, to = first - job->out_row;
         const unsigned           seen  = job->visible[pack];
         const int                lobes = project_lobes(&job->in, first);
         struct project_gradients d;
@@ -459,7 +461,7 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         if (!seen) continue;
         if (pack + 1 < job->end_pack && job->visible[pack + 1]) {
             project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
-            project_prefetch(job->out.plane, job->in.sh_degree, first + PACK);
+            project_prefetch(job->out.plane, job->in.sh_degree, to + PACK);
         }
         project_gather(job, first, seen, &d);
         if (job->medium) medium_pack_backward(job, pack, d.sums + SUM_RED, drange);
@@ -477,7 +479,7 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         }
         if (job->medium) medium_pack_centres(job, pack, drange, d.mean);
         for (int axis = 0; axis < 3; axis++)
-            for (int l = 0; l < PACK; l++) job->out.plane[OXL_MEAN + axis][first + l] = seen >> l & 1 ? d.mean[axis][l] : 0;
+            for (int l = 0; l < PACK; l++) job->out.plane[OXL_MEAN + axis][to + l] = seen >> l & 1 ? d.mean[axis][l] : 0;
     }
 }
 

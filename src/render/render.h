@@ -43,7 +43,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
 
 /* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
  * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. NULL: renderer_step ends this pass, a
- * task of rows at a time, and finds their gradients in the cache. */
+ * few rows at a time, so that their gradients stay in the cache and need no memory. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
 
@@ -66,8 +66,8 @@ struct renderer_nonfinite {
     size_t cleared;     /* of them, on a device: those that held such a value, as nonfinite.c clears them */
 };
 /* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
- * invisible from then on. */
-OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *gradient,
+ * invisible from then on. gradient: as renderer_backward gave it; NULL if it gave none. */
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out);
 

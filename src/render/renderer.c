@@ -59,6 +59,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
     oxl_free(ctx, r->tile_range);
+    oxl_model_free(ctx, &r->part);
     oxl_free(ctx, r);
 }
 

@@ -120,13 +120,17 @@ OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_poi
     r->depth_weight = weight;
 }
 
-OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out)
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
+                                          const struct gaussians *out, size_t out_row)
 {
-    struct project_job job = render_project_job(r, task);
-    job.out                = *out;
+    struct project_job job  = render_project_job(r, 0);
+    const size_t       task = first_pack / RENDER_TASK;
+    job.first_pack = first_pack, job.end_pack = end_pack;
+    job.out     = *out;
+    job.out_row = out_row;
     if (job.medium && r->medium_trains) {
         job.medium_sum = r->medium_sum[task];
-        memset(job.medium_sum, 0, sizeof r->medium_sum[task]);
+        if (first_pack % RENDER_TASK == 0) memset(job.medium_sum, 0, sizeof r->medium_sum[task]);
     }
     project_backward(ctx->isa, &job);
 }
@@ -157,7 +161,10 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int64_t task = 0; task < tasks; task++) render_project_backward(ctx, r, task, &out);
+    for (int64_t task = 0; task < tasks; task++) {
+        const size_t first = (size_t)task * RENDER_TASK;
+        render_project_backward(ctx, r, first, OXL_MIN(first + RENDER_TASK, r->packs), &out, 0);
+    }
     render_add_medium_sums(r);
     return OXL_OK;
 }

@@ -5,6 +5,7 @@
 #include "../core/vecmath.h"
 
 #define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
+#define RENDER_STEP_PART 8  /* packs whose gradients a thread holds in a step: in its first-level cache */
 #define RENDER_TILE_COST 16 /* cost of an empty tile, in pairs */
 
 /* Consecutive tiles that a thread starts with. */
@@ -51,7 +52,8 @@ struct renderer {
     struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
     int                depth_points;
     double             depth_weight;
-    int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on */
+    int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on, */
+    oxl_model          part;        /* (threads * RENDER_STEP_PART * PACK rows) with these gradients */
     float (*sums)[SPLAT_SUMS];
     float                    *score; /* (slots) */
     struct bins               bins;
@@ -72,6 +74,8 @@ OXL_INTERNAL int                render_has_medium(const struct renderer *r);
 OXL_INTERNAL void               render_add_medium_sums(struct renderer *r);
 OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work);
 OXL_INTERNAL oxl_result         render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
-OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out);
+/* Of packs of the model; out_row: the row that is the first of `out`. */
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
+                                          const struct gaussians *out, size_t out_row);
 
 #endif

@@ -2,9 +2,10 @@
 #include "renderer_state.h"
 
 struct render_step {
-    oxl_model   *model, *first, *second, *gradient;
-    const float *rates;
-    double       correction; /* of the first moment's bias */
+    oxl_model       *model, *first, *second;
+    const oxl_model *gradient; /* of all rows, or r->part */
+    const float     *rates;
+    double           correction; /* of the first moment's bias */
 };
 
 /* Assigns the model's planes from first_plane on to those of the job from `at` on. */
@@ -29,12 +30,41 @@ static void render_count_nonfinite(unsigned before, unsigned after, size_t pack,
         }
 }
 
-OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *gradient,
+/* Room for the gradients of the packs that the threads step at a time. */
+static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
+{
+    const size_t rows   = (size_t)ctx->threads * RENDER_STEP_PART * PACK;
+    const int    degree = r->in.sh_degree, lobes = r->in.lobes > 0;
+    oxl_result   rc;
+    if (r->part.count == rows && r->part.sh_degree == degree && (!lobes || r->part.lobes == rows)) return OXL_OK;
+    oxl_model_free(ctx, &r->part);
+    rc = oxl_model_create(ctx, rows, degree, &r->part);
+    return rc == OXL_OK && lobes ? model_set_lobes(ctx, &r->part, rows) : rc;
+}
+
+/* The packs of a job, whose gradient is complete or, if unprojected, is completed here. */
+static void render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part, struct adam_job *job,
+                              struct renderer_nonfinite *out)
+{
+    uint16_t     seen[RENDER_STEP_PART];
+    const size_t first = job->first_pack, thread = (size_t)context_thread();
+    if (r->unprojected) {
+        job->gradient_row = (first - thread * RENDER_STEP_PART) * PACK;
+        render_project_backward(ctx, r, first, job->end_pack, part, job->gradient_row);
+    }
+    memcpy(seen, r->visible + first, (job->end_pack - first) * sizeof *seen);
+    adam_step(ctx->isa, job);
+    for (size_t pack = first; pack < job->end_pack; pack++)
+        render_count_nonfinite(seen[pack - first], r->visible[pack], pack, out);
+}
+
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out)
 {
-    const struct render_step s       = {model,    first,      second,
-                                        gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
+    const struct render_step s       = {model,      first,
+                                        second,     r->unprojected ? &r->part : gradient,
+                                        adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
     const int64_t            tasks   = render_tasks(r);
     size_t                   skipped = 0, first_skipped = SIZE_MAX;
     struct adam_job          rows = {.visible            = r->visible,
@@ -42,27 +72,25 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                      .beta2              = (float)adam->beta[1],
                                      .lobe_packs         = render_packs(r->in.lobes),
                                      .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
-    struct gaussians         pulled;
+    struct gaussians         part;
     oxl_result               rc;
     if (r->device) return r->backend->step(r->device, model, first, second, adam, out);
-    rc = r->unprojected ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
+    rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
-    pulled           = render_gaussians(gradient, r->in.sh_degree);
+    part             = render_gaussians(&r->part, r->in.sh_degree);
     rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);
     render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
-        struct adam_job           job  = rows;
+        const size_t              begin = (size_t)task * RENDER_TASK, end = OXL_MIN(begin + RENDER_TASK, r->packs);
         struct renderer_nonfinite here = {0, SIZE_MAX, 0};
-        uint16_t                  seen[RENDER_TASK];
-        job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->packs);
-        if (r->unprojected) render_project_backward(ctx, r, task, &pulled);
-        memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
-        adam_step(ctx->isa, &job);
-        for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
-            render_count_nonfinite(seen[pack - job.first_pack], r->visible[pack], pack, &here);
+        struct adam_job           job  = rows;
+        for (job.first_pack = begin; job.first_pack < end; job.first_pack += RENDER_STEP_PART) {
+            job.end_pack = OXL_MIN(job.first_pack + RENDER_STEP_PART, end);
+            render_step_packs(ctx, r, &part, &job, &here);
+        }
         skipped += here.rows;
         first_skipped = OXL_MIN(first_skipped, here.first);
     }

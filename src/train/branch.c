@@ -48,7 +48,7 @@ OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
     OXL_SWAP(struct water, t->water, b->water);
     OXL_SWAP(struct lamp_fit, t->lamp, b->lamp);
     OXL_SWAP(struct ucd, t->ucd, b->ucd);
-    return step_resize_gradient(t);
+    return OXL_OK;
 }
 
 /* Copies `start` to t, and the former state of t to `other`. */

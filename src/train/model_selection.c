@@ -156,7 +156,7 @@ static oxl_result selection_set_degree(struct train *t, int degree)
     oxl_model *all[3] = {t->model, &t->first, &t->second};
     oxl_result rc     = step_download(t, DOWNLOAD_TO_CHANGE);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
-    return rc == OXL_OK ? step_resize_gradient(t) : rc;
+    return rc;
 }
 
 static void selection_record_sh_degree(struct train *t, int most, const double psnr[4])
@@ -235,7 +235,6 @@ static oxl_result selection_assign_lobes(struct train *t)
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
     if (given > 0)
         rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
-    if (rc == OXL_OK && given > 0) rc = step_resize_gradient(t);
 done:
     oxl_free(t->ctx, active);
     return rc;
@@ -434,8 +433,8 @@ OXL_INTERNAL void selection_end(struct train *t)
     selection_record(t, "ucd", chosen, why);
     free_space_describe(&t->free_space, why, sizeof why);
     selection_record(t, "carve", t->free_space.view ? "on" : "off", why);
-    snprintf(why, sizeof why, "%d training views, %.1f images per point", schedule_training_views(t->scene),
-             scene_stats_of(t->scene)->mean_track);
+    snprintf(why, sizeof why, "%d training views of %.0f steps, %.1f images per point", schedule_training_views(t->scene),
+             (double)o->iterations / OXL_MAX(schedule_training_views(t->scene), 1), scene_stats_of(t->scene)->mean_track);
     selection_record(t, "dropout", NUMBER(t->dropout), o->dropout < 0 ? why : "as set");
     prune_describe(&t->prune, why, sizeof why);
     snprintf(chosen, sizeof chosen, "%zu", t->model->count);

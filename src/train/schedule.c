@@ -20,6 +20,7 @@
 #define SCHEDULE_DROPOUT_AUTO         0.4 /* TRADEOFF.md */
 #define SCHEDULE_DROPOUT_IMAGES       5   /* that see a point, on average; with more, dropout costs detail, */
 #define SCHEDULE_DROPOUT_VIEWS        30  /* and with more training views */
+#define SCHEDULE_DROPOUT_EPOCHS       30  /* a run of so many has none; of twice as many, all of it */
 #define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
 #define SCHEDULE_COOLDOWN_END         0.1 /* factor on the learning rates at the end of a run */
 
@@ -73,9 +74,11 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_scene *scene)
 {
     const double images = scene_stats_of(scene)->mean_track;
+    const int    views  = schedule_training_views(scene);
+    const double epochs = (double)o->iterations / OXL_MAX(views, 1);
     if (o->dropout >= 0) return o->dropout;
-    if (images <= 0 || images >= SCHEDULE_DROPOUT_IMAGES || schedule_training_views(scene) >= SCHEDULE_DROPOUT_VIEWS) return 0;
-    return SCHEDULE_DROPOUT_AUTO;
+    if (images <= 0 || images >= SCHEDULE_DROPOUT_IMAGES || views >= SCHEDULE_DROPOUT_VIEWS) return 0;
+    return SCHEDULE_DROPOUT_AUTO * OXL_CLAMP(epochs / SCHEDULE_DROPOUT_EPOCHS - 1, 0, 1);
 }
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)

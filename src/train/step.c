@@ -255,7 +255,7 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
-    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
+    rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
     if (lamp) lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
@@ -341,10 +341,10 @@ static oxl_result step_record(struct train *t, const struct train_deferred *here
     oxl_result                rc;
     t->render.alpha_min = schedule_alpha_min(t);
     rc                  = step_forward_loss(t, here->view, here->gain, 1, &loss);
-    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
-    return renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
+    return renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
 }
 
 /* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
@@ -374,14 +374,6 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     here = step_begin(t, view);
     if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here);
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
-}
-
-OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
-{
-    oxl_result rc;
-    oxl_model_free(t->ctx, &t->gradient);
-    rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
-    return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
 }
 
 /* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this degree. */
@@ -422,7 +414,6 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, NULL, t->model->sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, t->model, &t->first, &t->second, &change, moved);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
-    if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
                       t->step);
@@ -449,7 +440,6 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
         model_keep_rows(&t->first, keep);
         model_keep_rows(&t->second, keep);
         density_keep_rows(t->density, keep, count);
-        rc = step_resize_gradient(t);
     }
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     oxl_free(t->ctx, keep);
@@ -484,7 +474,7 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
-    return rc == OXL_OK ? step_resize_gradient(t) : rc;
+    return rc;
 }
 
 OXL_INTERNAL double step_seconds(const struct train *t)

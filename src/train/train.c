@@ -142,7 +142,6 @@ static oxl_result train_begin(struct train *t)
     t->render.near_plane = (float)scene_near_plane(t->scene);
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
     rc = train_begin_moments(t);
-    if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->output ? t->output->context : NULL);
     if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
@@ -170,7 +169,6 @@ static void train_end(struct train *t)
     oxl_context *ctx = t->ctx;
     oxl_model_free(ctx, &t->first);
     oxl_model_free(ctx, &t->second);
-    oxl_model_free(ctx, &t->gradient);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
     transients_free(ctx, &t->transients);
@@ -200,7 +198,7 @@ static int train_are_nonnegative(const oxl_model *second)
     return 1;
 }
 
-/* All state that later steps depend on; the gradient is computed in each step. */
+/* All state that later steps depend on. */
 static void train_archive(struct archive *a, void *user)
 {
     struct train *t     = user;
@@ -237,7 +235,6 @@ static void train_archive(struct archive *a, void *user)
     if (!a->reading || a->rc != OXL_OK) return;
     t->views   = (int)views;
     t->seconds = spent;
-    a->rc      = step_resize_gradient(t);
 }
 
 static oxl_result train_save(struct train *t)

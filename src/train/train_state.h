@@ -18,7 +18,7 @@ struct train {
     oxl_scene                 *scene;
     const oxl_train_options   *options;
     oxl_render_options         render;
-    oxl_model                 *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
+    oxl_model                 *model, first, second; /* the parameters and Adam's moments */
     struct renderer           *renderer;
     struct train_deferred      deferred[2];
     int                        deferred_steps;
@@ -87,7 +87,6 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t);
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
 /* The model rendered from a view, compared with its image. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL oxl_result step_resize_gradient(struct train *t);         /* to the model's shape */
 OXL_INTERNAL double     step_seconds(const struct train *t);           /* of the whole run, over all processes */
 OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzero: the caller stops the run */
 
