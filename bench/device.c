@@ -101,6 +101,7 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
     if (!r->image.rgb || !r->numbers) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
     for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) r->image.rgb[i] = (uint8_t)random_bits(8, i, 0);
     device_check(ctx, renderer_create(ctx, &r->renderer));
+    renderer_expect_steps(r->renderer);
 }
 
 static void device_end(oxl_context *ctx, struct device_run *r)

@@ -1056,7 +1056,23 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     oxl_free(test_ctx, before);
 }
 
-static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_nothing(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+{
+    (void)queue, (void)count, (void)info, (void)fence;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_end(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
+                                                      uint64_t timeout)
+{
+    (void)device, (void)count, (void)fence, (void)all, (void)timeout;
+    vulkan_lost_calls++;
+    return VK_SUCCESS;
+}
+
+enum vulkan_fault { FAULT_TIMEOUT, FAULT_LOST, FAULT_NOTHING_DONE };
+
+static void vulkan_check_loss_of_device(oxl_context *device, enum vulkan_fault fault)
 {
     const oxl_camera          camera  = vulkan_camera(64, 48);
     float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
@@ -1070,16 +1086,22 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
     CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
     CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped));
-    if (times_out) device->vulkan->WaitForFences = vulkan_play_timeout;
-    else device->vulkan->QueueSubmit = vulkan_play_loss;
-    vulkan_check_given_up(device, r, &run, times_out ? "did not answer in time" : "the device is lost");
+    if (fault == FAULT_TIMEOUT) device->vulkan->WaitForFences = vulkan_play_timeout;
+    else device->vulkan->QueueSubmit = fault == FAULT_LOST ? vulkan_play_loss : vulkan_play_nothing;
+    if (fault == FAULT_NOTHING_DONE) device->vulkan->WaitForFences = vulkan_play_end;
+    vulkan_check_given_up(device, r, &run, fault == FAULT_TIMEOUT ? "did not answer in time" : "the device is lost");
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
 }
 
 static void vulkan_check_timeout(oxl_context *device)
 {
-    vulkan_check_loss_of_device(device, 1);
+    vulkan_check_loss_of_device(device, FAULT_TIMEOUT);
+}
+
+static void vulkan_check_unfinished(oxl_context *device)
+{
+    vulkan_check_loss_of_device(device, FAULT_NOTHING_DONE);
 }
 
 static PFN_vkQueueSubmit vulkan_real_submit;
@@ -1180,6 +1202,9 @@ static void vulkan_check_patience(oxl_context *device)
     other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU;
     vulkan_set_times(&other);
     CHECK(other.patience == VULKAN_WAIT && other.part == VULKAN_PART);
+    other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    vulkan_set_times(&other);
+    CHECK(other.patience == VULKAN_WAIT && other.part * 256 * 55 < 20e9); /* docs/log/SPEED.md: less than 1 s */
     other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_CPU;
     vulkan_set_times(&other);
     CHECK(other.patience == UINT64_MAX && other.part == 0);
@@ -1202,7 +1227,7 @@ static void vulkan_check_hang(oxl_context *device)
 
 static void vulkan_check_lost(oxl_context *device)
 {
-    vulkan_check_loss_of_device(device, 0);
+    vulkan_check_loss_of_device(device, FAULT_LOST);
 }
 
 /* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
@@ -1320,6 +1345,7 @@ static void vulkan_check_full(oxl_context *device)
     vulkan_scene(300, 1, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
+    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == 4 * 4 * t.pixels); /* with masks, and not a byte more */
     CHECK(renderer_has_image(t.r[1], 0) && renderer_has_image(t.r[1], 3));
     vulkan_play_full(device->vulkan, 0); /* the first fails, images leave, and the second is the real one */
     while (vulkan_take_and_draw(&t, 1, &larger, 3, &loss[1]) == OXL_ERR_MEMORY && tries < 60)
@@ -1703,6 +1729,33 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+/* Two Gaussians, one in each of two views: what is read of the file has the same shape for both, and may lie in the same place. */
+static void vulkan_check_pages(oxl_context *device)
+{
+    struct vulkan_twins      t       = vulkan_twins(device, 64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    oxl_model                m, paged;
+    vulkan_scene(2, 0, 0, &m);
+    for (int i = 0; i < 2; i++) {
+        for (int a = 0; a < 3; a++) m.plane[OXL_MEAN + a][i] = a == 2 ? 4 : a == 0 ? 40 * (float)i : 0;
+        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = -1, m.plane[OXL_SH + a][i] = i == a ? 2 : -1;
+        m.plane[OXL_OPACITY][i] = 3;
+    }
+    CHECK_OK(model_file_write_ply(test_ctx, test_path("two.ply"), &m, 1));
+    CHECK_OK(oxl_model_open(test_ctx, test_path("two.ply"), 1, &paged));
+    CHECK(paged.pages != NULL);
+    for (int view = 0; view < 2; view++) {
+        oxl_image image[2];
+        t.camera.translation[0] -= view ? 40 : 0;
+        for (int k = 0; k < 2; k++) CHECK_OK(renderer_draw(t.ctx[k], t.r[k], &paged, &t.camera, &options, &image[k], NULL));
+        for (size_t i = 0; i < 3 * t.pixels; i += 7) CHECK_CLOSE(image[1].rgb[i], image[0].rgb[i], 2.0 / 255);
+        for (int k = 0; k < 2; k++) oxl_image_free(t.ctx[k], &image[k]);
+    }
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &paged);
+    vulkan_twins_free(&t);
+}
+
 /* Outside of training a model belongs to the caller and may change at any time. */
 static void vulkan_check_model_now(oxl_context *device)
 {
@@ -1877,6 +1930,58 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     train_end(&t);
     oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
+}
+
+static VkPipelineLayout *vulkan_refused;
+static PFN_vkCreateComputePipelines vulkan_real_compile;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_refusal(VkDevice device, VkPipelineCache cache, uint32_t count,
+                                                          const VkComputePipelineCreateInfo *info, const VkAllocationCallbacks *a,
+                                                          VkPipeline *out)
+{
+    *out = VK_NULL_HANDLE;
+    return info->layout == *vulkan_refused ? VK_ERROR_UNKNOWN : vulkan_real_compile(device, cache, count, info, a, out);
+}
+
+/* The first step of a run with --mask-transients, on a device that allocates so often in it; returns how often. */
+static int vulkan_masked_step(oxl_context *device, int allocations, int falls_back)
+{
+    oxl_train_options options = train_options(60);
+    oxl_scene        *scene   = transients_test_scene(9);
+    oxl_model         model;
+    struct train      t = {
+             .ctx = device, .scene = scene, .options = &options, .model = &model, .decisions = {.ctx = device}, .step = 1};
+    options.mask_transients = 1;
+    CHECK_OK(train_begin(&t));
+    vulkan_play_full(device->vulkan, allocations);
+    CHECK_OK(step_on_next_view(&t));
+    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    CHECK(t.transients.points > 0 && t.last_loss > 0 && t.last_loss < 1);
+    CHECK(renderer_has_device(t.renderer) == !falls_back);
+    train_end(&t);
+    oxl_model_free(device, &model);
+    oxl_scene_free(device, scene);
+    return allocations - vulkan_allocations_left;
+}
+
+/* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it; the image may be on the host. */
+static void vulkan_check_first_step_falls_back(oxl_context *device)
+{
+    static const enum vulkan_pass late[] = {PASS_OBSERVE, PASS_STEP, PASS_LOSS_BACKWARD};
+    struct vulkan                *v      = device->vulkan;
+    const int                     all    = vulkan_masked_step(device, 1000, 0);
+    device->options.backend              = OXL_BACKEND_AUTO;
+    CHECK(all > 20);
+    for (int k = all - 1; k >= 0; k -= k > all - 16 ? 1 : 8) vulkan_masked_step(device, k, 1);
+    vulkan_real_compile       = v->CreateComputePipelines;
+    v->CreateComputePipelines = vulkan_play_refusal;
+    for (size_t i = 0; i < OXL_COUNT(late); i++) {
+        vulkan_refused = &v->pipeline[late[i]].layout;
+        v->DestroyPipeline(v->device, v->pipeline[late[i]].variant[0], NULL);
+        v->pipeline[late[i]].variant[0] = VK_NULL_HANDLE;
+        vulkan_masked_step(device, 1000, 1);
+    }
+    v->CreateComputePipelines = vulkan_real_compile;
 }
 
 /* Once at each iteration that it is due. user: the last one. */
@@ -2148,6 +2253,11 @@ TEST(vulkan_gives_up_a_device_that_is_lost)
     ON_DEVICE(vulkan_check_lost);
 }
 
+TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work)
+{
+    ON_DEVICE(vulkan_check_unfinished);
+}
+
 TEST(vulkan_repeats_a_submission_that_finds_no_memory)
 {
     ON_DEVICE(vulkan_check_short_submit);
@@ -2186,6 +2296,11 @@ TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
 TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)
 {
     ON_DEVICE(vulkan_check_run_falls_back);
+}
+
+TEST(vulkan_first_step_falls_back_wherever_it_finds_no_memory_or_no_shader)
+{
+    ON_DEVICE(vulkan_check_first_step_falls_back);
 }
 
 TEST(vulkan_leaves_out_what_is_below_alpha_min)
@@ -2266,6 +2381,11 @@ TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation)
 TEST(vulkan_renders_the_current_model)
 {
     ON_DEVICE(vulkan_check_model_now);
+}
+
+TEST(vulkan_renders_each_view_of_a_model_that_stays_in_its_file)
+{
+    ON_DEVICE(vulkan_check_pages);
 }
 
 TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)

@@ -214,6 +214,14 @@ OXL_INTERNAL oxl_result vulkan_list(oxl_context *ctx, struct text *out)
     return v.rc;
 }
 
+/* Whether it has what the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
+static int vulkan_fits(const VkPhysicalDeviceLimits *l)
+{
+    return l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
+           l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() &&
+           l->maxStorageBufferRange >= sizeof(float) * OXL_PLANES * VULKAN_GROUP;
+}
+
 static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
 {
     VkPhysicalDevice device[VULKAN_DEVICES];
@@ -225,10 +233,12 @@ static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
                         count);
     for (uint32_t i = 0; i < count; i++) {
         VkPhysicalDeviceProperties p;
+        int                        rank;
         v->GetPhysicalDeviceProperties(device[i], &p);
-        if (wanted >= 0 ? (int)i != wanted : vulkan_rank(p.deviceType) <= best) continue;
+        rank = vulkan_rank(p.deviceType) + (vulkan_fits(&p.limits) ? 8 : 0);
+        if (wanted >= 0 ? (int)i != wanted : rank <= best) continue;
         if (wanted < 0 && !any && p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU) continue;
-        best          = vulkan_rank(p.deviceType);
+        best          = rank;
         v->physical   = device[i];
         v->properties = p;
     }
@@ -247,16 +257,15 @@ static uint32_t vulkan_batch(uint32_t shared)
     return most >= 8 && shared >= SPIRV_RASTER_BACKWARD_8_LOBED_SHARED ? 8 : 4;
 }
 
-/* No system resets a CPU, and a slow one may need minutes. Of GPUs the discrete ones are about 16 times as fast as the others. */
+/* No system resets a CPU, and a slow one may need minutes. Of GPUs the weakest discrete ones are hardly faster than the others. */
 static void vulkan_set_times(struct vulkan *v)
 {
     const VkPhysicalDeviceType type = v->properties.deviceType;
     const int                  cpu  = type == VK_PHYSICAL_DEVICE_TYPE_CPU;
     v->patience                     = cpu ? UINT64_MAX : VULKAN_WAIT;
-    v->part                         = cpu ? 0 : type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ? 16 * VULKAN_PART : VULKAN_PART;
+    v->part                         = cpu ? 0 : type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ? 4 * VULKAN_PART : VULKAN_PART;
 }
 
-/* What the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
 static oxl_result vulkan_check(struct vulkan *v)
 {
     const VkPhysicalDeviceLimits *l = &v->properties.limits;
@@ -265,9 +274,7 @@ static oxl_result vulkan_check(struct vulkan *v)
     v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
     vulkan_set_times(v);
     v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
-    if (l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
-        l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() && v->slab_rows > 0)
-        return OXL_OK;
+    if (vulkan_fits(l)) return OXL_OK;
     return oxl_fail(
         v->ctx, OXL_ERR_FAILED,
         "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: wanted %d, %u, %zu\nfix: another "
@@ -351,7 +358,7 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
     if (rc == OXL_OK) {
         v->image_bytes_max = vulkan_memory_left(v) / VULKAN_IMAGE_SHARE;
-        vulkan_create(v, &v->staging, VULKAN_FRAMES * VULKAN_STAGING, 1);
+        vulkan_create(v, &v->staging, VULKAN_MARKS + VULKAN_FRAMES * sizeof(uint32_t), 1);
         vulkan_create(v, &v->nothing, 256, 0);
         if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
         v->mapped = mapped;

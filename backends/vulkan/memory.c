@@ -75,10 +75,11 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
     else vulkan_release(v, b);
 }
 
-/* At least so many elements; what it held is lost. */
-OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
+/* At least so many elements, and no more; what it held is lost. */
+OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
+                                         const char *what)
 {
-    const size_t least = OXL_MAX(count, (size_t)1) * element, roomy = OXL_MIN(least + least / 4, v->range) & ~(size_t)15;
+    const size_t least = OXL_MAX(count, (size_t)1) * element;
     if (v->rc != OXL_OK || b->size >= least) return;
     if (least > v->range || count > SIZE_MAX / element) {
         v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
@@ -89,5 +90,12 @@ OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size
     }
     if (b->handle && vulkan_finish(v) != OXL_OK) return; /* commands under way may name it */
     vulkan_release(v, b);
-    vulkan_create(v, b, OXL_MAX(OXL_MAX(roomy, least), (size_t)256), 0);
+    vulkan_create(v, b, OXL_MAX(least, (size_t)256), 0);
+}
+
+/* With a quarter more where it is allocated, for what grows. */
+OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
+{
+    const size_t more = OXL_MIN(count + count / 4, v->range / element);
+    if (b->size < OXL_MAX(count, (size_t)1) * element) vulkan_reserve_exactly(v, b, OXL_MAX(count, more), element, what);
 }

@@ -180,6 +180,20 @@ static void vulkan_clear_frame(struct vulkan *v, struct vulkan_frame *f)
     f->staged                              = 0;
 }
 
+/* The last command of a frame writes the frame's number where the host sees it: a wait for a lost device may succeed without the work. */
+static void vulkan_mark(struct vulkan *v, struct vulkan_frame *f)
+{
+    f->mark = ++v->mark;
+    vulkan_fill(v, &v->staging, VULKAN_MARKS + (size_t)(f - v->frame) * sizeof f->mark, sizeof f->mark, f->mark);
+}
+
+static int vulkan_is_done(const struct vulkan *v, const struct vulkan_frame *f)
+{
+    uint32_t mark;
+    memcpy(&mark, v->mapped + VULKAN_MARKS + (size_t)(f - v->frame) * sizeof mark, sizeof mark);
+    return mark == f->mark;
+}
+
 /* Until the device is done with a frame. A wait that finds no memory is repeated. */
 static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 {
@@ -187,6 +201,7 @@ static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
     if (!f->under_way || v->lost) return;
     for (int tries = 0; tries < 3 && vulkan_is_short(result); tries++)
         result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, v->patience);
+    if (result == VK_SUCCESS && !vulkan_is_done(v, f)) result = VK_ERROR_DEVICE_LOST;
     if (result != VK_SUCCESS) {
         vulkan_give_up(v, result);
         return;
@@ -224,6 +239,7 @@ static void vulkan_submit_frame(struct vulkan *v)
 {
     struct vulkan_frame *f = vulkan_frame(v);
     if (f->command_at > 0 && !vulkan_record(v)) vulkan_give_up(v, VK_ERROR_OUT_OF_HOST_MEMORY);
+    if (v->recording && !v->lost) vulkan_mark(v, f);
     if (v->recording && !v->lost) f->under_way = vulkan_submit(v, f->fence);
 }
 
@@ -394,6 +410,14 @@ static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_
     v->DestroyShaderModule(v->device, module, NULL);
 }
 
+/* A shader that the driver refuses counts as lack of memory: with --backend auto the CPU takes over. */
+OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32_t variant)
+{
+    if (v->rc != OXL_OK || v->pipeline[pass].variant[variant]) return;
+    vulkan_make_variant(v, pass, variant);
+    if (v->rc != OXL_OK) v->rc = OXL_ERR_MEMORY;
+}
+
 /* Shaders are compiled as if no two bindings shared memory, so one buffer must not be bound twice. */
 static void vulkan_check_bindings(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
 {
@@ -440,7 +464,7 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
                          v->properties.deviceName, groups);
         return;
     }
-    if (!p->variant[variant]) vulkan_make_variant(v, pass, variant);
+    vulkan_prepare(v, pass, variant);
     if (!vulkan_ready(v)) return;
     set = vulkan_bind(v, pass, buffer);
     if (v->rc != OXL_OK) return;

@@ -192,11 +192,27 @@ static void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
     if (r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
 }
 
-/* All that a step needs, in forward: a step whose memory cannot be had has changed nothing then, and the CPU can do it. */
+/* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
+static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
+{
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_4_LOBED_BINDINGS, VULKAN_BINDINGS);
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_8_LOBED_BINDINGS, VULKAN_BINDINGS);
+    if (lobed) return v->batch >= 8 ? PASS_RASTER_BACKWARD_8_LOBED : PASS_RASTER_BACKWARD_4_LOBED;
+    return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
+}
+
+/* All that a step needs, in forward: a step whose memory or shaders cannot be had has changed nothing then, and the CPU can do it. */
 static void vulkan_reserve_step(struct vulkan_renderer *r)
 {
-    const size_t pixels = (size_t)r->view.width * r->view.height;
+    static const enum vulkan_pass both[] = {PASS_LOSS_TOTAL, PASS_LOSS_BACKWARD, PASS_STEP};
+    const size_t                  pixels = (size_t)r->view.width * r->view.height;
+    for (uint32_t i = 0; i < 2 * OXL_COUNT(both); i++) vulkan_prepare(r->v, both[i / 2], i % 2);
+    vulkan_prepare(r->v, PASS_LOSS_FORWARD, 0);
+    vulkan_prepare(r->v, PASS_OBSERVE, 0);
+    vulkan_prepare(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 0);
     vulkan_reserve_sums(r, 0);
+    vulkan_reserve(r->v, &r->target, pixels, 12, "pixels"); /* it may come with the loss */
+    vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
     vulkan_reserve(r->v, &r->drgb, pixels, 12, "pixels");
     for (int ch = 0; ch < 3; ch++) vulkan_reserve(r->v, &r->slope[ch], pixels, 12, "pixels");
     vulkan_reserve(r->v, &r->partial, 15 * r->tiles, 4, "tiles");
@@ -206,7 +222,7 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
-                                 const oxl_render_options *options)
+                                 const oxl_render_options *options, int steps)
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
@@ -219,7 +235,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     vulkan_take_view(r, camera, options);
     vulkan_order_rows(r);
     vulkan_order_pairs(r);
-    if (r->target.handle) vulkan_reserve_step(r);
+    if (steps) vulkan_reserve_step(r);
     vulkan_draw(r, 0);
     return r->v->rc;
 }
@@ -287,15 +303,6 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
 }
 
 /* ---------------------------------------------------------------- backward and score */
-
-/* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
-static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
-{
-    VULKAN_SAME(SPIRV_RASTER_BACKWARD_4_LOBED_BINDINGS, VULKAN_BINDINGS);
-    VULKAN_SAME(SPIRV_RASTER_BACKWARD_8_LOBED_BINDINGS, VULKAN_BINDINGS);
-    if (lobed) return v->batch >= 8 ? PASS_RASTER_BACKWARD_8_LOBED : PASS_RASTER_BACKWARD_4_LOBED;
-    return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
-}
 
 static void vulkan_draw_backward_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t score)
 {

@@ -291,14 +291,21 @@ OXL_INTERNAL int vulkan_has_image(const void *device, int view)
     return (size_t)view < r->image_capacity && r->image[view].bytes.handle;
 }
 
+/* In words as the shader reads them; the mask is behind the rest. */
+static size_t vulkan_image_bytes(const struct training_image *image, int masked)
+{
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    return (3 * pixels + 3) / 4 * 4 + (masked ? (pixels + 3) / 4 * 4 : 0);
+}
+
 /* Each is an allocation, and a device may allow but 4096. */
 static void vulkan_upload_image(struct vulkan *v, const struct training_image *image, struct vulkan_training_image *to)
 {
     const size_t pixels = (size_t)image->width * (size_t)image->height;
     to->width           = (uint32_t)image->width;
     to->height          = (uint32_t)image->height;
-    to->mask_at         = image->mask ? (uint32_t)((3 * pixels + 3) / 4 * 4) : 0;
-    vulkan_reserve(v, &to->bytes, 4 * pixels + 4, 1, "bytes of an image");
+    to->mask_at         = image->mask ? (uint32_t)vulkan_image_bytes(image, 0) : 0;
+    vulkan_reserve_exactly(v, &to->bytes, vulkan_image_bytes(image, image->mask != NULL), 1, "bytes of an image");
     vulkan_upload(v, &to->bytes, 0, image->rgb, 3 * pixels);
     if (image->mask) vulkan_upload(v, &to->bytes, to->mask_at, image->mask, pixels);
 }
@@ -352,7 +359,7 @@ static void vulkan_reserve_target(struct vulkan_renderer *r, size_t pixels)
 static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r, int view, const struct training_image *image,
                                                       struct vulkan_training_image *passing)
 {
-    struct vulkan_training_image *p = vulkan_image_slot(r, view, 4 * (size_t)image->width * (size_t)image->height);
+    struct vulkan_training_image *p = vulkan_image_slot(r, view, vulkan_image_bytes(image, image->mask != NULL));
     if (p) {
         vulkan_upload_image(r->v, image, p);
         r->image_bytes += p->bytes.size;

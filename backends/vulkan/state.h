@@ -24,6 +24,7 @@
 #define VULKAN_BLOCK      2048u          /* numbers that a workgroup scans or sorts */
 #define VULKAN_SLAB_ROWS  (1u << 20)     /* rows of a slab, at most: 264 MB of all planes */
 #define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device, of a frame */
+#define VULKAN_MARKS      (VULKAN_FRAMES * VULKAN_STAGING) /* behind it: a word of each frame, see vulkan_mark */
 #define VULKAN_SETS       1024           /* passes of a frame, at most */
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
@@ -118,6 +119,7 @@ struct vulkan_frame {
     int              command_at; /* submissions so far without a fence */
     int              under_way;  /* submitted with the fence, and not waited for */
     int              sets;
+    uint32_t         mark;                 /* of the last submission with the fence: vulkan_mark */
     size_t           staged;               /* bytes of its part of the staging buffer in use */
     uint8_t          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
 };
@@ -157,6 +159,7 @@ struct vulkan {
     struct vulkan_read               read[VULKAN_READS];
     int                              reads;
     int                              recording, updates; /* updates: commands without a barrier behind them */
+    uint32_t                         mark;               /* of the last frame submitted */
     int                              lost;               /* permanently: no call to the device is allowed, not even to wait */
     VkQueryPool                      clock;              /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
     double                           pass_seconds[PASS_COUNT];
@@ -196,6 +199,7 @@ OXL_INTERNAL void vulkan_collect(struct vulkan *v);
 OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
 OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
 OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size, uint32_t value);
+OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32_t variant); /* compiles it, once */
 OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
                              const struct vulkan_buffer *const *buffer);
 
@@ -203,8 +207,10 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host);
 OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b);
-/* At least so many elements; the contents are lost when it grows. what: names them in an error. */
+/* vulkan_reserve_exactly: for what does not grow. At least so many elements; the contents are lost when it grows. what: names them in an error. */
 OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what);
+OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
+                                         const char *what);
 
 OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v);
 

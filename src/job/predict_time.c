@@ -134,6 +134,7 @@ static oxl_result predict_time_all(struct time_probe *r, const oxl_train_options
     oxl_model  model = {0}, grown = {0};
     oxl_result rc = predict_time_target(r);
     if (rc == OXL_OK) rc = renderer_create(r->ctx, &r->renderer);
+    if (rc == OXL_OK) renderer_expect_steps(r->renderer);
     if (rc == OXL_OK)
         rc = oxl_model_from_points(r->ctx, oxl_scene_points(r->scene), oxl_scene_point_count(r->scene), degree, &model);
     if (rc == OXL_OK) rc = predict_time_model(r, &model, 0, &step[0]);

@@ -138,7 +138,8 @@ struct splat;
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
-    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options);
+    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                          int steps);
     /* (3,H,W) rendered; depths: the sums of alpha T z and of alpha T instead. */
     oxl_result (*image)(void *device, int depths, float *rgb);
     int (*has_image)(const void *device, int view);
@@ -174,6 +175,8 @@ enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, th
  * renderer_use_cpu. */
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
+/* From now on a forward may be followed by loss, backward and step: a device allocates for all of them in forward, which the CPU can take over. */
+OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
 /* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU renders from
  * then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);

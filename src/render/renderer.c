@@ -214,6 +214,11 @@ static struct project_job render_context_job(struct renderer *r, int64_t task)
                                 .medium_pack   = r->medium_pack + r->packs};
 }
 
+OXL_INTERNAL void renderer_expect_steps(struct renderer *r)
+{
+    r->steps = 1;
+}
+
 OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step)
 {
     r->dropout      = share;
@@ -391,7 +396,7 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
     r->in            = render_gaussians(model, options->sh_degree);
     r->packs         = render_packs(model->count);
     r->bins.packs    = r->packs;
-    return r->backend->forward(r->device, model, camera, options);
+    return r->backend->forward(r->device, model, camera, options, r->steps);
 }
 
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,

@@ -18,6 +18,7 @@ struct renderer {
     const struct renderer_device *backend; /* of `device` */
     void                         *device;  /* NULL: the CPU renders, with the members below */
     int                           deferred;
+    int                           steps; /* 1: of renderer_expect_steps */
 
     struct kernel_camera kernel_camera;
     float                background[3];

@@ -143,6 +143,7 @@ static oxl_result train_begin(struct train *t)
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
     rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
+    if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->output ? t->output->context : NULL);
     if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = train_begin_dropout(t);
