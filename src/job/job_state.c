@@ -28,14 +28,22 @@ OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct jo
 
 /* ---------------------------------------------------------------- the survey, and its decoded images in files */
 
+/* The decoded images: in blocks, memory holds a block's share of those that have a file. */
+static oxl_result job_use_decoded(struct job *job)
+{
+    const size_t share = (size_t)(3 * schedule_pixels(job->scene) / OXL_MAX(job->partition.block_count, 1));
+    if (job->decoded) job->options.scene.image_cache_bytes = OXL_MIN(job->options.scene.image_cache_bytes, share);
+    scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
+    return scene_set_decoded(job->ctx, job->scene, job->decoded);
+}
+
 OXL_INTERNAL oxl_result job_load(struct job *job)
 {
     oxl_result rc = OXL_OK;
     if (job->partition.block_count > 1)
         rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
     if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
-    if (rc == OXL_OK) scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
-    return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
+    return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 
 static void job_remove_decoded_file(void *user, const char *name)
@@ -64,7 +72,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
     oxl_free(job->ctx, job->decoded);
     job->decoded = NULL;
     if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder))) rc = job_no_memory(job);
-    return rc == OXL_OK && job->scene ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
+    return rc == OXL_OK && job->scene ? job_use_decoded(job) : rc;
 }
 
 /* ---------------------------------------------------------------- progress and records */
