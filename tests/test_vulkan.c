@@ -1932,7 +1932,7 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     oxl_scene_free(device, scene);
 }
 
-static VkPipelineLayout *vulkan_refused;
+static VkPipelineLayout            *vulkan_refused;
 static PFN_vkCreateComputePipelines vulkan_real_compile;
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_refusal(VkDevice device, VkPipelineCache cache, uint32_t count,
@@ -2100,6 +2100,7 @@ static void vulkan_check_dropout(oxl_context *device)
     CHECK_TEXT(oxl_error_text(device), "fix: --dropout auto, or --backend cpu");
     options.dropout                                           = -1;
     ((struct scene_stats *)scene_stats_of(scene))->mean_track = 3; /* so on the CPU it is on */
+    options.iterations                                        = 61 * schedule_training_views(scene);
     CHECK(schedule_dropout_rate(&options, scene) > 0);
     CHECK_OK(oxl_train(device, scene, &options, NULL, &model));
     oxl_model_free(device, &model);

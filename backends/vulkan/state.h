@@ -20,13 +20,13 @@
 
 #include "generated/bindings.h"
 
-#define VULKAN_GROUP      256u           /* invocations a workgroup, as in shaders/common.glsl */
-#define VULKAN_BLOCK      2048u          /* numbers that a workgroup scans or sorts */
-#define VULKAN_SLAB_ROWS  (1u << 20)     /* rows of a slab, at most: 264 MB of all planes */
-#define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device, of a frame */
+#define VULKAN_GROUP      256u                             /* invocations a workgroup, as in shaders/common.glsl */
+#define VULKAN_BLOCK      2048u                            /* numbers that a workgroup scans or sorts */
+#define VULKAN_SLAB_ROWS  (1u << 20)                       /* rows of a slab, at most: 264 MB of all planes */
+#define VULKAN_STAGING    (16u << 20)                      /* bytes of the buffer between host and device, of a frame */
 #define VULKAN_MARKS      (VULKAN_FRAMES * VULKAN_STAGING) /* behind it: a word of each frame, see vulkan_mark */
-#define VULKAN_SETS       1024           /* passes of a frame, at most */
-#define VULKAN_BINDINGS   15             /* of a pass, at most */
+#define VULKAN_SETS       1024                             /* passes of a frame, at most */
+#define VULKAN_BINDINGS   15                               /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_WAIT       60000000000ull /* ns: a GPU that takes longer for a submission is given up */
 #define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */

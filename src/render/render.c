@@ -36,7 +36,8 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     if (model->pages) {
         oxl_model shown;
         rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
-        if (rc == OXL_OK) rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE); /* the view before may have lain where this one does */
+        if (rc == OXL_OK)
+            rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE); /* the view before may have lain where this one does */
         if (rc == OXL_OK) rc = renderer_draw(ctx, r, &shown, camera, options, out, depth);
         oxl_model_free(ctx, &shown);
         return rc;
