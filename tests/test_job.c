@@ -415,8 +415,7 @@ static void job_test_limit_memory(const char *out, const oxl_job_options *option
         oxl_model_free(test_ctx, &m);
     }
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o.scene, &scene));
-    load                      = cost_load_of_scene(scene);
-    o.scene.image_cache_bytes = (size_t)(3 * schedule_pixels(scene) / p.block_count);
+    load = cost_load_of_scene(scene);
     for (o.ram = (size_t)1e7; budget_max_gaussians(&load, &o) < share * rows && o.ram < (size_t)1e8;) o.ram += 1000;
     p.memory = (double)o.ram;
     CHECK_OK(partition_write(test_ctx, path, &p));

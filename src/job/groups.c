@@ -451,7 +451,7 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
     if (rc == OXL_OK) rc = groups_read_gains(&g);
-    scene_set_cache(job->scene, budget_cache(&job->options));
+    job_set_cache(job, budget_cache(&job->options));
     while (rc == OXL_OK && g.done < GROUPS_PASSES * g.count && !job->unfinished) {
         const int from = g.done > 0 ? groups_last_step(&g, g.done - 1, steps) : 0, until = groups_last_step(&g, g.done, steps);
         if (until > from) rc = groups_task(&g, from, until);

@@ -194,7 +194,7 @@ static oxl_result job_map_survey(struct job *job)
     partition_free_plan(job->ctx, &job->partition);
     oxl_scene_free(job->ctx, job->scene);
     job->scene = mapped;
-    scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
+    job_set_cache(job, job->options.scene.image_cache_bytes);
     return rc;
 }
 
@@ -257,7 +257,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     oxl_job_options options;
     oxl_result      rc = job_plan_single(job, &task, &options);
     if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
-    if (rc == OXL_OK) scene_set_cache(job->scene, options.scene.image_cache_bytes);
+    if (rc == OXL_OK) job_set_cache(job, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
 }
 

@@ -28,12 +28,15 @@ OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct jo
 
 /* ---------------------------------------------------------------- the survey, and its decoded images in files */
 
-/* The decoded images: in blocks, memory holds a block's share of those that have a file. */
-static oxl_result job_use_decoded(struct job *job)
+OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
 {
     const size_t share = (size_t)(3 * schedule_pixels(job->scene) / OXL_MAX(job->partition.block_count, 1));
-    if (job->decoded) job->options.scene.image_cache_bytes = OXL_MIN(job->options.scene.image_cache_bytes, share);
-    scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
+    scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, share) : most);
+}
+
+static oxl_result job_use_decoded(struct job *job)
+{
+    job_set_cache(job, job->options.scene.image_cache_bytes);
     return scene_set_decoded(job->ctx, job->scene, job->decoded);
 }
 

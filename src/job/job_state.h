@@ -49,6 +49,9 @@ OXL_INTERNAL void       job_add_record(struct job *job, const struct block_recor
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded images are kept in files */
+/* Bytes of images in memory, at most; in blocks a block's share of those that have a file. Limits on Gaussians do not follow from that: a
+ * machine whose disk is full has no files. */
+OXL_INTERNAL void       job_set_cache(const struct job *job, size_t most);
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
                                   oxl_model *out);                            /* the blocks' models side by side, gains joined */
 OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out); /* of several blocks, with zero mean */

@@ -48,7 +48,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
         const struct cost_load load = cost_load_of_scene(job->scene);
         oxl_job_options        o    = job->options;
         if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
-        scene_set_cache(job->scene, o.scene.image_cache_bytes);
+        job_set_cache(job, o.scene.image_cache_bytes);
         task.train          = o.train;
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
     }
@@ -198,7 +198,7 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
         if (!budget_fit(job->ctx, &load, &o)) return budget_refuse(job->ctx, &load, &o);
         o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
     }
-    scene_set_cache(job->scene, o.scene.image_cache_bytes);
+    job_set_cache(job, o.scene.image_cache_bytes);
     task->train          = o.train;
     task->predicted_peak = cost_estimate(job->ctx, &o, &load).memory + beside;
     return OXL_OK;
@@ -386,7 +386,7 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     o.train                     = block_refinement(&job->options.train, sh_degree, job->part_until);
     if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
         budget_limit_gaussians(job->ctx, &load, &o)) {
-        scene_set_cache(job->scene, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
+        job_set_cache(job, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
         o.train.densify_every = step;
         o.train.densify_until = (float)((step + 0.5) / job->part_until);
     }
