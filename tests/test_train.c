@@ -78,6 +78,35 @@ TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_mom
     density_case_free(&c);
 }
 
+TEST(density_control_needs_memory_for_the_new_rows_alone)
+{
+    enum { ROWS = 20000, GROWN = ROWS - ROWS / 40 + ROWS / 10 };
+    struct density       *density;
+    struct density_change change;
+    struct density_rules  rules = {.gradient = 0.5, .extent = 1};
+    oxl_model             m[3];
+    size_t                before;
+    memory_weigh_start();
+    CHECK_OK(density_create(test_ctx, &density));
+    for (int k = 0; k < 3; k++) CHECK_OK(oxl_model_create(test_ctx, ROWS, 3, &m[k]));
+    CHECK_OK(density_clear(test_ctx, density, ROWS));
+    for (int i = 0; i < ROWS; i++) {
+        for (int a = 0; a < 3; a++) m[0].plane[OXL_LOG_SCALE + a][i] = -3;
+        m[0].plane[OXL_MEAN][i] = (float)i;
+        if (i % 10 == 0) density->gradient[i] = density->views[i] = 1;
+        if (i % 40 == 1) m[0].plane[OXL_OPACITY][i] = -9;
+    }
+    before = memory_weighed.most = memory_weighed.held;
+    CHECK_OK(test_density(test_ctx, density, &m[0], &m[1], &m[2], &rules, &change));
+    CHECK(m[0].count == GROWN);
+    CHECK(memory_weighed.most - before <
+          (size_t)4 * OXL_PLANES * 2 * 3 * (GROWN - ROWS)); /* a copy of one of the three has 5 times as much */
+    for (size_t i = 1; i < GROWN; i++) CHECK(m[0].plane[OXL_MEAN][i] > m[0].plane[OXL_MEAN][i - 1]);
+    for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &m[k]);
+    density_free(test_ctx, density);
+    memory_weigh_end();
+}
+
 /* A needle of the given opacity across the image, rendered; with_children: after a split. (1,32,48) of red. */
 static void density_render_needle(float opacity, int with_children, float red[32 * 48])
 {

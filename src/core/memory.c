@@ -37,19 +37,19 @@ OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *for
 /* Blocks are aligned to a cache line; the allocator's pointer is stored directly before the block. */
 enum { BASE_ALIGN = 64 };
 
-OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size)
+/* The block in `raw`, whose contents move from `offset` to where alignment wants them. */
+static void *memory_align(char *raw, size_t offset, size_t bytes)
 {
-    const size_t overhead = BASE_ALIGN + sizeof(void *);
-    char        *raw;
-    uintptr_t    aligned;
-    void        *header;
-    if (size != 0 && count > (SIZE_MAX - overhead) / size) return NULL;
-    raw = ctx->options.reallocate(ctx->options.user, NULL, count * size + overhead);
-    if (!raw) return NULL;
-    aligned = ((uintptr_t)raw + overhead) & ~(uintptr_t)(BASE_ALIGN - 1);
-    header  = raw;
+    const uintptr_t aligned = ((uintptr_t)raw + BASE_ALIGN + sizeof(void *)) & ~(uintptr_t)(BASE_ALIGN - 1);
+    void           *header  = raw;
+    if (bytes > 0 && aligned - (uintptr_t)raw != offset) memmove((void *)aligned, raw + offset, bytes);
     memcpy((char *)aligned - sizeof header, &header, sizeof header);
     return (void *)aligned;
+}
+
+OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size)
+{
+    return oxl_regrow(ctx, NULL, 0, count, size);
 }
 
 OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size)
@@ -59,13 +59,19 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size)
     return memory;
 }
 
+/* By the caller's reallocate, which moves pages of large blocks instead of copying them, where it is realloc of a usual libc. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size)
 {
-    void *memory = oxl_alloc(ctx, new_count, size);
-    if (!memory) return NULL;
-    if (old) memcpy(memory, old, OXL_MIN(old_count, new_count) * size);
-    oxl_free(ctx, old);
-    return memory;
+    const size_t overhead = BASE_ALIGN + sizeof(void *);
+    char        *raw      = NULL;
+    size_t       offset   = 0;
+    if (size != 0 && new_count > (SIZE_MAX - overhead) / size) return NULL;
+    if (old) {
+        memcpy(&raw, (char *)old - sizeof raw, sizeof raw);
+        offset = (size_t)((char *)old - raw);
+    }
+    raw = ctx->options.reallocate(ctx->options.user, raw, new_count * size + overhead);
+    return raw ? memory_align(raw, offset, OXL_MIN(old_count, new_count) * size) : NULL;
 }
 
 OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory)
@@ -78,13 +84,9 @@ OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory)
 
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size)
 {
-    size_t wanted = *capacity ? *capacity : 64;
-    void  *grown;
+    const size_t wanted = OXL_MAX(OXL_MAX(needed, (size_t)64), *capacity <= SIZE_MAX / 2 ? *capacity + *capacity / 4 : 0);
+    void        *grown;
     if (needed <= *capacity) return OXL_OK;
-    while (wanted < needed) {
-        if (wanted > SIZE_MAX / 2) return oxl_fail(ctx, OXL_ERR_MEMORY, "an array of %zu elements cannot exist", needed);
-        wanted *= 2;
-    }
     grown = oxl_regrow(ctx, *array, *capacity, wanted, size);
     if (!grown) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu elements of %zu bytes", wanted, size);
     *array    = grown;

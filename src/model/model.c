@@ -60,6 +60,18 @@ static size_t model_whole_packs(size_t rows)
     return (rows + MODEL_PACK - 1) / MODEL_PACK * MODEL_PACK;
 }
 
+/* An odd number of cache lines, so that planes of 2^n rows do not map to the same cache set; 0: too many. */
+static size_t model_capacity(size_t rows)
+{
+    if (rows >= SIZE_MAX / (OXL_PLANES * sizeof(float)) - 2 * MODEL_PACK) return 0;
+    return (((rows + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
+}
+
+static oxl_result model_no_memory(oxl_context *ctx, size_t rows, int planes)
+{
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", rows, planes);
+}
+
 /* Sets the lobes' planes to `memory` and copies those of `from`. */
 static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *from)
 {
@@ -77,12 +89,10 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
     oxl_model m      = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
     const int planes = oxl_model_planes(&m);
     float    *memory = NULL;
-    if (capacity < SIZE_MAX / (OXL_PLANES * sizeof *memory) - 2 * MODEL_PACK) {
-        /* an odd number of cache lines, so that planes of 2^n rows do not map to the same cache set */
-        m.capacity = (((capacity + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
-        memory     = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES, sizeof *memory);
-    }
-    if (!memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", capacity, planes);
+    m.capacity       = model_capacity(capacity);
+    if (m.capacity > 0)
+        memory = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES, sizeof *memory);
+    if (!memory) return model_no_memory(ctx, capacity, planes);
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
     m.scale = model->scale;
@@ -122,10 +132,24 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
     *model = (oxl_model){0};
 }
 
+/* Without a copy of the model beside it: training grows to what memory holds. */
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
 {
-    if (capacity <= model->capacity) return OXL_OK;
-    return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
+    const int    planes = oxl_model_planes(model);
+    const size_t old = model->capacity, wanted = model_capacity(capacity);
+    float       *memory;
+    if (capacity <= old) return OXL_OK;
+    if (!model->memory || model->lobes > 0) return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
+    memory = wanted > 0 ? oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted * (size_t)planes, sizeof *memory) : NULL;
+    if (!memory) return model_no_memory(ctx, capacity, planes);
+    model->memory   = memory;
+    model->capacity = wanted;
+    for (int p = planes - 1; p >= 0; p--) {
+        model->plane[p] = memory + (size_t)p * wanted;
+        memmove(model->plane[p], memory + (size_t)p * old, model->count * sizeof(float));
+    }
+    model_clear_rows(model, model->count, wanted);
+    return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree)

@@ -192,21 +192,21 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
 
 /* ---------------------------------------------------------------- the new rows */
 
-/* One of the two that replace the Gaussian `row`, on its longest axis before or behind its mean (side -1 or 1). Together they have its
- * mean, its covariance and, to first order in its opacity, its sum of alpha. */
-static void density_make_child(const oxl_model *from, size_t row, oxl_model *to, size_t at, int side)
+/* Row `at` is a copy of a Gaussian that is split; it becomes one of the two that replace it, on its longest axis before or behind its mean
+ * (side -1 or 1). Together they have its mean, its covariance and, to first order in its opacity, its sum of alpha. */
+static void density_make_child(oxl_model *m, size_t at, int side)
 {
-    const double rest = vecmath_exp(DENSITY_SPLIT_SHARE * vecmath_log(vecmath_sigmoid(-from->plane[OXL_OPACITY][row])));
+    const double rest  = vecmath_exp(DENSITY_SPLIT_SHARE * vecmath_log(vecmath_sigmoid(-m->plane[OXL_OPACITY][at])));
+    const double shift = side * DENSITY_SPLIT_SHARE * density_scale(m, at);
     double       q[4], r[9];
     int          longest = 0;
-    for (int k = 0; k < 4; k++) q[k] = from->plane[OXL_ROTATION + k][row];
+    for (int k = 0; k < 4; k++) q[k] = m->plane[OXL_ROTATION + k][at];
     camera_rotation_from_quaternion(q, r);
     for (int a = 1; a < 3; a++)
-        if (from->plane[OXL_LOG_SCALE + a][row] > from->plane[OXL_LOG_SCALE + longest][row]) longest = a;
-    for (int a = 0; a < 3; a++)
-        to->plane[OXL_MEAN + a][at] += (float)(side * DENSITY_SPLIT_SHARE * density_scale(from, row) * r[3 * a + longest]);
-    to->plane[OXL_LOG_SCALE + longest][at] += (float)vecmath_log(DENSITY_SPLIT_SHARE);
-    to->plane[OXL_OPACITY][at] = (float)vecmath_logit(OXL_MIN(1 - rest, DENSITY_OPACITY_MAX));
+        if (m->plane[OXL_LOG_SCALE + a][at] > m->plane[OXL_LOG_SCALE + longest][at]) longest = a;
+    for (int a = 0; a < 3; a++) m->plane[OXL_MEAN + a][at] += (float)(shift * r[3 * a + longest]);
+    m->plane[OXL_LOG_SCALE + longest][at] += (float)vecmath_log(DENSITY_SPLIT_SHARE);
+    m->plane[OXL_OPACITY][at] = (float)vecmath_logit(OXL_MIN(1 - rest, DENSITY_OPACITY_MAX));
 }
 
 OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *model, uint32_t *from)
@@ -220,44 +220,47 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
     return lobes;
 }
 
-/* Copies each surviving row once or twice. `fresh`: the new rows of a moment start at 0. */
-static void density_copy_plane(const struct density *d, const float *from, size_t count, float *to, int fresh)
+/* In place: removed rows leave, then, from the last on, rows that are split become two. `fresh`: the new rows of a moment are 0. */
+static void density_move_plane(const struct density *d, float *plane, size_t count, size_t new_count, int fresh)
+{
+    size_t kept = 0, at = new_count;
+    for (size_t i = 0; i < count; i++)
+        if (d->verdict[i] != DENSITY_REMOVE) plane[kept++] = plane[i];
+    for (size_t i = count; i-- > 0;) {
+        const int split = d->verdict[i] == DENSITY_SPLIT;
+        if (d->verdict[i] == DENSITY_REMOVE) continue;
+        plane[--at] = plane[--kept];
+        if (split) plane[at - 1] = plane[at], at--;
+        if (split && fresh) plane[at] = plane[at + 1] = 0;
+    }
+}
+
+/* Needs capacity for the new rows. planes: 0: a device has their rows. */
+static void density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh, int planes)
+{
+    const size_t count = model->count;
+    size_t       lobes = 0;
+    for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
+    for (int k = OXL_LOBE; model->lobes && k < planes; k++) density_move_plane(d, model->plane[k], model->lobes, lobes, fresh);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int k = 0; k < OXL_MIN(planes, oxl_model_planes(model)); k++)
+        density_move_plane(d, model->plane[k], count, new_count, fresh);
+    for (int k = OXL_LOBE; model->lobes && k < OXL_PLANES; k++)
+        memset(model->plane[k] + lobes, 0, (model->lobes - lobes) * sizeof(float));
+    model->lobes = lobes;
+    if (lobes == 0) model_drop_lobes(model);
+    model->count = new_count;
+    model_clear_rows(model, planes ? new_count : 0, model->capacity);
+}
+
+static void density_make_children(const struct density *d, oxl_model *model, size_t count)
 {
     size_t at = 0;
     for (size_t i = 0; i < count; i++) {
         if (d->verdict[i] == DENSITY_REMOVE) continue;
-        for (int row = d->verdict[i] == DENSITY_SPLIT ? 2 : 1; row > 0; row--)
-            to[at++] = fresh && d->verdict[i] == DENSITY_SPLIT ? 0 : from[i];
+        if (d->verdict[i] == DENSITY_SPLIT) density_make_child(model, at++, -1), density_make_child(model, at, 1);
+        at++;
     }
-}
-
-/* planes: 0: a device has their rows. */
-static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh,
-                                  int planes)
-{
-    oxl_model  next;
-    size_t     at = 0, lobes = 0;
-    oxl_result rc = oxl_model_create(ctx, new_count, model->sh_degree, &next);
-    for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
-    if (rc == OXL_OK) rc = model_set_lobes(ctx, &next, lobes);
-    if (rc != OXL_OK) oxl_model_free(ctx, &next);
-    if (rc != OXL_OK) return rc;
-    memcpy(next.origin, model->origin, sizeof next.origin);
-    next.scale = model->scale;
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int k = 0; k < OXL_MIN(planes, oxl_model_planes(model)); k++)
-        density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
-    for (int k = OXL_LOBE; lobes && k < planes; k++) density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
-    for (size_t i = 0; i < model->count && !fresh; i++) {
-        if (d->verdict[i] == DENSITY_SPLIT) {
-            density_make_child(model, i, &next, at, -1);
-            density_make_child(model, i, &next, at + 1, 1);
-        }
-        at += d->verdict[i] == DENSITY_REMOVE ? 0 : d->verdict[i] == DENSITY_KEEP ? 1 : 2;
-    }
-    oxl_model_free(ctx, model);
-    *model = next;
-    return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
@@ -283,14 +286,20 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
 OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
                                       const struct density_change *change, int moved)
 {
-    const size_t count = model->count - change->removed + change->split;
-    oxl_result   rc    = OXL_OK;
+    const size_t before = model->count, count = before - change->removed + change->split;
+    const int    planes = moved ? 0 : OXL_PLANES;
+    oxl_result   rc     = OXL_OK;
     if (change->removed + change->split > 0) {
-        rc = density_rebuild(ctx, d, first, count, 1, moved ? 0 : OXL_PLANES);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1, moved ? 0 : OXL_PLANES);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, OXL_PLANES);
+        rc = model_reserve(ctx, first, count);
+        if (rc == OXL_OK) rc = model_reserve(ctx, second, count);
+        if (rc == OXL_OK) rc = model_reserve(ctx, model, count);
+        if (rc != OXL_OK) return rc;
+        density_rebuild(ctx, d, first, count, 1, planes);
+        density_rebuild(ctx, d, second, count, 1, planes);
+        density_rebuild(ctx, d, model, count, 0, OXL_PLANES);
+        density_make_children(d, model, before);
     }
-    return rc == OXL_OK ? density_clear(ctx, d, model->count) : rc;
+    return density_clear(ctx, d, model->count);
 }
 
 /* ---------------------------------------------------------------- reset */
