@@ -772,13 +772,13 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
     struct renderer   *r;
     oxl_model          model, front, gradient, beside;
     uint8_t           *in_front;
-    double             largest = 0, elsewhere = 0, behind = 0, eye[3];
+    double             largest = 0, elsewhere = 0, behind = 0, all = 0, together = 0, eye[3];
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
     in_front = oxl_alloc(test_ctx, model.count, 1);
     for (int i = 0; i < 3; i++)
-        point[i] = (struct depth_point){(float)(camera->width / 2 - 4 + 4 * i) + 0.5f, (float)(camera->height / 2) + 0.5f,
+        point[i] = (struct depth_point){(float)(8 + (camera->width - 16) / 2 * i) + 0.5f, (float)(camera->height / 2) + 0.5f,
                                         (float)scene_depth_quantile(scene, 0.5)};
     camera_position(camera, eye);
     for (size_t j = 0; j < model.count; j++) {
@@ -789,7 +789,7 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
         in_front[j] = depth_z(camera, &model, j) < 0.8 * (double)point[0].z;
         for (int k = 0; k < 3; k++) {
             model.plane[OXL_SH + k][j] = -9; /* black */
-            model.plane[OXL_LOG_SCALE + k][j] += 1;
+            model.plane[OXL_LOG_SCALE + k][j] -= 0.6f;
             model.plane[OXL_OPACITY][j] = -0.5f;
         }
     }
@@ -800,6 +800,7 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     for (size_t j = 0, row = 0; j < model.count; j++) {
         const double d = (double)gradient.plane[OXL_OPACITY][j];
+        all += d;
         for (int p = 0; p < OXL_SH; p++)
             if (p != OXL_OPACITY) elsewhere += fabs((double)gradient.plane[p][j]);
         if (!in_front[j]) behind += fabs(d);
@@ -823,6 +824,12 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
         row++;
     }
     CHECK(largest > 0.02 && elsewhere == 0 && behind == 0);
+    for (int side = -1; side <= 1; side += 2) { /* of all opacities together: no point is missed */
+        for (size_t j = 0; j < front.count; j++) front.plane[OXL_OPACITY][j] += (float)side * 0.05f;
+        together += side * depth_hidden(r, camera, &front, point, 3) / 0.1;
+        for (size_t j = 0; j < front.count; j++) front.plane[OXL_OPACITY][j] -= (float)side * 0.05f;
+    }
+    CHECK_CLOSE(all, together, 0.01 * together);
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &beside)); /* a context in front neither counts nor follows */
     renderer_set_context(r, &front);
     CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o));
