@@ -88,7 +88,7 @@
 
 /* training */
 #include "src/train/checkpoint.c"      /* training state in a file, for resuming */
-#include "src/train/density.c"         /* clone, split, prune, opacity reset */
+#include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
 #include "src/survey/contrast.c"       /* fall of image contrast with depth */
 #include "src/survey/photometry.c"     /* water from the colours of tracks */
 #include "src/train/ucd.c"             /* depth weights of density control */

@@ -475,6 +475,7 @@ static oxl_result selection_prune(struct train *t)
     return rc == OXL_OK ? step_prune(t, validation) : rc;
 }
 
+/* The body of the training loop. The passes over the view's image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result selection_step(struct train *t)
 {
     oxl_result rc = step_raise_sh_degree(t);

@@ -2,8 +2,8 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
-#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* and one for dropout */
+#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* "VIEWS" in ASCII: a stream of random numbers for the order of views, */
+#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* "DROP": and one for dropout */
 #define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
 #define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 

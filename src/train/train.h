@@ -66,15 +66,15 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
 OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
-/* When reading: the file is refused unless `ok`. The checksum finds accidental damage, not intended changes. */
+/* When reading: the file is refused unless `is_so`. The checksum finds accidental damage, not intended changes. */
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t);            /* reading: the text is replaced */
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);         /* reading: the model is replaced */
 OXL_INTERNAL int  archive_fits(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
 
 typedef void            checkpoint_state(struct archive *a, void *user);
-/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
 OXL_INTERNAL uint64_t   checkpoint_sum(const void *bytes, size_t size); /* of a file, as checkpoints have it */
+/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user);
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
@@ -292,7 +292,7 @@ struct train_output {
     int        frozen;  /* 1: gains and lamp stay as they are */
     int        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
-/* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
+/* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, const struct train_output *output, oxl_model *out);
 
