@@ -535,8 +535,8 @@ done:
 
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
 {
-    const int bands = (model->sh_degree + 1) * (model->sh_degree + 1);
-    for (int k = 0; k < bands; k++)
+    const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
+    for (int k = 0; k < coefficients; k++)
         for (int c = 0; c < 3; c++) {
             float       *plane = model->plane[OXL_SH + 3 * k + c];
             const double more  = k == 0 ? (factor[c] - 1) * 0.5 / MODEL_SH0 : 0;

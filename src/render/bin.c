@@ -127,10 +127,10 @@ struct bin_spans { /* blocks of each of PACK rows, inclusive; none: first is INT
     int32_t first[PACK], last[PACK];
 };
 
-SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cut)
+SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cutoff_bits)
 {
     struct bin_contour c;
-    c.r       = (s->peak + cut) * (real)1.0001 + (real)0.001;
+    c.r       = (s->peak + cutoff_bits) * (real)1.0001 + (real)0.001;
     c.inverse = 1 / s->a;
     c.extreme = s->k * c.r / (s->e * s->half_x);
     c.slack   = (real)0.001 + (real)1e-5 * s->half_x;
@@ -219,12 +219,12 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     uint32_t           count = 0, blocks[PACK];
     if (lobe) {
         second      = bin_lobe_splat(s, lobe);
-        other       = bin_contour(&second, b->cut);
+        other       = bin_contour(&second, b->cutoff_bits);
         main        = *s;
         main.half_x = lobe->main_x, main.half_y = lobe->main_y;
         s = &main;
     }
-    contour = bin_contour(s, b->cut);
+    contour = bin_contour(s, b->cutoff_bits);
     for (int ty = s->tile_y0; ty <= s->tile_y1; ty += PACK / 4) {
         const int          rows = OXL_MIN(PACK / 4, s->tile_y1 - ty + 1);
         struct bin_columns columns;

@@ -162,10 +162,10 @@ struct project_shape {
 };
 
 /* MATH 4, 5. The half box is slightly enlarged: conservative, the alpha test at each pixel is exact. */
-SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cut)
+SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cutoff_bits)
 {
     struct project_shape s;
-    s.reach         = (peak + cut) * 2 * LN_2; /* 2 ln(o / alpha_min) */
+    s.reach         = (peak + cutoff_bits) * 2 * LN_2; /* 2 ln(o / alpha_min) */
     const real safe = s.reach > 0 ? s.reach : 0;
     s.half_x        = real_sqrt(safe * g->xx / g->shrink2) * (real)1.0001 + (real)0.001;
     s.half_y        = real_sqrt(safe * g->yy / g->shrink2) * (real)1.0001 + (real)0.001;
@@ -188,7 +188,7 @@ SIMD_INLINE void project_lane(const int fused, const struct project_job *job, si
     const struct project_geometry g       = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
-    const struct project_shape    s = project_shape(&g, peak, kernel_camera->cut);
+    const struct project_shape    s = project_shape(&g, peak, kernel_camera->cutoff_bits);
     const real                    u = kernel_camera->fx * g.p.x * inverse + kernel_camera->cx,
                v                    = kernel_camera->fy * g.p.y * inverse + kernel_camera->cy;
     out->u[l] = u, out->v[l] = v;
@@ -212,9 +212,9 @@ SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *jo
     const real                    factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real                    main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
     const real                    peak   = main_peak + real_log2(fused, factor);
-    const struct project_shape    s      = project_shape(&g, peak, job->kernel_camera->cut);
+    const struct project_shape    s      = project_shape(&g, peak, job->kernel_camera->cutoff_bits);
     const real                    half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
-    const int                     shown = (s.reach >= 0) | (main_peak + job->kernel_camera->cut >= 0);
+    const int                     shown = (s.reach >= 0) | (main_peak + job->kernel_camera->cutoff_bits >= 0);
     const int seen = in_front & project_in_view(job->kernel_camera, lanes->u[l], lanes->v[l], half_x, half_y) & shown &
                      (s.a < (real)1e30) & (lanes->a[l] < (real)1e30);
     out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e, out->peak[l] = peak;
@@ -415,7 +415,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     job->out.plane[OXL_ROTATION + 1][to]  = ok ? p.q[1] : 0;
     job->out.plane[OXL_ROTATION + 2][to]  = ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][to]  = ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][to]       = ok ? d->sums[SUM_G][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->out.plane[OXL_OPACITY][to]       = ok ? d->sums[SUM_D][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
     job->dmean2d[i]                       = ok ? project_length(kernel_camera, p.u, p.v) : 0;
 }
 
@@ -431,7 +431,7 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     const real                             rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real                             rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
     const struct project_geometry_gradient p           = project_geometry_gradient(kernel_camera, &g, sums, l);
-    const real                             pull        = sums[SUM_G][l];
+    const real                             pull        = sums[SUM_D][l];
     const int                              ok          = seen >> l & 1; /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
     job->out.plane[OXL_LOG_SCALE][to] += ok ? p.log_scale.x : 0;

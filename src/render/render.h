@@ -169,7 +169,13 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
 
 struct archive; /* checkpoint.c */
 
-enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, the falloff */
+enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
+       MEDIUM_DIRECT  = 0, /* three channels each */
+       MEDIUM_SCATTER = 3,
+       MEDIUM_VEIL    = 6,
+       MEDIUM_FALLOFF = 9,
+       MEDIUM_SUMS    = 10
+};
 
 /* From the next forward on cameras are windows, from x, y on, of images of this size; 0, 0: they are whole. On the CPU:
  * renderer_use_cpu. */

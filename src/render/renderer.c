@@ -79,7 +79,7 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, floa
                               .limit_y     = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
                               .near_plane  = near_plane,
                               .alpha_min   = ALPHA_MIN,
-                              .cut         = LOG2_255};
+                              .cutoff_bits = LOG2_255};
     double               eye[3];
     camera_position(c, eye);
     l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
@@ -110,8 +110,8 @@ OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *l, float alpha_min)
 {
     if (!(alpha_min > ALPHA_MIN)) return;
-    l->alpha_min = OXL_MIN(alpha_min, ALPHA_MAX);
-    l->cut       = (float)(-vecmath_log(l->alpha_min) * LOG2_E);
+    l->alpha_min   = OXL_MIN(alpha_min, ALPHA_MAX);
+    l->cutoff_bits = (float)(-vecmath_log(l->alpha_min) * LOG2_E);
 }
 
 OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
@@ -232,7 +232,7 @@ OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
     const uint64_t most  = (uint64_t)(r->dropout * 4294967296.0);
-    const float    gain  = (float)(-vecmath_log(1 - r->dropout) / 0.6931471805599453);
+    const float    gain  = (float)(-vecmath_log(1 - r->dropout) / VECMATH_LN2);
     const size_t   first = (size_t)(job->splat - r->splat); /* row 0 of the job */
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (size_t l = 0, row = pack * PACK; l < PACK; l++, row++) {
@@ -375,7 +375,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
     r->bins.alpha_min     = r->kernel_camera.alpha_min;
-    r->bins.cut           = r->kernel_camera.cut;
+    r->bins.cutoff_bits   = r->kernel_camera.cutoff_bits;
     r->bins.packs         = packs + others;
     r->bins.splat         = r->splat;
     r->bins.lobe          = r->lobe;

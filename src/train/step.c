@@ -2,10 +2,11 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* "VIEWS" in ASCII: a stream of random numbers for the order of views, */
-#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* "DROP": and one for dropout */
-#define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
-#define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_ORDER        (UINT64_C(0x5649455753) << 24) /* "VIEWS" in ASCII: a stream of random numbers for the order of views, */
+#define STEP_DROPOUT      (UINT64_C(0x44524f50) << 24)   /* "DROP": and one for dropout */
+#define STEP_READ_AHEAD   64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
+#define STEP_SMOOTHING    0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
 static void step_shuffle(struct train *t, int epoch)
@@ -201,7 +202,7 @@ static oxl_result step_skip(struct train *t, int step, int view)
 static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                               struct renderer_nonfinite skipped)
 {
-    const double                   psnr     = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double                   psnr     = -STEP_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
     const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
     const struct exposure_gradient gradient = {.step      = of->step,
                                                .view      = of->view,
@@ -258,7 +259,9 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
-    if (lamp) lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
+    if (lamp)
+        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
+                  renderer_medium_gradient(t->renderer)[MEDIUM_FALLOFF]);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
@@ -461,7 +464,7 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss)
     return rc;
 }
 
-/* One more SH band each such share of the run, up to the degree that it is to have. */
+/* Raises the SH degree by one after each sh_degree_interval of the run, up to t->sh_degree. */
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 {
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
