@@ -262,7 +262,7 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     b->finite     = p->plan->finite;
     b->dimensions = p->dimensions;
     b->depth      = partition_depth(b->kept, (size_t)b->options.block_points);
-    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .slot = -1};
+    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .in_batch = -1};
     b->node_count = 1;
     reason        = partition_reason_for_one(b);
     rc            = partition_set_loads(b, 0);

@@ -26,7 +26,8 @@ int         oxl_json_is_true(const char *object, const char *name);
 /* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does not fit. The
  * result is never longer than the source. */
 size_t oxl_json_text(const char *value, char *out, size_t size);
-/* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8 comes back from oxl_json_text. */
+/* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8 comes back from
+ * oxl_json_text. */
 size_t oxl_json_escape(const char *s, char out[8]);
 size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 

@@ -2,8 +2,8 @@
  *
  * Some training views are validation views until the last decision, and are trained from then on. A decision is a trial: each
  * alternative is trained from the same state for a fortieth of the run, and the smallest one that is good enough is kept. (Rendering
- * without its higher SH degrees is no evidence: the lower ones have adapted to them. By that test a scene without view dependence seemed to need
- * degree 3.) Each decision is noted with its evidence (run.json).
+ * without its higher SH degrees is no evidence: the lower ones have adapted to them. By that test a scene without view dependence
+ * seemed to need degree 3.) Each decision is noted with its evidence (run.json).
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial repeats the trial.
  */

@@ -379,7 +379,8 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
 
-/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this degree. */
+/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this
+ * degree. */
 static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep, int sh_degree,
                                  int *moved)
 {

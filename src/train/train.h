@@ -179,7 +179,8 @@ struct water {
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
 OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *continued);
-/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks, exposure_set_from_tracks. */
+/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks,
+ * exposure_set_from_tracks. */
 OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size);
 #define WATER_SPAN_MIN 2 /* less does not identify the water: auto is off (docs/WATER.md) */
 OXL_INTERNAL double        water_span(oxl_scene *scene);
@@ -265,7 +266,8 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is applied. */
+/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is
+ * applied. */
 OXL_INTERNAL void       exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
 OXL_INTERNAL void       exposure_apply_pending(struct exposure *e, int last);
 OXL_INTERNAL void       exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size);
