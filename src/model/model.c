@@ -2,8 +2,8 @@
  *
  * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
  *
- * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on a
- * 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
+ * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts
+ * on a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
  * long as the packs of rows 0..lobes-1. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
  * smaller count leaves valid rows.
  */
@@ -455,8 +455,8 @@ static void model_neighbour_distances(oxl_context *ctx, const struct model_tree 
 
 #define MODEL_SQUARE_MIN 1e-4 /* of the median's; see model_widths */
 
-/* Replaces mean squared distances, in place, by log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our
- * unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
+/* Replaces mean squared distances, in place, by log widths. Almost coincident points would have almost width 0: 3DGS limits the square
+ * to 1e-7; our unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
