@@ -109,7 +109,7 @@ OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend. Optional: the first function that needs the device opens it. */
 OXL_API oxl_result  oxl_backend_begin(oxl_context *ctx);
-/* "cpu", or the device's name. */
+/* What has rendered so far: the device's name, "cpu", or "NAME and cpu" where the CPU took over; at first, what is going to. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
 /* The Vulkan devices in the order of options.device, one line each, with their limits; free with oxl_text_free. */
 OXL_API oxl_result  oxl_devices(oxl_context *ctx, char **out);

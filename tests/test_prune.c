@@ -180,9 +180,9 @@ struct prune_case {
 static struct prune_case prune_two_patches(int many, int few, float low)
 {
     enum { SIDE = 32 };
-    struct prune_case c = {NULL, {0}, {0}, {0}};
-    oxl_view          view[16];
-    oxl_image         image[16];
+    struct prune_case c         = {NULL, {0}, {0}, {0}};
+    oxl_view          view[16]  = {{0}};
+    oxl_image         image[16] = {{0}};
     static char       names[16][16];
     CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.model));
     for (int i = 0; i < 128; i++) {

@@ -308,8 +308,8 @@ static oxl_scene *train_scene_of(int views, double shine)
 {
     enum { SIDE = 48, GRID = 12 };
     oxl_model  truth;
-    oxl_view   view[16];
-    oxl_image  image[16];
+    oxl_view   view[16]  = {{0}};
+    oxl_image  image[16] = {{0}};
     oxl_point  point[GRID * GRID];
     oxl_scene *scene = NULL;
     CHECK_OK(oxl_model_create(test_ctx, GRID * GRID, 1, &truth));

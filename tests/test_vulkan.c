@@ -561,6 +561,7 @@ static void vulkan_check_image_of(oxl_context *device, int width, int height, in
     struct vulkan_twins   t      = vulkan_twins(device, width >> halved, height >> halved);
     const size_t          pixels = (size_t)width * (size_t)height;
     uint8_t              *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
+    const size_t          stays  = (3 * pixels + 3) / 4 * 4 + (masked ? (pixels + 3) / 4 * 4 : 0); /* whole words */
     struct training_image image  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
     struct renderer_loss  loss[2];
     oxl_model             m;
@@ -576,6 +577,7 @@ static void vulkan_check_image_of(oxl_context *device, int width, int height, in
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
         CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     }
+    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == (device->vulkan->image_bytes_max > 0 ? stays : 0));
     CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->image_bytes_max > 0) && !renderer_has_image(t.r[1], 2));
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, bytes);
@@ -586,6 +588,7 @@ static void vulkan_check_images(oxl_context *device)
 {
     vulkan_check_image_of(device, 41, 33, 1, 0);
     vulkan_check_image_of(device, 81, 65, 1, 1);
+    vulkan_check_image_of(device, 41, 33, 0, 0);
     device->vulkan->image_bytes_max = 0;
     vulkan_check_image_of(device, 40, 31, 0, 0);
 }
@@ -1195,19 +1198,47 @@ static void vulkan_check_uploads(oxl_context *device)
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
 }
 
+static PFN_vkWaitForFences vulkan_real_wait;
+static uint64_t            vulkan_waited; /* ns: the last wait, at most */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_wait(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
+                                                       uint64_t timeout)
+{
+    vulkan_waited = timeout;
+    return vulkan_real_wait(device, count, fence, all, timeout);
+}
+
+/* How long it is waited for this device now. */
+static uint64_t vulkan_patience_with(struct vulkan *v)
+{
+    vulkan_waited = 0;
+    vulkan_fill(v, &v->nothing, 0, VK_WHOLE_SIZE, 0);
+    CHECK(vulkan_finish(v) == OXL_OK);
+    return vulkan_waited;
+}
+
 /* A CPU may take as long as it takes. */
 static void vulkan_check_patience(oxl_context *device)
 {
-    struct vulkan *v = device->vulkan, other = *v;
-    other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU;
-    vulkan_set_times(&other);
-    CHECK(other.patience == VULKAN_WAIT && other.part == VULKAN_PART);
-    other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
-    vulkan_set_times(&other);
-    CHECK(other.patience == VULKAN_WAIT && other.part * 256 * 55 < 20e9); /* docs/log/SPEED.md: less than 1 s */
-    other.properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_CPU;
-    vulkan_set_times(&other);
-    CHECK(other.patience == UINT64_MAX && other.part == 0);
+    static const VkPhysicalDeviceType gpu[] = {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU,
+                                               VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU, VK_PHYSICAL_DEVICE_TYPE_OTHER};
+    struct vulkan                    *v     = device->vulkan;
+    const VkPhysicalDeviceType        type  = v->properties.deviceType;
+    vulkan_real_wait                        = v->WaitForFences;
+    v->WaitForFences                        = vulkan_note_wait;
+    CHECK(vulkan_patience_with(v) == (type == VK_PHYSICAL_DEVICE_TYPE_CPU ? UINT64_MAX : VULKAN_WAIT));
+    for (size_t i = 0; i < OXL_COUNT(gpu); i++) {
+        v->properties.deviceType = gpu[i];
+        vulkan_set_times(v);
+        CHECK(vulkan_patience_with(v) == 60000000000ull);
+        CHECK(v->part == (i == 1 ? 4 : 1) * VULKAN_PART);
+    }
+    CHECK(4 * VULKAN_PART * 256.0 * 55 < 20e9); /* docs/log/SPEED.md: less than 1 s */
+    v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_CPU;
+    vulkan_set_times(v);
+    CHECK(vulkan_patience_with(v) == UINT64_MAX && v->part == 0);
+    v->WaitForFences         = vulkan_real_wait;
+    v->properties.deviceType = type;
 }
 
 /* Another error comes first, while the device is at work. */
@@ -1365,7 +1396,42 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, Vk
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT *budget = out->pNext;
     (void)device;
-    for (uint32_t i = 0; i < VK_MAX_MEMORY_HEAPS; i++) budget->heapBudget[i] = vulkan_budget, budget->heapUsage[i] = vulkan_usage;
+    for (uint32_t i = 0; i < VK_MAX_MEMORY_HEAPS; i++)
+        budget->heapBudget[i] = (i + 1) * vulkan_budget, budget->heapUsage[i] = (i + 1) * vulkan_usage;
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_requirements(VkDevice device, VkBuffer buffer, VkMemoryRequirements *out)
+{
+    (void)device, (void)buffer;
+    *out = (VkMemoryRequirements){256, 64, 7};
+}
+
+/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, not the largest one, nor the host's. */
+static void vulkan_check_heap(const struct vulkan *v)
+{
+    const VkMemoryPropertyFlags host  = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const VkMemoryPropertyFlags own   = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
+    struct vulkan               other = *v;
+    struct vulkan_buffer        b     = {0};
+    other.memory                      = (VkPhysicalDeviceMemoryProperties){.memoryTypeCount = 3,
+                                                                           .memoryTypes     = {{host, 2}, {own, 1}, {own | host, 0}},
+                                                                           .memoryHeapCount = 3,
+                                                                           .memoryHeaps     = {{7000, 1}, {5000, 1}, {9000, 0}}};
+    other.budgets                     = 0;
+    CHECK(vulkan_memory_left(&other, 0) == 9000 && vulkan_memory_left(&other, 1) == 5000 &&
+          vulkan_memory_left(&other, 2) == 7000);
+    other.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
+    other.budgets                               = 1;
+    vulkan_budget = 100, vulkan_usage = 30; /* of heap 0; twice, three times that of those behind it */
+    CHECK(vulkan_memory_left(&other, 0) == 210 && vulkan_memory_left(&other, 1) == 140 && vulkan_memory_left(&other, 2) == 70);
+    other.GetBufferMemoryRequirements = vulkan_play_requirements;
+    other.make_room                   = NULL;
+    vulkan_play_full(&other, 0);
+    for (int for_host = 0; for_host < 2; for_host++) {
+        other.rc = OXL_OK;
+        vulkan_create(&other, &b, 256, for_host);
+        CHECK(other.rc == OXL_ERR_MEMORY && other.kind == 1 && !b.handle);
+    }
 }
 
 /* What other programs use is not there: images are kept in a half of what is left; or up to their share, or number. */
@@ -1378,12 +1444,13 @@ static void vulkan_check_budget(oxl_context *device)
     oxl_model            m, larger;
     vulkan_scene(30, 0, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
+    vulkan_check_heap(v);
     v->budgets                               = 1;
     v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = 100, vulkan_usage = 30;
-    CHECK(vulkan_memory_left(v) == 70);
+    CHECK(vulkan_memory_left(v, v->kind) == 70);
     vulkan_usage = 101;
-    CHECK(vulkan_memory_left(v) == 0);
+    CHECK(vulkan_memory_left(v, v->kind) == 0);
     for (int view = 0; view < 4; view++) {
         vulkan_usage = 0, vulkan_budget = 2 * bytes - (view == 0);
         v->image_bytes_max                            = view == 1 ? bytes - 1 : most;
@@ -1449,6 +1516,129 @@ static void vulkan_check_fallback(oxl_context *device)
     vulkan_twins_free(&t);
     device->vulkan->AllocateMemory = vulkan_real_allocate;
     vulkan_check_score_falls_back(device);
+}
+
+static int vulkan_submits_left; /* submissions until the device is lost, or has no memory for any more */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_late_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info,
+                                                            VkFence fence)
+{
+    return vulkan_submits_left-- > 0 ? vulkan_real_submit(queue, count, info, fence) : VK_ERROR_DEVICE_LOST;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_late_shortage(VkQueue queue, uint32_t count, const VkSubmitInfo *info,
+                                                                VkFence fence)
+{
+    return vulkan_submits_left-- > 0 ? vulkan_real_submit(queue, count, info, fence) : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
+
+/* What the public functions give of a model in one view: the image and its depths, or the gradient. */
+struct vulkan_output {
+    oxl_image image;
+    oxl_model gradient;
+    float     depth[64 * 48];
+};
+
+static oxl_result vulkan_output_of(oxl_context *ctx, const oxl_model *m, int gradient, struct vulkan_output *out)
+{
+    const oxl_camera camera = vulkan_camera(64, 48);
+    float           *drgb   = vulkan_noise((size_t)3 * 64 * 48, 50);
+    oxl_result       rc;
+    memset(out, 0, sizeof *out);
+    if (gradient) rc = oxl_render_backward(ctx, m, &camera, NULL, drgb, &out->gradient);
+    else rc = oxl_render(ctx, m, &camera, NULL, &out->image, out->depth);
+    oxl_free(test_ctx, drgb);
+    return rc;
+}
+
+static void vulkan_output_free(oxl_context *ctx, struct vulkan_output *o)
+{
+    oxl_image_free(ctx, &o->image);
+    oxl_model_free(ctx, &o->gradient);
+}
+
+/* Whether it is, to the byte, what the CPU gave, and the next function finds the same. */
+static int vulkan_gives(oxl_context *device, const oxl_model *m, int gradient, const struct vulkan_output *cpu)
+{
+    static struct vulkan_output got;
+    int                         same;
+    CHECK_OK(vulkan_output_of(device, m, gradient, &got));
+    same = memcmp(got.depth, cpu->depth, sizeof got.depth) == 0;
+    if (got.image.rgb) same = same && memcmp(got.image.rgb, cpu->image.rgb, sizeof(float) * 3 * 64 * 48) == 0;
+    for (int k = 0; k < oxl_model_planes(m) && got.gradient.count == m->count; k++)
+        same = same && memcmp(got.gradient.plane[k], cpu->gradient.plane[k], m->count * sizeof(float)) == 0;
+    same = same && (gradient ? got.gradient.count == m->count : got.image.rgb != NULL);
+    vulkan_output_free(device, &got);
+    return same;
+}
+
+static int vulkan_said_cpu; /* warnings of renderers that left their device */
+
+static void vulkan_hear_cpu(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    vulkan_said_cpu += level == OXL_LOG_WARNING && strstr(text, ": continuing on the CPU") != NULL;
+}
+
+/* --backend auto: the device is lost in the last submission of a gradient; the CPU computes it, and renders from then on. With --backend
+ * vulkan that is an error, whatever has been said since. */
+static void vulkan_check_draws_without_device(oxl_context *device, const oxl_model *m, const struct vulkan_output cpu[2])
+{
+    static struct vulkan_output none;
+    struct vulkan              *v      = device->vulkan;
+    const size_t                before = v->submissions;
+    CHECK(!vulkan_gives(device, m, 1, &cpu[1]));
+    vulkan_submits_left = (int)(v->submissions - before) - 1;
+    vulkan_real_submit  = v->QueueSubmit;
+    v->QueueSubmit      = vulkan_play_late_loss;
+    vulkan_said_cpu     = 0;
+    CHECK(vulkan_submits_left > 3 && vulkan_gives(device, m, 1, &cpu[1]));
+    CHECK(v->lost == VK_ERROR_DEVICE_LOST && vulkan_said_cpu == 1);
+    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_said_cpu == 3);
+    device->options.backend = OXL_BACKEND_VULKAN;
+    for (int gradient = 0; gradient < 2; gradient++) {
+        oxl_fail(device, OXL_ERR_INPUT, "another error");
+        CHECK(vulkan_output_of(device, m, gradient, &none) == OXL_ERR_FAILED);
+        CHECK_TEXT(oxl_error_text(device), "the device is lost");
+    }
+    CHECK(v->complaints == 0);
+    vulkan_close(v);
+    device->vulkan = NULL;
+}
+
+/* --backend auto: wherever an image or a gradient finds no memory, the CPU does all of it. */
+static void vulkan_check_draws_fall_back(oxl_context *device)
+{
+    static struct vulkan_output cpu[2], none;
+    struct vulkan              *v = device->vulkan;
+    oxl_model                   m;
+    vulkan_scene(300, 1, 0, &m);
+    device->options.log = vulkan_hear_cpu;
+    for (int gradient = 0; gradient < 2; gradient++) {
+        int all;
+        CHECK_OK(vulkan_output_of(test_ctx, &m, gradient, &cpu[gradient]));
+        vulkan_play_full(v, 1000);
+        device->options.backend = OXL_BACKEND_VULKAN;
+        device->drew            = 0;
+        CHECK(!vulkan_gives(device, &m, gradient, &cpu[gradient]));
+        CHECK(strcmp(oxl_backend_name(device), v->properties.deviceName) == 0);
+        all = 1000 - vulkan_allocations_left;
+        vulkan_play_full(v, all - 1);
+        CHECK(vulkan_output_of(device, &m, gradient, &none) == OXL_ERR_MEMORY);
+        CHECK(!none.image.rgb && none.gradient.count == 0);
+        device->options.backend = OXL_BACKEND_AUTO;
+        device->drew            = 0;
+        vulkan_said_cpu         = 0;
+        for (int k = 0; k < all; k++) {
+            vulkan_play_full(v, k);
+            CHECK(vulkan_gives(device, &m, gradient, &cpu[gradient]) && vulkan_said_cpu == k + 1);
+            if (k == 0) CHECK(strcmp(oxl_backend_name(device), "cpu") == 0);
+        }
+        v->AllocateMemory = vulkan_real_allocate;
+    }
+    vulkan_check_draws_without_device(device, &m, cpu);
+    for (int k = 0; k < 2; k++) vulkan_output_free(test_ctx, &cpu[k]);
+    oxl_model_free(test_ctx, &m);
 }
 
 /* Steps, density control and an opacity reset, steps; the rows downloaded and uploaded (0), moved on the device (1),
@@ -1595,6 +1785,32 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_note_part(VkCommandBuffer commands, VkP
     vulkan_real_push(commands, layout, stages, offset, size, push);
 }
 
+/* Of a part, the pairs of its tiles get sums, and no others; returns how many. */
+static size_t vulkan_check_backward_part(struct vulkan_renderer *d, const uint32_t *start, size_t tiles, const uint32_t part[2])
+{
+    struct vulkan *v    = d->v;
+    uint32_t      *slot = oxl_alloc(test_ctx, d->pairs, sizeof *slot);
+    float(*sums)[4]     = oxl_alloc(test_ctx, d->pairs, sizeof *sums);
+    size_t wrong = 0, given = 0;
+    vulkan_reserve(v, &d->drgb, (size_t)d->view.width * d->view.height, 12, "pixels");
+    vulkan_reserve_sums(d, 0);
+    vulkan_fill(v, &d->drgb, 0, VK_WHOLE_SIZE, 0x3F800000);
+    vulkan_fill(v, &d->sums_a, 0, VK_WHOLE_SIZE, 0x7F800000);
+    vulkan_draw_backward_part(d, part, 0);
+    vulkan_download(v, &d->sums_a, 0, sums, d->pairs * sizeof *sums);
+    vulkan_download(v, &d->pair_value[d->sort_end], 0, slot, d->pairs * sizeof *slot);
+    CHECK(v->rc == OXL_OK);
+    for (size_t tile = 0; tile < tiles && v->rc == OXL_OK; tile++)
+        for (uint32_t pair = start[tile]; pair < start[tile + 1]; pair++) {
+            const int has = sums[slot[pair]][0] < INFINITY;
+            wrong += has != (start[tile] >= part[0] && start[tile] < part[1]), given += (size_t)has;
+        }
+    CHECK(wrong == 0 && given < d->pairs);
+    oxl_free(test_ctx, slot);
+    oxl_free(test_ctx, sums);
+    return given;
+}
+
 /* Nine in ten pairs are in three of many tiles: no submission draws more than a part of the pairs and one tile. */
 static void vulkan_check_unbalanced(oxl_context *device)
 {
@@ -1605,6 +1821,7 @@ static void vulkan_check_unbalanced(oxl_context *device)
     struct renderer         *r;
     oxl_model                m;
     uint32_t                 start[20 * 15 + 1], most_of_tile = 0, most = 0, all = 0, wrong = 0, drawn = 0;
+    size_t                   backward = 0;
     const float             *image;
     vulkan_scene(4000, 0, 0, &m);
     for (size_t i = 0; i < 3600; i++) {
@@ -1630,16 +1847,19 @@ static void vulkan_check_unbalanced(oxl_context *device)
     }
     CHECK(most_of_tile > 1000 && most <= 700 + most_of_tile);
     CHECK(all == start[300] && all == d->pairs);
-    vulkan_fill(v, &d->rgb, 0, VK_WHOLE_SIZE, 0x7F800000);
-    vulkan_draw_part(d, vulkan_drawn[2], 0);
-    CHECK_OK(renderer_image(device, r, &image));
-    for (int i = 0; i < 320 * 240; i++) {
-        const uint32_t at = start[i / 320 / 16 * 20 + i % 320 / 16];
-        wrong += (image[i] < INFINITY) != (at >= vulkan_drawn[2][0] && at < vulkan_drawn[2][1]);
-        drawn += image[i] < INFINITY;
-    }
-    CHECK(wrong == 0 && drawn > 0 && drawn < 320 * 240);
     v->CmdPushConstants = vulkan_real_push;
+    for (int k = 0; k < vulkan_drawn_parts; k++) {
+        vulkan_fill(v, &d->rgb, 0, VK_WHOLE_SIZE, 0x7F800000);
+        vulkan_draw_part(d, vulkan_drawn[k], 0);
+        CHECK_OK(renderer_image(device, r, &image));
+        for (int i = 0; i < 320 * 240; i++) {
+            const uint32_t at = start[i / 320 / 16 * 20 + i % 320 / 16];
+            wrong += (image[i] < INFINITY) != (at >= vulkan_drawn[k][0] && at < vulkan_drawn[k][1]);
+            drawn += image[i] < INFINITY;
+        }
+        backward += vulkan_check_backward_part(d, start, 300, vulkan_drawn[k]);
+    }
+    CHECK(wrong == 0 && drawn == 320 * 240 && backward == d->pairs);
     renderer_free(device, r);
     oxl_model_free(test_ctx, &m);
 }
@@ -1729,28 +1949,63 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* Two Gaussians, one in each of two views: what is read of the file has the same shape for both, and may lie in the same place. */
+/* Memory that is given from its beginning again when vulkan_arena_at is set to 0: the same requests, the same places. */
+static char   vulkan_arena[1 << 20];
+static size_t vulkan_arena_at;
+static void *(*vulkan_real_reallocate)(void *user, void *old, size_t size);
+
+static void *vulkan_from_arena(void *user, void *old, size_t size)
+{
+    const int ours = (char *)old >= vulkan_arena && (char *)old < vulkan_arena + sizeof vulkan_arena;
+    char     *at   = vulkan_arena + vulkan_arena_at;
+    if (size == 0) return ours ? NULL : vulkan_real_reallocate(user, old, 0);
+    size = (size + 63) & ~(size_t)63;
+    if (old || size > sizeof vulkan_arena - vulkan_arena_at) return NULL;
+    vulkan_arena_at += size;
+    return at;
+}
+
+/* Gaussian `view` of two that are 40 apart, the first red, the second green; `shared` is where the rows of other views lay. */
+static void vulkan_check_page(struct vulkan_twins *t, const oxl_model *paged, int view, int shared)
+{
+    const oxl_render_options options = oxl_render_options_default();
+    struct vulkan_renderer  *r       = t->r[1]->device;
+    const float             *before  = r->plane;
+    const size_t             centre  = t->pixels / 2 + (size_t)t->camera.width / 2;
+    oxl_image                image[2];
+    t->camera.translation[0] = -40 * view;
+    vulkan_arena_at          = 0;
+    for (int k = 0; k < 2; k++) {
+        if (k && shared) t->ctx[k]->options.reallocate = vulkan_from_arena;
+        CHECK_OK(renderer_draw(t->ctx[k], t->r[k], paged, &t->camera, &options, &image[k], NULL));
+        CHECK(image[k].rgb[centre + t->pixels * (size_t)view] > 0.5f);
+        CHECK(image[k].rgb[centre + t->pixels * (size_t)(1 - view)] < 0.2f);
+    }
+    for (size_t i = 0; i < 3 * t->pixels; i += 7) CHECK_CLOSE(image[1].rgb[i], image[0].rgb[i], 2.0 / 255);
+    for (int k = 0; k < 2; k++) oxl_image_free(t->ctx[k], &image[k]);
+    t->ctx[1]->options.reallocate = vulkan_real_reallocate;
+    CHECK(r->count == 1 && (r->plane == before) == (shared > 1));
+}
+
+/* Two Gaussians, one in each of two views: what is read of the file has the same shape for both, and lies in the same place. */
 static void vulkan_check_pages(oxl_context *device)
 {
-    struct vulkan_twins      t       = vulkan_twins(device, 64, 48);
-    const oxl_render_options options = oxl_render_options_default();
-    oxl_model                m, paged;
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
+    oxl_model           m, paged;
     vulkan_scene(2, 0, 0, &m);
     for (int i = 0; i < 2; i++) {
         for (int a = 0; a < 3; a++) m.plane[OXL_MEAN + a][i] = a == 2 ? 4 : a == 0 ? 40 * (float)i : 0;
-        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = -1, m.plane[OXL_SH + a][i] = i == a ? 2 : -1;
+        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = -1, m.plane[OXL_SH + a][i] = i == a ? 2 : -2;
         m.plane[OXL_OPACITY][i] = 3;
     }
+    memset(t.camera.rotation, 0, sizeof t.camera.rotation);
+    for (int a = 0; a < 3; a++) t.camera.rotation[4 * a] = 1, t.camera.translation[a] = 0;
     CHECK_OK(model_file_write_ply(test_ctx, test_path("two.ply"), &m, 1));
     CHECK_OK(oxl_model_open(test_ctx, test_path("two.ply"), 1, &paged));
     CHECK(paged.pages != NULL);
-    for (int view = 0; view < 2; view++) {
-        oxl_image image[2];
-        t.camera.translation[0] -= view ? 40 : 0;
-        for (int k = 0; k < 2; k++) CHECK_OK(renderer_draw(t.ctx[k], t.r[k], &paged, &t.camera, &options, &image[k], NULL));
-        for (size_t i = 0; i < 3 * t.pixels; i += 7) CHECK_CLOSE(image[1].rgb[i], image[0].rgb[i], 2.0 / 255);
-        for (int k = 0; k < 2; k++) oxl_image_free(t.ctx[k], &image[k]);
-    }
+    vulkan_real_reallocate = device->options.reallocate;
+    vulkan_check_page(&t, &paged, 0, 0); /* the renderer's own memory is allocated */
+    for (int view = 1; view >= 0; view--) vulkan_check_page(&t, &paged, view, view ? 1 : 2);
     oxl_model_free(test_ctx, &m);
     oxl_model_free(test_ctx, &paged);
     vulkan_twins_free(&t);
@@ -1926,10 +2181,94 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_two_steps(&t);
     CHECK(!renderer_has_device(t.renderer) && t.last_loss > 0 && t.last_loss < 1);
+    CHECK(strcmp(oxl_backend_name(device), v->name_and_cpu) == 0);
+    CHECK_TEXT(v->name_and_cpu, v->properties.deviceName);
+    CHECK_TEXT(v->name_and_cpu, " and cpu");
     v->AllocateMemory = vulkan_real_allocate;
     train_end(&t);
     oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
+}
+
+static int vulkan_stops_at(void *user, const oxl_progress *p)
+{
+    return p->iteration == *(const int *)user;
+}
+
+/* A run that saves its state; sum: of the checkpoint that is there then, or NULL. */
+static oxl_result vulkan_saved_run(oxl_context *ctx, const oxl_callback *callback, oxl_model *out, uint64_t *sum)
+{
+    struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const struct train_output place   = {.folder = test_path("saved"), .key = "saved", .log = &log, .notes = &notes};
+    oxl_scene                *scene   = vulkan_survey(ctx, 0);
+    oxl_train_options         options = train_options(60);
+    struct os_file_map        map     = {0};
+    const oxl_result          rc      = train_run(ctx, scene, &options, callback, &place, out);
+    if (sum) CHECK_OK(os_read_file(ctx, test_path("saved/checkpoint.oxl"), &map));
+    if (sum) *sum = checkpoint_hash(CHECKPOINT_SEED, (const unsigned char *)map.data, map.size);
+    os_release_file(ctx, &map);
+    text_free(&log);
+    text_free(&notes);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
+/* A submission finds no memory, nor does its repetition: what was not submitted is not known to the host, so the run ends, with --backend
+ * auto, too. The checkpoint is as it was, and the next run ends as if nothing had been. */
+static void vulkan_check_lost_run(oxl_context *device)
+{
+    int                stop     = 33;
+    const oxl_callback callback = {vulkan_stops_at, &stop};
+    uint64_t           saved[2] = {0, 1};
+    struct vulkan     *v        = device->vulkan;
+    oxl_model          model[2], none;
+    CHECK_OK(vulkan_saved_run(device, NULL, &model[0], NULL));
+    CHECK(vulkan_saved_run(device, &callback, &none, &saved[0]) == OXL_ERR_INTERRUPTED);
+    oxl_model_free(device, &none);
+    vulkan_real_submit      = v->QueueSubmit;
+    v->QueueSubmit          = vulkan_play_late_shortage;
+    vulkan_submits_left     = 15;
+    device->options.backend = OXL_BACKEND_AUTO;
+    CHECK(vulkan_saved_run(device, NULL, &none, &saved[1]) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(device), "no device memory is left");
+    CHECK_TEXT(oxl_error_text(device), "fix: run the command again, it continues from the last checkpoint");
+    CHECK(vulkan_submits_left == -2 && none.count == 0);
+    CHECK(saved[0] == saved[1]);
+    CHECK(v->lost && v->complaints == 0);
+    vulkan_close(v);
+    device->vulkan          = NULL;
+    device->options.backend = OXL_BACKEND_VULKAN;
+    CHECK_OK(vulkan_saved_run(device, NULL, &model[1], NULL));
+    vulkan_check_same_model(&model[0], &model[1]);
+    for (int k = 0; k < 2; k++) oxl_model_free(device, &model[k]);
+}
+
+/* A job in its own folder, on a device that allocates so often: what run.json says of it. */
+static void vulkan_check_run_json_of(oxl_context *device, const char *folder, int allocations, const char *rendered)
+{
+    const oxl_job_options options = job_test_options();
+    char                  out[512], run[600], words[400];
+    snprintf(out, sizeof out, "%s", test_path(folder));
+    snprintf(run, sizeof run, "%s/run.json", out);
+    vulkan_play_full(device->vulkan, allocations);
+    CHECK_OK(oxl_job_run(device, job_test_survey(), out, &options, NULL));
+    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    snprintf(words, sizeof words, "\"backend\": \"%s\",", rendered);
+    CHECK(job_test_has(run, words));
+    snprintf(words, sizeof words, "\"device\": \"%s\"}", device->vulkan->properties.deviceName);
+    CHECK(job_test_has(run, words));
+    CHECK(job_test_has(run, "continuing on the CPU") == (allocations == 0));
+}
+
+/* `device` of the job is what a run is to be repeated with; `backend` says what did the work. */
+static void vulkan_check_run_json(oxl_context *device)
+{
+    const char *name        = device->vulkan->properties.deviceName;
+    device->options.backend = OXL_BACKEND_AUTO;
+    vulkan_check_run_json_of(device, "on_device", 10000, name);
+    device->drew = 0;
+    vulkan_check_run_json_of(device, "on_cpu", 0, "cpu");
+    vulkan_check_run_json_of(device, "on_cpu", 0, "cpu"); /* whatever has rendered, the job is the same one, and finished */
 }
 
 static VkPipelineLayout            *vulkan_refused;
@@ -2292,6 +2631,21 @@ TEST(vulkan_keeps_images_within_what_memory_is_left)
 TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
 {
     ON_DEVICE(vulkan_check_fallback);
+}
+
+TEST(vulkan_images_and_gradients_fall_back_to_the_cpu)
+{
+    ON_DEVICE(vulkan_check_draws_fall_back);
+}
+
+TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
+{
+    ON_DEVICE(vulkan_check_lost_run);
+}
+
+TEST(vulkan_run_json_says_what_rendered)
+{
+    ON_DEVICE(vulkan_check_run_json);
 }
 
 TEST(vulkan_training_continues_on_the_cpu_when_out_of_memory)

@@ -31,8 +31,8 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
 static oxl_scene *exposure_scene_named(const char *const *names, int views)
 {
     oxl_scene *plain = train_scene(views), *scene = NULL;
-    oxl_view   view[14];
-    oxl_image  image[14];
+    oxl_view   view[14]  = {{0}};
+    oxl_image  image[14] = {{0}};
     for (int v = 0; v < views; v++) {
         view[v]      = *oxl_scene_view(plain, v);
         view[v].name = names[v];
@@ -156,8 +156,8 @@ TEST(exposure_gains_multiply_the_gradient_of_the_image)
 static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 {
     oxl_scene *plain = train_scene(views), *scene = NULL;
-    oxl_view   view[14];
-    oxl_image  image[14];
+    oxl_view   view[14]  = {{0}};
+    oxl_image  image[14] = {{0}};
     for (int v = 0; v < views; v++) {
         view[v] = *oxl_scene_view(plain, v);
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
@@ -1052,9 +1052,9 @@ TEST(water_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_n
 static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 {
     oxl_scene     *plain = train_scene(views), *scene = NULL;
-    struct imaging m = {.lamps = 1};
-    oxl_view       view[16];
-    oxl_image      image[16];
+    struct imaging m         = {.lamps = 1};
+    oxl_view       view[16]  = {{0}};
+    oxl_image      image[16] = {{0}};
     char           name[16][16];
     for (int v = 0; v < views; v++) {
         m.lamp[0] = lamp[v % lamps];

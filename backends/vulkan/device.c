@@ -273,6 +273,7 @@ static oxl_result vulkan_check(struct vulkan *v)
     v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
     v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
     vulkan_set_times(v);
+    snprintf(v->name_and_cpu, sizeof v->name_and_cpu, "%s and cpu", v->properties.deviceName);
     v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
     if (vulkan_fits(l)) return OXL_OK;
     return oxl_fail(
@@ -357,12 +358,12 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     if (rc == OXL_OK) v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
     if (rc == OXL_OK) {
-        v->image_bytes_max = vulkan_memory_left(v) / VULKAN_IMAGE_SHARE;
         vulkan_create(v, &v->staging, VULKAN_MARKS + VULKAN_FRAMES * sizeof(uint32_t), 1);
         vulkan_create(v, &v->nothing, 256, 0);
         if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
-        v->mapped = mapped;
-        rc        = v->rc;
+        v->mapped          = mapped;
+        v->image_bytes_max = vulkan_memory_left(v, v->kind) / VULKAN_IMAGE_SHARE;
+        rc                 = v->rc;
     }
     if (rc == OXL_OK) *out = v;
     else vulkan_close(v);
@@ -399,7 +400,7 @@ OXL_INTERNAL void vulkan_close(struct vulkan *v)
     oxl_free(v->ctx, v);
 }
 
-OXL_INTERNAL const char *vulkan_name(const struct vulkan *v)
+OXL_INTERNAL const char *vulkan_name(const struct vulkan *v, int and_cpu)
 {
-    return v->properties.deviceName;
+    return and_cpu ? v->name_and_cpu : v->properties.deviceName;
 }

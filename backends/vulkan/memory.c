@@ -5,20 +5,16 @@
  */
 #include "state.h"
 
-/* Free bytes of the largest heap that is the device's own: as the driver says, or all that it has. */
-OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v)
+/* Free bytes of the heap that memory of this kind lies in: as the driver says, or all that it has. */
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
     VkPhysicalDeviceMemoryProperties2 all  = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2, .pNext = &budget};
-    size_t                            left = 0;
-    if (v->budgets) v->GetPhysicalDeviceMemoryProperties2KHR(v->physical, &all);
-    for (uint32_t i = 0; i < v->memory.memoryHeapCount; i++) {
-        const VkDeviceSize size = v->memory.memoryHeaps[i].size, most = v->budgets ? budget.heapBudget[i] : size;
-        const VkDeviceSize used = v->budgets ? budget.heapUsage[i] : 0;
-        if (v->memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT)
-            left = OXL_MAX(left, (size_t)(most > used ? most - used : 0));
-    }
-    return left;
+    const uint32_t                    heap = v->memory.memoryTypes[kind].heapIndex;
+    if (!v->budgets) return (size_t)v->memory.memoryHeaps[heap].size;
+    v->GetPhysicalDeviceMemoryProperties2KHR(v->physical, &all);
+    if (budget.heapBudget[heap] <= budget.heapUsage[heap]) return 0;
+    return (size_t)(budget.heapBudget[heap] - budget.heapUsage[heap]);
 }
 
 /* A kind of memory with all of the properties, those that are also `preferred` first; -1: none. */
@@ -45,7 +41,7 @@ static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *in
 {
     const int own = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
     VkResult  result;
-    if (own && v->budgets && v->make_room && info->allocationSize > vulkan_memory_left(v)) v->make_room(v);
+    if (own && v->budgets && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v);
     result = v->AllocateMemory(v->device, info, NULL, out);
     if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && v->make_room && v->make_room(v) > 0)
         result = v->AllocateMemory(v->device, info, NULL, out);
@@ -68,6 +64,7 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
                               for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     memory.allocationSize  = needs.size;
     memory.memoryTypeIndex = (uint32_t)OXL_MAX(kind, 0);
+    if (!for_host) v->kind = memory.memoryTypeIndex;
     if (kind < 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
     else if (vulkan_ok(v, vulkan_allocate(v, &memory, &b->memory), "memory for a buffer"))
         vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");

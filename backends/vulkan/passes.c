@@ -156,16 +156,21 @@ OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
     v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
 }
 
+static void vulkan_say_lost(struct vulkan *v)
+{
+    v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
+                     "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
+                     "not help, a smaller --max-side, or --backend cpu",
+                     v->properties.deviceName, vulkan_word(v->lost), (int)v->lost);
+}
+
 /* The device is abandoned, its objects stay allocated. After a timeout a submission continues, or hangs: its fence, buffers and pools must
  * not be touched, and another wait may not end. A lost device frees nothing either. And where something could not be submitted,
  * what is on the device is not what the host takes it for. Returns 0. */
 static int vulkan_give_up(struct vulkan *v, VkResult result)
 {
-    v->lost = 1;
-    v->rc   = oxl_fail(v->ctx, OXL_ERR_FAILED,
-                       "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
-                         "not help, a smaller --max-side, or --backend cpu",
-                       v->properties.deviceName, vulkan_word(result), (int)result);
+    v->lost = result;
+    vulkan_say_lost(v);
     return 0;
 }
 
@@ -275,7 +280,8 @@ OXL_INTERNAL void vulkan_enter(struct vulkan *v)
     if (v->rc == OXL_OK) return;
     v->reads = 0;
     vulkan_finish(v);
-    if (!v->lost) v->rc = OXL_OK;
+    if (v->lost) vulkan_say_lost(v);
+    else v->rc = OXL_OK;
 }
 
 /* 1: any command may be recorded, behind those that were. */

@@ -336,7 +336,7 @@ OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
 static struct vulkan_training_image *vulkan_image_slot(struct vulkan_renderer *r, int view, size_t bytes)
 {
     const size_t wanted = (size_t)view + 1, more = wanted + wanted / 2;
-    if (r->v->budgets && vulkan_memory_left(r->v) / 2 < bytes) return NULL;
+    if (r->v->budgets && vulkan_memory_left(r->v, r->v->kind) / 2 < bytes) return NULL;
     if (r->image_bytes + bytes > r->v->image_bytes_max || r->images >= r->v->properties.limits.maxMemoryAllocationCount / 2)
         return NULL;
     if (wanted > r->image_capacity) {

@@ -142,10 +142,12 @@ struct vulkan {
     int                              validates, complaints; /* whether the validation layer is on; its messages so far */
     VkPhysicalDevice                 physical;
     VkPhysicalDeviceProperties       properties;
+    char                             name_and_cpu[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE + 8];
     VkPhysicalDeviceMemoryProperties memory;
     VkDevice                         device;
     VkQueue                          queue;
     uint32_t                         family; /* of the queue */
+    uint32_t                         kind;   /* of the memory of buffers that the host does not see */
     struct vulkan_frame              frame[VULKAN_FRAMES];
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
@@ -160,8 +162,8 @@ struct vulkan {
     int                              reads;
     int                              recording, updates; /* updates: commands without a barrier behind them */
     uint32_t                         mark;               /* of the last frame submitted */
-    int                              lost;               /* permanently: no call to the device is allowed, not even to wait */
-    VkQueryPool                      clock;              /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
+    VkResult                         lost;  /* by what, permanently: no call to the device is allowed, not even to wait */
+    VkQueryPool                      clock; /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
     double                           pass_seconds[PASS_COUNT];
     int                              pass_runs[PASS_COUNT];
     oxl_result                       rc;
@@ -212,7 +214,7 @@ OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size
 OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
                                          const char *what);
 
-OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v);
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind); /* kind: of memory, by number */
 
 #define VULKAN_BUFFERS(...) ((const struct vulkan_buffer *const[]){__VA_ARGS__})
 #define VULKAN_PUSH(...)    ((const uint32_t[]){__VA_ARGS__})

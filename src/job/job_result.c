@@ -207,7 +207,9 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
     oxl_result  rc = OXL_OK;
     text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n", OXL_VERSION,
              finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
-    text_add(&t, "  \"preset\": ");
+    text_add(&t, "  \"backend\": ");
+    text_add_json_string(&t, oxl_backend_name(job->ctx));
+    text_add(&t, ",\n  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
     text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
              job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]), NUMBER(job->origin[1]),

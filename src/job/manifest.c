@@ -46,7 +46,7 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene, const oxl
     text_add_json_string(t, scene);
     for (int i = 0; i < oxl_option_count(); i++)
         if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT) manifest_add_option(t, oxl_option_at(i), o);
-    if (t->ctx->vulkan) manifest_add_value(t, "device", oxl_backend_name(t->ctx)); /* results depend on the device */
+    if (backend_device(t->ctx)) manifest_add_value(t, "device", backend_device(t->ctx)); /* results depend on the device */
     text_add(t, "}");
 }
 

@@ -27,9 +27,14 @@ OXL_INTERNAL void backend_end(oxl_context *ctx)
     ctx->vulkan = NULL;
 }
 
+OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
+{
+    return ctx->vulkan ? vulkan_name(ctx->vulkan, 0) : NULL;
+}
+
 const char *oxl_backend_name(const oxl_context *ctx)
 {
-    return ctx->vulkan ? vulkan_name(ctx->vulkan) : "cpu";
+    return ctx->vulkan && ctx->drew != DREW_CPU ? vulkan_name(ctx->vulkan, ctx->drew & DREW_CPU) : "cpu";
 }
 
 oxl_result oxl_devices(oxl_context *ctx, char **out)
@@ -58,6 +63,12 @@ OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
 OXL_INTERNAL void backend_end(oxl_context *ctx)
 {
     (void)ctx;
+}
+
+OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
+{
+    (void)ctx;
+    return NULL;
 }
 
 const char *oxl_backend_name(const oxl_context *ctx)

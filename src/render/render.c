@@ -24,25 +24,11 @@ static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *dept
     return rc;
 }
 
-OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                      const oxl_render_options *options, oxl_image *out, float *depth)
+static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                               const oxl_render_options *options, oxl_image *out, float *depth)
 {
     const float *rgb = NULL;
-    oxl_result   rc;
-    *out = (oxl_image){0};
-    if (camera->width < 1 || camera->height < 1) {
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
-    }
-    if (model->pages) {
-        oxl_model shown;
-        rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
-        if (rc == OXL_OK)
-            rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE); /* the view before may have lain where this one does */
-        if (rc == OXL_OK) rc = renderer_draw(ctx, r, &shown, camera, options, out, depth);
-        oxl_model_free(ctx, &shown);
-        return rc;
-    }
-    rc = renderer_forward(ctx, r, model, camera, options);
+    oxl_result   rc  = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
     if (rc == OXL_OK) {
@@ -51,6 +37,42 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     }
     if (rc != OXL_OK) oxl_image_free(ctx, out);
     return rc;
+}
+
+/* Of a model that stays in its file, the rows that the view shows. */
+static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                              const oxl_render_options *options, oxl_image *out, float *depth)
+{
+    oxl_model  shown;
+    oxl_result rc;
+    if (!model->pages) return render_whole(ctx, r, model, camera, options, out, depth);
+    rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
+    if (rc == OXL_OK) rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE); /* the view before may have lain where this one does */
+    if (rc == OXL_OK) rc = render_whole(ctx, r, &shown, camera, options, out, depth);
+    oxl_model_free(ctx, &shown);
+    return rc;
+}
+
+/* 1: a device could not do it, and the CPU is to begin anew: all that it needs is the caller's. */
+static int render_begins_anew(oxl_context *ctx, struct renderer *r, oxl_result rc)
+{
+    char why[160];
+    if (!r || !r->device || !render_can_fall_back(ctx, rc)) return 0;
+    snprintf(why, sizeof why, "%.159s", ctx->error);
+    renderer_use_cpu(r);
+    render_say_cpu(ctx, why);
+    return 1;
+}
+
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                      const oxl_render_options *options, oxl_image *out, float *depth)
+{
+    oxl_result rc;
+    *out = (oxl_image){0};
+    if (camera->width < 1 || camera->height < 1)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    rc = render_view(ctx, r, model, camera, options, out, depth);
+    return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, model, camera, options, out, depth) : rc;
 }
 
 oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
@@ -65,22 +87,29 @@ oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera
     return rc;
 }
 
+static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                  const oxl_render_options *options, const float *drgb, oxl_model *out)
+{
+    oxl_result rc = renderer_forward(ctx, r, model, camera, options);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, out);
+    if (rc == OXL_OK) {
+        memset(out->plane[OXL_ROTATION], 0, out->capacity * sizeof *out->plane[0]);
+        rc = renderer_backward(ctx, r, drgb, out);
+    }
+    if (rc == OXL_OK) rc = renderer_gradient(ctx, r, out);
+    if (rc != OXL_OK) oxl_model_free(ctx, out);
+    return rc;
+}
+
 oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options, const float *drgb, oxl_model *gradient)
 {
-    const oxl_render_options o = options ? *options : oxl_render_options_default();
-    struct renderer         *r = NULL;
-    oxl_result               rc;
-    *gradient = (oxl_model){0};
-    rc        = renderer_create(ctx, &r);
-    if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
-    if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, gradient);
-    if (rc == OXL_OK) {
-        memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof *gradient->plane[0]);
-        rc = renderer_backward(ctx, r, drgb, gradient);
-        if (rc == OXL_OK) rc = renderer_gradient(ctx, r, gradient);
-    }
-    if (rc != OXL_OK) oxl_model_free(ctx, gradient);
+    const oxl_render_options o  = options ? *options : oxl_render_options_default();
+    struct renderer         *r  = NULL;
+    oxl_result               rc = renderer_create(ctx, &r);
+    *gradient                   = (oxl_model){0};
+    if (rc == OXL_OK) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
+    if (render_begins_anew(ctx, r, rc)) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     renderer_free(ctx, r);
     return rc;
 }

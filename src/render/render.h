@@ -7,8 +7,10 @@
 /* ---------------------------------------------------------------- backend.c: which machine draws */
 
 /* Opens the device of the context's options, once; *out NULL with OXL_OK: the CPU. */
-OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx);
-OXL_INTERNAL void       backend_end(oxl_context *ctx);
+OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
+OXL_INTERNAL void        backend_end(oxl_context *ctx);
+OXL_INTERNAL const char *backend_device(
+    const oxl_context *ctx); /* its name, whether or not it has rendered; NULL: there is none */
 
 /* ---------------------------------------------------------------- renderer.c: the kernels behind one interface */
 

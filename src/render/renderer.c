@@ -11,10 +11,16 @@ oxl_render_options oxl_render_options_default(void)
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
-static oxl_result render_say_cpu(oxl_context *ctx, const char *why)
+OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 {
     oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
     return OXL_OK;
+}
+
+/* 1: a device failed, or had not enough memory, and the CPU may do what it could not, with --backend auto. */
+OXL_INTERNAL int render_can_fall_back(const oxl_context *ctx, oxl_result rc)
+{
+    return (rc == OXL_ERR_MEMORY || rc == OXL_ERR_FAILED) && ctx->options.backend == OXL_BACKEND_AUTO;
 }
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
@@ -28,7 +34,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     if (ctx->vulkan) {
         (*out)->backend = vulkan_functions();
         rc              = (*out)->backend->create(ctx, &(*out)->device);
-        if (rc == OXL_ERR_MEMORY && ctx->options.backend == OXL_BACKEND_AUTO) rc = render_say_cpu(ctx, ctx->error);
+        if (render_can_fall_back(ctx, rc)) rc = render_say_cpu(ctx, ctx->error);
     }
 #endif
     if (rc == OXL_OK) return rc;
@@ -405,6 +411,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
+        if (rc == OXL_OK && r->device) ctx->drew |= DREW_DEVICE;
         if (rc != OXL_OK || r->device) return rc;
     }
     rc = render_begin(ctx, r, model, camera, options);
@@ -413,6 +420,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
+    if (rc == OXL_OK) ctx->drew |= DREW_CPU;
     return rc;
 }
 
