@@ -3,6 +3,7 @@
  * This header is the manual. The shortest useful program:
  *
  *     #include "oceanxl.h"
+ *     #include <stdio.h>
  *     int main(void)
  *     {
  *         oxl_context *ctx = NULL;
@@ -80,7 +81,7 @@ typedef enum oxl_backend {
 
 typedef struct oxl_context_options {
     int      threads; /* 0: OpenMP's default */
-    uint64_t seed;    /* of all random numbers: view order, split samples (default 1) */
+    uint64_t seed;    /* of all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
     /* Like realloc: size 0 frees and returns NULL; old may be NULL. Returns memory aligned to 16 bytes. Called by one
      * thread at a time, not always the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
@@ -130,6 +131,8 @@ OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl
 /* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
 OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
 
+/* ---------------------------------------------------------------- folders */
+
 /* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the folder if it is missing.
  * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and oxl_partition lock OUT themselves. */
 typedef struct oxl_lock oxl_lock;
@@ -170,7 +173,7 @@ typedef struct oxl_scene_options {
     size_t      image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
     double      missing_share;     /* fail if more than this share of the images is missing on disk */
     int         read_images;       /* 0: read the COLMAP model only, for check and partition */
-    int         allow_cut;         /* a text file with fewer rows than its header states: 1 warning, 0 error */
+    int         allow_cut;         /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
 } oxl_scene_options;
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
@@ -256,8 +259,9 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the comment of an .spz's gzip
  * header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
-/* The same, but where the rows of a PLY file take more than `most` bytes (0: half of the memory that is free) they stay there, and each view reads those that it may show: the
- * pixels are the same. Such a model can be rendered, evaluated and moved; the file must not change. */
+/* The same, but where the rows of a PLY file take more than `most` bytes (0: half of the memory that is free) they stay there, and each
+ * view reads those that it may show: the pixels are the same. Such a model can be rendered, evaluated and moved; the file must not
+ * change. */
 OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t most, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
@@ -266,7 +270,7 @@ OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl
 typedef struct oxl_render_options {
     float background[3]; /* (0,0,0) */
     int   sh_degree;     /* largest degree evaluated; -1: the model's */
-    float near_plane;    /* camera z at which Gaussians are culled, in the scene's unit (see PAPER.md) */
+    float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
     float alpha_min;     /* smaller alpha values are skipped on the CPU; at least 1/255 (1/255) [Kerbl 2023] */
 } oxl_render_options;
 
@@ -296,6 +300,7 @@ OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_i
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
+/* A subset of the views. (The option --split is oxl_cut in oceanxl_job.h.) */
 typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } oxl_split;
 
 typedef struct oxl_view_metrics {
@@ -318,11 +323,12 @@ OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 
 /* ---------------------------------------------------------------- training */
 
-typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL eq. 3-4] */
-                       OXL_DOG_OFF = 0,
-                       OXL_DOG_SELECTIVE, /* those whose mean |dL/d(mean)| is above dog_threshold late in the run */
-                       OXL_DOG_ALL,
-                       OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
+/* Which Gaussians get a second, negative lobe, and so are differences of Gaussians [OceanXL eq. 3-4]. */
+typedef enum oxl_dog {
+    OXL_DOG_OFF = 0,
+    OXL_DOG_SELECTIVE, /* those whose mean |dL/d(mean)| is above dog_threshold late in the run */
+    OXL_DOG_ALL,
+    OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
 } oxl_dog;
 
 /* Whether a part of the image formation is modelled (docs/WATER.md). */

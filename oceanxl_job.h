@@ -31,7 +31,7 @@ typedef struct oxl_partition_options {
     int                block_points; /* a block of more points is split; 0: as memory requires */
     int                blocks;       /* about so many, instead; 0: by block_points or memory */
     oxl_partition_kind kind;
-    oxl_cut            cut;
+    oxl_cut            cut; /* option --split */
 } oxl_partition_options;
 
 OXL_API oxl_partition_options oxl_partition_options_default(void);
@@ -146,8 +146,9 @@ OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most
  * block_points points is one block, 000. A larger one is split (partition.txt, partition.svg): a coarse
- * model of the survey (blocks/coarse/), then the blocks, each with the others' Gaussians as context, then the merged model (blocks/whole/), if
- * `ram` allows it. train.iterations are the steps of all of these; a step on a part of an image counts as its share of the pixels.
+ * model of the survey (blocks/coarse/), then the blocks, each with the others' Gaussians as context, then the merged model
+ * (blocks/whole/), if `ram` allows it. train.iterations are the steps of all of these; a step on a part of an image counts as its
+ * share of the pixels.
  *
  * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called again and ends in the same
  * bytes as an uninterrupted one; a finished run is not changed. If the callback stops the run (OXL_ERR_INTERRUPTED) or
@@ -189,7 +190,8 @@ OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
-/* The last part of oxl_job_run: joins the finished blocks of the run in folder `out` to scene.ply and evaluates it. callback may be NULL. */
+/* The last part of oxl_job_run: joins the finished blocks of the run in folder `out` to scene.ply and evaluates it. callback may be
+ * NULL. */
 OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);
 
 /* Replaces options by those of an existing run of this survey in folder `out`, which a resumed run keeps; without such a run, options

@@ -51,13 +51,13 @@ struct bench_tile {
 static void bench_tile(struct bench_tile *t)
 {
     t->start[1] = BENCH_SPLATS;
-    t->bins     = (struct bins){.tiles_x    = 1,
-                                .tiles_y    = 1,
-                                .alpha_min  = ALPHA_MIN,
-                                .cut        = LOG2_255,
-                                .splat      = t->splat,
-                                .pair       = t->pair,
-                                .tile_start = t->start};
+    t->bins     = (struct bins){.tiles_x     = 1,
+                                .tiles_y     = 1,
+                                .alpha_min   = ALPHA_MIN,
+                                .cutoff_bits = LOG2_255,
+                                .splat       = t->splat,
+                                .pair        = t->pair,
+                                .tile_start  = t->start};
     t->job      = (struct raster_job){.bins          = &t->bins,
                                       .width         = TILE,
                                       .height        = TILE,

@@ -314,10 +314,10 @@ TEST(partition_splits_at_the_ratio_that_divides_the_load_most_evenly)
 TEST(partition_of_equal_halves_is_split_in_the_middle)
 {
     /* nothing between 0.30 and 0.70 */
-    const struct partition_bin   at[PARTITION_RATIOS + 1] = {[0] = {500, 500}, [PARTITION_RATIOS] = {500, 500}};
-    const struct partition_node  n                        = {.points = 1000};
-    struct partition_build       b                        = {.min_points = 100, .options = {.block_points = 999}};
-    const struct partition_split split                    = partition_choose(&b, &n, at);
+    const struct partition_bin       at[PARTITION_RATIOS + 1] = {[0] = {500, 500}, [PARTITION_RATIOS] = {500, 500}};
+    const struct partition_node      n                        = {.points = 1000};
+    struct partition_build           b                        = {.min_points = 100, .options = {.block_points = 999}};
+    const struct partition_candidate split                    = partition_choose(&b, &n, at);
     CHECK(split.ratio == 10 && split.points[0] == 500 && split.parts[0] == 1);
     b.min_points = 501;
     CHECK(partition_choose(&b, &n, at).ratio == -1);
@@ -328,7 +328,7 @@ TEST(partition_of_three_blocks_gives_one_side_a_third)
     struct partition_bin         at[PARTITION_RATIOS + 1];
     const struct partition_node  n = {.points = 2200, .parts = 3};
     const struct partition_build b = {.min_points = 1, .options = {.block_points = 800}};
-    struct partition_split       split;
+    struct partition_candidate   split;
     for (int k = 0; k <= PARTITION_RATIOS; k++) at[k] = (struct partition_bin){100, 100};
     split = partition_choose(&b, &n, at); /* 700 or 800 of 2200 come nearest to a third */
     CHECK(split.parts[0] + split.parts[1] == 3 && split.fits);

@@ -36,13 +36,14 @@ void oxl_free(oxl_context *ctx, void *memory)
     free(memory);
 }
 
-oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size)
+oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size)
 {
     void *grown;
     if (needed <= *capacity) return OXL_OK;
-    grown = realloc(*array, needed * size);
+    memcpy(&grown, array, sizeof grown);
+    grown = realloc(grown, needed * size);
     if (!grown) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory");
-    *array    = grown;
+    memcpy(array, &grown, sizeof grown);
     *capacity = needed;
     return OXL_OK;
 }
@@ -81,7 +82,7 @@ static struct kernel_camera view_kernel_camera(const struct wide *w)
                               .limit_y     = FRUSTUM_CLAMP * c->height / (2 * c->fy),
                               .near_plane  = w->near_plane,
                               .alpha_min   = w->alpha_min,
-                              .cut         = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
+                              .cutoff_bits = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
     l.rotation.x           = vec3(r[0], r[1], r[2]);
     l.rotation.y           = vec3(r[3], r[4], r[5]);
     l.rotation.z           = vec3(r[6], r[7], r[8]);
@@ -127,13 +128,13 @@ static void view_open(struct view *v, struct wide *w)
     v->splat   = wide_array(packs * PACK * sizeof *v->splat / sizeof(double));
     v->lobe    = wide_array((w->lobes + 1) * sizeof *v->lobe / sizeof(double));
     v->visible = wide_array(packs);
-    v->bins    = (struct bins){.alpha_min = v->kernel_camera.alpha_min,
-                               .cut       = v->kernel_camera.cut,
-                               .packs     = packs,
-                               .splat     = v->splat,
-                               .visible   = v->visible,
-                               .lobe      = v->lobe,
-                               .lobes     = w->lobes};
+    v->bins    = (struct bins){.alpha_min   = v->kernel_camera.alpha_min,
+                               .cutoff_bits = v->kernel_camera.cutoff_bits,
+                               .packs       = packs,
+                               .splat       = v->splat,
+                               .visible     = v->visible,
+                               .lobe        = v->lobe,
+                               .lobes       = w->lobes};
     {
         const struct project_job project = view_project(v);
         project_forward(ISA_BASE, &project);

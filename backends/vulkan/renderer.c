@@ -63,7 +63,7 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, con
                                     .near_plane  = l.near_plane,
                                     .background  = {o->background[0], o->background[1], o->background[2]},
                                     .alpha_min   = l.alpha_min,
-                                    .cut         = l.cut,
+                                    .cut         = l.cutoff_bits,
                                     .width       = (uint32_t)c->width,
                                     .height      = (uint32_t)c->height,
                                     .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,

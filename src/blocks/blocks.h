@@ -40,8 +40,8 @@ OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p); /*
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
 OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
-/* partition_export.c: partition.svg and, last, partition.txt into folder `out`; partition_export: before them blocks/KKK, COLMAP text exports
- * for other programs. p is as partition_make left it. */
+/* partition_export.c: partition.svg and, last, partition.txt into folder `out`; partition_export: before them blocks/KKK, COLMAP text
+ * exports for other programs. p is as partition_make left it. */
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 

@@ -256,13 +256,13 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     const char *reason;
     size_t      largest;
     oxl_result  rc = partition_load_points(b, p);
-    if (rc == OXL_OK) rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, 1, sizeof *b->node);
+    if (rc == OXL_OK) rc = oxl_reserve(b->ctx, &b->node, &b->node_capacity, 1, sizeof *b->node);
     if (rc != OXL_OK) goto done;
     partition_set_minimum(b);
     b->finite     = p->plan->finite;
     b->dimensions = p->dimensions;
     b->depth      = partition_depth(b->kept, (size_t)b->options.block_points);
-    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .slot = -1};
+    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .in_batch = -1};
     b->node_count = 1;
     reason        = partition_reason_for_one(b);
     rc            = partition_set_loads(b, 0);

@@ -14,11 +14,11 @@ struct partition_node {
     int                  axis;     /* of the cut */
     double               cut;
     int                  depth, shrinks;
-    int                  removed; /* its split was undone */
-    int                  slot;    /* in the batch; -1 */
-    int                  block;   /* of a leaf */
-    size_t               points;  /* of a leaf, at owner */
-    int                  parts;   /* blocks to be made of it; 0: while it holds more than N_p points, two */
+    int                  removed;  /* its split was undone */
+    int                  in_batch; /* its place in the batch of boxes that are searched; -1: not in it */
+    int                  block;    /* of a leaf */
+    size_t               points;   /* of a leaf, at owner */
+    int                  parts;    /* blocks to be made of it; 0: while it holds more than N_p points, two */
 };
 
 struct partition_build {
@@ -58,7 +58,8 @@ OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by
 OXL_INTERNAL int        partition_depth(size_t count, size_t block_points);
 /* Points whose node was cut move into its children; those whose node is gone start again from the root. */
 OXL_INTERNAL void       partition_update_leaves(const struct partition_build *b);
-/* partition_assign.c: points and views to the leaves; splits that leave a block too small are undone. largest: points of the largest block. */
+/* partition_assign.c: points and views to the leaves; splits that leave a block too small are undone. largest: points of the largest
+ * block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest);
 OXL_INTERNAL oxl_result partition_assign_to_one(struct partition_build *b);
 

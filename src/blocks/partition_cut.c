@@ -1,15 +1,19 @@
-/* partition_cut.c - where the boxes of a partition are cut: the ratio whose sides come nearest to their share of the load (OceanXL sec. 3.1,
- * eq. 1, Alg. 1).
+/* partition_cut.c - where the boxes of a partition are cut: the ratio whose sides come nearest to their share of the load (OceanXL
+ * sec. 3.1, eq. 1, Alg. 1).
  *
  * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend on the number of threads.
  */
 #include "partition_build.h"
 
 enum {
-    PARTITION_RATIOS  = 21,
-    PARTITION_BATCH   = 4096, /* boxes whose cuts are searched in one pass over the points */
-    PARTITION_SHRINKS = 48,   /* of a box, at most: all points in one place would never end */
-    PARTITION_LOAD    = 256   /* mean load of a point */
+    PARTITION_RATIOS       = 21, /* 0.30, 0.32, ... 0.70 [OceanXL] */
+    PARTITION_LOWEST       = 30, /* the first, and the distance between two, in hundredths */
+    PARTITION_STEP         = 2,
+    PARTITION_BATCH        = 4096, /* boxes whose cuts are searched in one pass over the points */
+    PARTITION_SHRINKS      = 48,   /* of a box, at most: all points in one place would never end */
+    PARTITION_LOAD         = 256,  /* mean load of a point */
+    PARTITION_DEPTH_MIN    = 10,
+    PARTITION_SPARE_LEVELS = 4 /* for uneven splits */
 };
 
 OXL_INTERNAL size_t partition_task_begin(size_t count, int task)
@@ -26,7 +30,7 @@ struct partition_search { /* of one box of the batch */
 
 static double partition_ratio(const struct partition_build *b, int k)
 {
-    return b->options.cut == OXL_CUT_MIDPOINT ? 0.5 : (30 + 2 * k) / 100.0;
+    return b->options.cut == OXL_CUT_MIDPOINT ? 0.5 : (PARTITION_LOWEST + PARTITION_STEP * k) / 100.0;
 }
 
 static int partition_ratios(const struct partition_build *b)
@@ -56,9 +60,9 @@ static int partition_gather(struct partition_build *b, struct partition_search *
     int count = 0;
     for (int i = 0; i < b->node_count; i++) {
         struct partition_node *n = &b->node[i];
-        n->slot                  = -1;
+        n->in_batch              = -1;
         if (count == PARTITION_BATCH || !partition_is_open(b, n)) continue;
-        n->slot       = count;
+        n->in_batch   = count;
         search[count] = (struct partition_search){.node = i, .axis = partition_longest_axis(b, &n->finite)};
         for (int k = 0; k < partition_ratios(b); k++) {
             const double low = n->finite.low[search[count].axis], high = n->finite.high[search[count].axis];
@@ -81,7 +85,7 @@ static void partition_count(const struct partition_build *b, const struct partit
     const int    ratios = partition_ratios(b);
     const size_t end    = partition_task_begin(b->count, task + 1);
     for (size_t i = partition_task_begin(b->count, task); i < end; i++) {
-        const int slot = b->owner[i] == PARTITION_NO_BLOCK ? -1 : b->node[b->owner[i]].slot;
+        const int slot = b->owner[i] == PARTITION_NO_BLOCK ? -1 : b->node[b->owner[i]].in_batch;
         if (slot >= 0) {
             const struct partition_search *s     = &search[slot];
             const double                   v     = b->position[3 * i + (size_t)s->axis];
@@ -95,30 +99,30 @@ static void partition_count(const struct partition_build *b, const struct partit
 
 /* ---------------------------------------------------------------- the choice */
 
-struct partition_split {
-    int    ratio;     /* -1: none leaves both sides enough points for a block */
-    size_t points[2]; /* of the sides */
+struct partition_candidate { /* a ratio, and the parts on each side */
+    int    ratio;            /* -1: none leaves both sides enough points for a block */
+    size_t points[2];        /* of the sides */
     int    parts[2];
     int    fits; /* both sides can be split further into blocks of at most N_p points */
     double off;  /* by how much the load of a side misses its share */
 };
 
 /* One ratio with so many parts on its low side. */
-static struct partition_split partition_judge_split(const struct partition_build *b, const struct partition_node *n, int ratio,
-                                                    const struct partition_bin *low, uint64_t load, int low_parts)
+static struct partition_candidate partition_judge(const struct partition_build *b, const struct partition_node *n, int ratio,
+                                                  const struct partition_bin *low, uint64_t load, int low_parts)
 {
-    const size_t           limit = (size_t)b->options.block_points;
-    const int              parts = OXL_MAX(2, n->parts);
-    struct partition_split s     = {ratio, {low->points, n->points - low->points}, {low_parts, parts - low_parts}, 0, 0};
-    s.fits                       = s.points[0] <= (size_t)s.parts[0] * limit && s.points[1] <= (size_t)s.parts[1] * limit;
-    s.off                        = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_parts / parts);
+    const size_t               limit = (size_t)b->options.block_points;
+    const int                  parts = OXL_MAX(2, n->parts);
+    struct partition_candidate s     = {ratio, {low->points, n->points - low->points}, {low_parts, parts - low_parts}, 0, 0};
+    s.fits                           = s.points[0] <= (size_t)s.parts[0] * limit && s.points[1] <= (size_t)s.parts[1] * limit;
+    s.off                            = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_parts / parts);
     if (OXL_MIN(s.points[0], s.points[1]) < b->min_points) s.ratio = -1;
     return s;
 }
 
 /* Whether a is the better split: it fits, then its load is nearer to the wanted shares, then its ratio nearer to 0.5. */
-static int partition_is_better(const struct partition_build *b, const struct partition_split *a,
-                               const struct partition_split *than)
+static int partition_is_better(const struct partition_build *b, const struct partition_candidate *a,
+                               const struct partition_candidate *than)
 {
     const int ratios = partition_ratios(b);
     if (a->ratio < 0 || than->ratio < 0) return a->ratio >= 0;
@@ -128,19 +132,19 @@ static int partition_is_better(const struct partition_build *b, const struct par
 }
 
 /* The best cut of a box; ratio -1: none is allowed. bins (ratios + 1) as partition_count leaves them. */
-static struct partition_split partition_choose(const struct partition_build *b, const struct partition_node *n,
-                                               const struct partition_bin *bins)
+static struct partition_candidate partition_choose(const struct partition_build *b, const struct partition_node *n,
+                                                   const struct partition_bin *bins)
 {
-    const int              ratios = partition_ratios(b), parts = OXL_MAX(2, n->parts);
-    struct partition_bin   low  = {0, 0};
-    struct partition_split best = {.ratio = -1};
-    uint64_t               load = 0;
+    const int                  ratios = partition_ratios(b), parts = OXL_MAX(2, n->parts);
+    struct partition_bin       low  = {0, 0};
+    struct partition_candidate best = {.ratio = -1};
+    uint64_t                   load = 0;
     for (int k = 0; k <= ratios; k++) load += bins[k].load;
     for (int k = 0; k < ratios; k++) {
         low.points += bins[k].points;
         low.load += bins[k].load;
         for (int low_parts = parts / 2; low_parts <= parts - parts / 2; low_parts++) {
-            const struct partition_split s = partition_judge_split(b, n, k, &low, load, low_parts);
+            const struct partition_candidate s = partition_judge(b, n, k, &low, load, low_parts);
             if (partition_is_better(b, &s, &best)) best = s;
         }
     }
@@ -148,13 +152,13 @@ static struct partition_split partition_choose(const struct partition_build *b, 
 }
 
 static oxl_result partition_add_children(struct partition_build *b, int parent, int axis, double cut,
-                                         const struct partition_split *split)
+                                         const struct partition_candidate *split)
 {
-    oxl_result rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
+    oxl_result rc = oxl_reserve(b->ctx, &b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
     if (rc != OXL_OK) return rc;
     for (int side = 0; side < 2; side++) {
         const struct partition_node *from  = &b->node[parent];
-        struct partition_node        child = {.finite = from->finite, .parent = parent, .depth = from->depth + 1, .slot = -1};
+        struct partition_node        child = {.finite = from->finite, .parent = parent, .depth = from->depth + 1, .in_batch = -1};
         child.points                       = split->points[side];
         child.parts                        = from->parts > 0 ? split->parts[side] : 0;
         (side ? child.finite.low : child.finite.high)[axis] = cut;
@@ -177,8 +181,8 @@ static void partition_shrink(const struct partition_build *b, const struct parti
     n->shrinks++;
 }
 
-/* Splits each box of the batch: counts points and load between its candidate cuts, and cuts it in two at the best one (partition_choose); a box
- * without an allowed cut is shrunk. bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
+/* Splits each box of the batch: counts points and load between its candidate cuts, and cuts it in two at the best one
+ * (partition_choose); a box without an allowed cut is shrunk. bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
 static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search, int count,
                                       struct partition_bin *bins)
 {
@@ -193,8 +197,8 @@ static oxl_result partition_cut_batch(struct partition_build *b, const struct pa
             bins[k].load += bins[(size_t)task * part + k].load;
         }
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        const struct partition_bin  *its   = bins + (size_t)i * stride;
-        const struct partition_split split = partition_choose(b, &b->node[search[i].node], its);
+        const struct partition_bin      *its   = bins + (size_t)i * stride;
+        const struct partition_candidate split = partition_choose(b, &b->node[search[i].node], its);
         if (split.ratio < 0) partition_shrink(b, &search[i], its);
         else rc = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[split.ratio], &split);
     }
@@ -221,12 +225,12 @@ OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
     }
 }
 
-/* D of Alg. 1: four more levels than perfect halves would take. */
+/* D of Alg. 1: PARTITION_SPARE_LEVELS more than perfect halves would take, and not below PARTITION_DEPTH_MIN. */
 OXL_INTERNAL int partition_depth(size_t count, size_t block_points)
 {
     int halves = 0;
-    while (halves < 32 && block_points << halves < count) halves++;
-    return OXL_MAX(10, halves + 4);
+    while (halves < 32 && block_points << halves < count) halves++; /* 32: the shift does not overflow */
+    return OXL_MAX((int)PARTITION_DEPTH_MIN, halves + PARTITION_SPARE_LEVELS);
 }
 
 static oxl_result partition_grow(struct partition_build *b)
@@ -247,7 +251,7 @@ static oxl_result partition_grow(struct partition_build *b)
 /* A tree of so many leaves from the root on; parts 0: as many as leave none with more than N_p points. */
 OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int parts)
 {
-    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .parts = parts, .slot = -1};
+    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .parts = parts, .in_batch = -1};
     b->node_count = 1;
     for (size_t i = 0; i < b->count; i++)
         if (b->owner[i] != PARTITION_NO_BLOCK) b->owner[i] = 0;

@@ -1,9 +1,12 @@
 /* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks. It lies
  * in the lowest layer because the functions of all layers take their defaults from it.
  *
- * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each
- * preset, parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the
- * manual page and docs/OPTIONS.md.
+ * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its reading back, the command
+ * that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option takes
+ *   - a row here; `use` names the commands that take it, and RESULT is set if the bytes of the result depend on it;
+ *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
+ *   - a decision in src/job/rounds.c and block.c if blocks or their refinement must not have it, in src/train/train.c if a device cannot;
+ *   - `make man`, and a test.
  *
  * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same
  * bits. Text does not depend on the locale.

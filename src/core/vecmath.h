@@ -13,6 +13,7 @@
 #include <stdint.h>
 #include <string.h>
 
+#define VECMATH_LN2      0.6931471805599453
 #define VECMATH_LN2_HIGH 6.93147180369123816490e-01 /* ln 2 cut to 32 bits: k times it is exact */
 #define VECMATH_LN2_LOW  1.90821492927058770002e-10 /* and the rest */
 

@@ -85,7 +85,8 @@ static oxl_result groups_write_state(const struct groups *g)
     oxl_result  rc;
     text_add(
         &t,
-        "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\ngroups %d %d %d %.17g\n",
+        "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\n"
+        "groups %d %d %d %.17g\n",
         g->count, g->done, g->gains, g->seconds);
     for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
     for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);

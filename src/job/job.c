@@ -98,7 +98,8 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     return rc;
 }
 
-/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished run of this survey is replaced. */
+/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished run of this survey is
+ * replaced. */
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;

@@ -48,7 +48,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
     return rc;
 }
 
-/* scene.ply holds the bands that are carried, and the lobes, or with water the standard model; scene_clear.ply then has the
+/* scene.ply has the model's SH degree, and the lobes, or with water the standard model; scene_clear.ply then has the
  * former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of the file that the metrics are of, and
  * of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])

@@ -129,7 +129,8 @@ static oxl_result metrics_half(oxl_context *ctx, const oxl_image *in, int right,
     return OXL_OK;
 }
 
-/* PSNR of the right half, a's channels multiplied by what brings its left half nearest to b's. NaN of images one pixel wide, or masked there. */
+/* PSNR of the right half, a's channels multiplied by what brings its left half nearest to b's. NaN of images one pixel wide, or masked
+ * there. */
 OXL_INTERNAL oxl_result metrics_half_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
     oxl_image  half[2][2] = {{{0}}};

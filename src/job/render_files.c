@@ -147,8 +147,9 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     oxl_render_options       options = oxl_render_options_default();
     oxl_result               rc      = OXL_OK;
     options.near_plane               = (float)scene_near_plane(scene);
-    *out                             = (struct render_file){
-                                    .name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_for_thread(ctx)};
+    *out                             = (struct render_file){.name = of->name, .own = context_for_thread(ctx)};
+    out->width                       = of->camera.width;
+    out->height                      = of->camera.height;
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
     renderer_set_medium(f->renderer, what->clear ? NULL : &scene_imaging(scene)->medium, 0);
     if (rc == OXL_OK) rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->rendered, out->depth);

@@ -129,7 +129,8 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
     }
 }
 
-/* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has begun, else of the coarse model. */
+/* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has begun, else of the coarse
+ * model. */
 static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_model *context)
 {
     struct job              *job    = r->job;

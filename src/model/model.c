@@ -1,8 +1,9 @@
 /* model.c - planes of Gaussians: create, grow, copy, assign second lobes, initialise from points.
  *
- * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order). Invariant: one
- * allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on a
- * 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
+ * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
+ *
+ * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts
+ * on a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
  * long as the packs of rows 0..lobes-1. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
  * smaller count leaves valid rows.
  */
@@ -11,7 +12,7 @@
 
 /* ---------------------------------------------------------------- memory */
 
-#define MODEL_SCALE_ROUNDED 1e-12 /* a scale this near to 1 was multiplied back to it */
+#define MODEL_SCALE_ROUNDED 1e-12 /* a product of factors this near to 1 is 1 but for rounding: they cancel each other */
 
 enum { MODEL_PACK = 16 }; /* rows: 64 bytes of float, the widest vector */
 
@@ -454,8 +455,8 @@ static void model_neighbour_distances(oxl_context *ctx, const struct model_tree 
 
 #define MODEL_SQUARE_MIN 1e-4 /* of the median's; see model_widths */
 
-/* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our
- * unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
+/* Replaces mean squared distances, in place, by log widths. Almost coincident points would have almost width 0: 3DGS limits the square
+ * to 1e-7; our unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
@@ -499,7 +500,7 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
 {
     struct model_key *key   = NULL;
     struct model_tree tree  = {0};
-    double           *width = NULL; /* (count) mean squared distance, then log width */
+    double           *width = NULL; /* (count) first mean squared distances; model_widths replaces them by log widths */
     oxl_result        rc    = model_check_points(ctx, points, count);
     *out                    = (oxl_model){0};
     if (rc == OXL_OK && count == 0) return oxl_model_create(ctx, 0, sh_degree, out);
@@ -535,8 +536,8 @@ done:
 
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
 {
-    const int bands = (model->sh_degree + 1) * (model->sh_degree + 1);
-    for (int k = 0; k < bands; k++)
+    const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
+    for (int k = 0; k < coefficients; k++)
         for (int c = 0; c < 3; c++) {
             float       *plane = model->plane[OXL_SH + 3 * k + c];
             const double more  = k == 0 ? (factor[c] - 1) * 0.5 / MODEL_SH0 : 0;

@@ -1,4 +1,10 @@
-/* adam.c - Adam step (Kingma & Ba 2015) for the rows visible in the view.
+/* adam.c - Adam step (Kingma & Ba 2015, Alg. 1) for the rows visible in the view.
+ *
+ * With the gradient g of a parameter p at step n (1 at the first), its mean m and mean square v:
+ *     m <- b1 m + (1 - b1) g
+ *     v <- b2 v + (1 - b2) g^2
+ *     p <- p - rate / (1 - b1^n) m / (sqrt(v / (1 - b2^n)) + 1e-15).
+ * The job's `rate` is divided by 1 - b1^n already, `inverse_correction` is 1 / sqrt(1 - b2^n).
  *
  * Invisible rows have no gradient and are not updated, as in Taming 3DGS (Mallick et al. 2024); classical Adam would move them by their
  * momentum. This saves memory traffic; PAPER.md lists it as a deviation.

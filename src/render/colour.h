@@ -119,13 +119,13 @@ SIMD_INLINE void project_view_direction(const struct gaussians *in, const struct
 SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_camera *kernel_camera, size_t first,
                                 struct project_colour *c)
 {
-    const int bands = (in->sh_degree + 1) * (in->sh_degree + 1);
+    const int coefficients = (in->sh_degree + 1) * (in->sh_degree + 1);
     real      red[PACK], green[PACK], blue[PACK];
     project_view_direction(in, kernel_camera, first, c);
     for (int l = 0; l < PACK; l++) red[l] = green[l] = blue[l] = (real)0.5;
     for (int k = 0; k < 16; k++) {
         const real *r, *g, *b, *basis = c->basis[k];
-        if (k == bands) break; /* a second loop exit prevents gcc's unroll-and-jam, which uses gathers */
+        if (k == coefficients) break; /* a second loop exit prevents gcc's unroll-and-jam, which uses gathers */
         r = in->plane[OXL_SH + 3 * k] + first, g = in->plane[OXL_SH + 3 * k + 1] + first,
         b = in->plane[OXL_SH + 3 * k + 2] + first;
 #pragma omp simd
@@ -142,10 +142,10 @@ SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_
 SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t first, const struct project_colour *c,
                                          real dcolour[3][PACK], real dmean[3][PACK])
 {
-    const int    degree = job->in.sh_degree, bands = (degree + 1) * (degree + 1);
+    const int    degree = job->in.sh_degree, coefficients = (degree + 1) * (degree + 1);
     const size_t to = first - job->out_row;
     real         v[16][PACK], dx[PACK], dy[PACK], dz[PACK];
-    for (int k = 0; k < bands; k++) {
+    for (int k = 0; k < coefficients; k++) {
         const real *sh[3]  = {job->in.plane[OXL_SH + 3 * k] + first, job->in.plane[OXL_SH + 3 * k + 1] + first,
                               job->in.plane[OXL_SH + 3 * k + 2] + first};
         real       *out[3] = {job->out.plane[OXL_SH + 3 * k] + to, job->out.plane[OXL_SH + 3 * k + 1] + to,

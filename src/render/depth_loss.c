@@ -15,11 +15,11 @@
 
 #define DEPTH_LOSS_SHARE 0.8f /* points are off, and surfaces are thick */
 
-static double depth_loss_alpha(const struct splat *s, const struct depth_point *p, double cut)
+static double depth_loss_alpha(const struct splat *s, const struct depth_point *p, double cutoff_bits)
 {
     const double dy = (double)p->y - s->v, w = (double)p->x - s->u + s->k * dy;
     const double exponent = s->peak - s->a * w * w - s->e * dy * dy;
-    return exponent < -cut ? 0 : OXL_MIN(vecmath_exp(exponent * 0.69314718055994531), (double)ALPHA_MAX);
+    return exponent < -cutoff_bits ? 0 : OXL_MIN(vecmath_exp(exponent * VECMATH_LN2), (double)ALPHA_MAX);
 }
 
 /* The splat of a pair if it counts, or NULL. */
@@ -35,12 +35,12 @@ static void depth_loss_add(const struct bins *b, const struct depth_point *p, do
     double             t = 1;
     for (; pair < end && b->splat[pair->splat].depth < DEPTH_LOSS_SHARE * p->z; pair++) {
         const struct splat *s = depth_loss_splat(b, pair);
-        if (s) t *= 1 - depth_loss_alpha(s, p, b->cut);
+        if (s) t *= 1 - depth_loss_alpha(s, p, b->cutoff_bits);
     }
     for (end = pair, pair = first; t < 1 && pair < end; pair++) {
         const struct splat *s     = depth_loss_splat(b, pair);
-        const double        alpha = s ? depth_loss_alpha(s, p, b->cut) : 0;
-        if (alpha < ALPHA_MAX) sums[pair->slot][SUM_G] += (float)(weight * t * alpha / (1 - alpha));
+        const double        alpha = s ? depth_loss_alpha(s, p, b->cutoff_bits) : 0;
+        if (alpha < ALPHA_MAX) sums[pair->slot][SUM_D] += (float)(weight * t * alpha / (1 - alpha));
     }
 }
 

@@ -211,7 +211,7 @@ SIMD_INLINE struct vec3 mat3_transposed_times(struct mat3 m, struct vec3 v)
 
 struct gaussians {       /* an oxl_model for the kernels; planes are readable up to the next multiple of PACK */
     size_t count, lobes; /* rows 0..lobes-1 have a second lobe */
-    int    sh_degree;    /* bands evaluated */
+    int    sh_degree;    /* harmonics of degrees 0..sh_degree are evaluated */
     real  *plane[OXL_PLANES];
 };
 
@@ -223,18 +223,21 @@ struct kernel_camera { /* an oxl_camera in `real` */
     struct vec3 translation, eye;
     real        limit_x, limit_y; /* |x/z|, |y/z| at which the Jacobian is clamped */
     real        near_plane;
-    real        alpha_min, cut; /* contributions below alpha_min, ALPHA_MIN or more, are skipped; cut = -log2(alpha_min) */
+    real        alpha_min;   /* contributions below it are skipped; ALPHA_MIN or more */
+    real        cutoff_bits; /* -log2(alpha_min) */
 };
 
 /* ---------------------------------------------------------------- project.c: Gaussians onto the image plane, and back */
 
 /* A Gaussian on the image plane. Its inverse covariance is factored, which is accurate for needles, where
- * A dx^2 + 2 B dx dy + C dy^2 cancels; the exponent is in base 2 and includes the opacity. A pixel at (dx, dy) needs
+ * A dx^2 + 2 B dx dy + C dy^2 cancels (MATH 4); the exponent is in base 2 and includes the opacity. A pixel at (dx, dy) needs
  *     w = dx + k dy,   alpha = 2^(peak - a w^2 - e dy^2).
  * One cache line in float. */
 struct splat {
     real     u, v;             /* centre, px */
-    real     a, k, e;          /* log2(e)/2 x (1 / variance of x given y); slope; log2(e)/2 x (1 / variance of y); 1/px^2 */
+    real     a;                /* log2(e)/2 A, 1/px^2; A = 1 / variance of x given y */
+    real     k;                /* -covariance of x and y / variance of y: shift of the ridge in x, px per px of y */
+    real     e;                /* log2(e)/2 E, 1/px^2; E = 1 / variance of y */
     real     peak;             /* log2 of the opacity */
     real     colour[3];        /* after the clamp at 0 */
     real     depth;            /* camera z */
@@ -252,14 +255,14 @@ struct lobe {
     real main_x, main_y; /* px: half the box around the first one's */
 };
 
-#define SPLAT_SUMS 9 /* a pair's gradient sums over its pixels: g = alpha dL/dalpha times ... */
-#define SUM_G      0 /* 1: opacity */
+#define SPLAT_SUMS 9 /* a pair's gradient sums over its pixels: d = alpha dL/dalpha = dL/d(log alpha) (a in MATH 11) times ... */
+#define SUM_D      0 /* 1: opacity */
 #define SUM_W      1 /* w: centre along x */
 #define SUM_Y      2 /* dy: centre along y */
 #define SUM_WW     3 /* w^2, w dy, dy^2: shape */
 #define SUM_WY     4
 #define SUM_YY     5
-#define SUM_RED    6 /* alpha T dL/dC, without g: colour, three channels */
+#define SUM_RED    6 /* alpha T dL/dC, without d: colour, three channels */
 
 struct medium_pack { /* what the backward pass through water reads of the forward pass, by channel and row */
     real range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
@@ -294,7 +297,7 @@ struct pair {
 
 struct bins {
     int                 tiles_x, tiles_y;
-    real                alpha_min, cut; /* of the camera */
+    real                alpha_min, cutoff_bits; /* of the camera */
     size_t              packs;
     struct splat       *splat;   /* (count) in: written by project_forward; first_slot and slots are filled in */
     const uint16_t     *visible; /* (packs) in */

@@ -25,7 +25,8 @@
 #define LOSS_SQUARES     2 /* x^2 + y^2 */
 #define LOSS_PRODUCT     3 /* xy */
 #define LOSS_DERIVATIVES 3 /* of S in the blurred x, x^2 + y^2, xy */
-#define LOSS_SUMS        3 /* |x - y|, S, (x - y)^2 */
+
+enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS }; /* of a row: |x - y|, S, (x - y)^2 */
 
 #define LOSS_C1 ((real)1e-4) /* 0.01^2 */
 #define LOSS_C2 ((real)9e-4) /* 0.03^2 */
@@ -42,7 +43,7 @@ struct loss_strip {
     int                    channel, first, end; /* rows */
     size_t                 one;                 /* 1, see loss_blur_horizontal */
     real                  *scratch;             /* loss_scratch_size(width) */
-    double (*sums)[LOSS_SUMS];                  /* (H) of this channel: |x - y|, SSIM, (x - y)^2 */
+    double (*sums)[LOSS_SUMS];                  /* (H) of this channel */
 };
 
 /* ---------------------------------------------------------------- rows in the scratch */
@@ -167,7 +168,9 @@ SIMD_INLINE real loss_symmetric_sum(const int fused, real s5, real s4, real s3, 
     return muladd(fused, LOSS_WINDOW[5], centre, sum);
 }
 
-/* Columns of all phases. `one` is 1 but not a constant: otherwise clang reuses loads between columns and does not vectorise. */
+/* Columns of all phases. Letters a to d are phases 0 to 3; at number n the pointer is n - 2 columns ahead. So p0..p13 are the pixels
+ * 4 j - 5 to 4 j + 8, and the four windows of column j take 11 neighbours each. `one` is 1 but not a constant: otherwise clang reuses
+ * loads between columns and does not vectorise. */
 SIMD_INLINE void loss_blur_horizontal(const int fused, const size_t one, const struct loss_rows *r, const real *row,
                                       real *restrict out)
 {
@@ -261,29 +264,31 @@ SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int 
         }
 }
 
-/* S and its derivatives (MATH 8, 9), of the blurred maps of a row. Returns the sum of S. */
+/* S and its derivatives (MATH 8, 9), of the blurred maps of a row: dx, dmsq, dmxy are dL/d(mx), dL/dM, dL/dP. Returns the sum of S. */
 SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s, const struct loss_rows *r)
 {
     const real *restrict mx = r->blurred, *restrict my = mx + r->stride;
-    const real *restrict mm = my + r->stride, *restrict mxy = mm + r->stride;
+    const real *restrict msq = my + r->stride, *restrict mxy = msq + r->stride; /* M, P */
     const real *restrict counts = r->counts;
-    real *restrict dx = r->derivative, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
+    real *restrict dx = r->derivative, *restrict dmsq = dx + r->stride, *restrict dmxy = dmsq + r->stride;
     real       sum[PACK] = {0};
-    const real scale     = -2 * s->ssim_scale;
+    const real scale     = -2 * s->ssim_scale; /* of S in L, times the 2 of dS/dmx and dS/dP */
     for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
         for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
 #pragma omp simd
             for (size_t l = 0; l < PACK; l++) {
                 const size_t j  = j0 + l;
                 const real   ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
+                /* S = a1 a2 / (b1 b2) = a1 q, the factors as in MATH 8 */
                 const real   a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
-                const real   b1 = uu + LOSS_C1, b2 = mm[j] - uu + LOSS_C2, i = 1 / (b1 * b2);
-                const real   p = a1 * i, q = a2 * i, ssim = a1 * q, t = ssim * i, c = scale * counts[j];
-                /* the variances hold -ux^2 and -ux uy */
-                dx[j]  = c * (uy * (q - p) - ux * t * (b2 - b1));
-                dm[j]  = (real)-0.5 * c * t * b1;
-                dxy[j] = c * p;
-                sum[l] = muladd(fused, counts[j], ssim, sum[l]);
+                const real   b1 = uu + LOSS_C1, b2 = msq[j] - uu + LOSS_C2, inverse = 1 / (b1 * b2);
+                const real   p = a1 * inverse, q = a2 * inverse, ssim = a1 * q, t = ssim * inverse; /* t = S / (b1 b2) */
+                const real   c = scale * counts[j];
+                /* MATH 9: a2 and b2 hold -ux uy and -ux^2, hence the differences */
+                dx[j]   = c * (uy * (q - p) - ux * t * (b2 - b1));
+                dmsq[j] = (real)-0.5 * c * t * b1; /* t b1 = S / b2 */
+                dmxy[j] = c * p;
+                sum[l]  = muladd(fused, counts[j], ssim, sum[l]);
             }
         }
     return loss_sum_lanes(sum);
@@ -301,7 +306,7 @@ SIMD_INLINE void loss_derivative_row(const int fused, const struct loss_strip *s
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
         loss_blur_horizontal(fused, s->one, r, r->derivative + k * r->stride,
                              loss_ring(r, r->derivative_rings + k * LOSS_REACH * r->stride, row));
-    if (row >= s->first && row < s->end) s->sums[row][1] = sum;
+    if (row >= s->first && row < s->end) s->sums[row][LOSS_SUM_SSIM] = sum;
 }
 
 /* Outside the image: derivatives are 0. */
@@ -328,8 +333,8 @@ SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *
 SIMD_INLINE void loss_gradient_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int batch, int row)
 {
     const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
-    const real *restrict dx = r->vertical + (size_t)(row - batch) * r->stride;
-    const real *restrict dm = dx + LOSS_BATCH * r->stride, *restrict dxy = dm + LOSS_BATCH * r->stride;
+    const real *restrict dx   = r->vertical + (size_t)(row - batch) * r->stride;
+    const real *restrict dmsq = dx + LOSS_BATCH * r->stride, *restrict dmxy = dmsq + LOSS_BATCH * r->stride;
     const real *restrict counts = r->counts;
     real *restrict out          = r->gradient;
     real l1[PACK] = {0}, square[PACK] = {0};
@@ -341,15 +346,15 @@ SIMD_INLINE void loss_gradient_row(const int fused, const struct loss_strip *s, 
                 const size_t j = j0 + l;
                 const real   a = x[j], b = y[j], difference = a - b;
                 const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
-                const real   through = muladd(fused, 2 * a, dm[j], b * dxy[j]);
+                const real   through = muladd(fused, 2 * a, dmsq[j], b * dmxy[j]);
                 out[j]               = dx[j] + through + s->l1_scale * counts[j] * sign;
                 l1[l] += counts[j] * (difference < 0 ? -difference : difference);
                 square[l] += counts[j] * difference * difference;
             }
         }
     loss_interleave(out, s->job->width, r->phase, s->job->dx + loss_row_offset(s, row));
-    s->sums[row][0] = loss_sum_lanes(l1);
-    s->sums[row][2] = loss_sum_lanes(square);
+    s->sums[row][LOSS_SUM_L1]     = loss_sum_lanes(l1);
+    s->sums[row][LOSS_SUM_SQUARE] = loss_sum_lanes(square);
 }
 
 SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
@@ -390,7 +395,9 @@ static void loss_l1_strip(const struct loss_strip *s)
             l1 += w * (d < 0 ? -d : d);
             square += w * d * d;
         }
-        s->sums[row][0] = l1, s->sums[row][1] = 0, s->sums[row][2] = square;
+        s->sums[row][LOSS_SUM_L1]     = l1;
+        s->sums[row][LOSS_SUM_SSIM]   = 0;
+        s->sums[row][LOSS_SUM_SQUARE] = square;
     }
 }
 
@@ -463,9 +470,9 @@ static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SU
     double sum[LOSS_SUMS] = {0};
     for (int row = 0; row < 3 * job->height; row++)
         for (int k = 0; k < LOSS_SUMS; k++) sum[k] += sums[row][k];
-    out->l1    = values > 0 ? sum[0] / values : 0;
-    out->ssim  = windows > 0 ? sum[1] / windows : 1;
-    out->mse   = values > 0 ? sum[2] / values : 0;
+    out->l1    = values > 0 ? sum[LOSS_SUM_L1] / values : 0;
+    out->ssim  = windows > 0 ? sum[LOSS_SUM_SSIM] / windows : 1;
+    out->mse   = values > 0 ? sum[LOSS_SUM_SQUARE] / values : 0;
     out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
 }
 

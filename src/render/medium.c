@@ -7,11 +7,11 @@
 #define MEDIUM_MIN  0.02 /* of J: what is seen through more water than this lets through is no evidence of it */
 #define MEDIUM_DARK 0.02 /* J at the start, at least */
 
-/* Of J: attenuation and, with a lamp, falloff. */
+/* Factors of J: attenuation and, with a lamp, falloff. */
 static void medium_through(const struct medium *m, float range, float through[3])
 {
     const float near     = m->has_falloff ? OXL_MAX(range, LAMP_RANGE_MIN * m->reference) : 1;
-    const float log_near = m->has_falloff ? (float)(real_log2(0, m->reference / near) * 0.693147181f) : 0;
+    const float log_near = m->has_falloff ? (float)(real_log2(0, m->reference / near) * LN_2) : 0;
     for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * log_near - m->direct[c] * (range - m->training_range));
 }
 
@@ -27,7 +27,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     double               eye[VIEWS][3];
     int                  views = 0;
     const int            all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
-    const int            bands = (model->sh_degree + 1) * (model->sh_degree + 1);
+    const int            coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
     for (int v = 0; v < all; v += stride, views++) {
         camera[views] = &oxl_scene_view(scene, v)->camera;
         lamp[views]   = imaging_lamp(imaging, scene, v);
@@ -64,7 +64,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             const double *s = sum[sum[1][6] > 0], factor = s[c] / s[6], more = s[3 + c] / s[6];
             const double  by = backwards ? 1 / OXL_MAX(factor, MEDIUM_MIN) : factor, add = backwards ? -more * by : more;
             double        colour;
-            for (int k = 0; k < bands; k++)
+            for (int k = 0; k < coefficients; k++)
                 model->plane[OXL_SH + 3 * k + c][i] = (float)(by * model->plane[OXL_SH + 3 * k + c][i]);
             colour = 0.5 * by + add + MODEL_SH0 * model->plane[OXL_SH + c][i];
             if (backwards) colour = OXL_MAX(colour, MEDIUM_DARK); /* noise is amplified; a colour below 0 has no gradient */
@@ -83,6 +83,6 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
             double row = 0;
             for (size_t i = (size_t)y * (size_t)width; i < (size_t)(y + 1) * (size_t)width; i++)
                 row += (double)transmittance[i] * drgb[(size_t)c * plane + i];
-            sum[6 + c] += row;
+            sum[MEDIUM_VEIL + c] += row;
         }
 }

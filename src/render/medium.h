@@ -2,8 +2,9 @@
  *
  * Per Gaussian, with the range r from the camera to its centre, and for the background (Akkaynak & Treibitz 2018; SeaSplat, arXiv
  * 2409.17345, applies it per pixel):
- *     c' = J (r0 / r)^p exp(-bD r) + Binf (1 - exp(-bB r)),     background = Binf.
- * (r0 / r)^p: a lamp that moves with the camera, p from 0 to 2, r0 the median range of the survey.
+ *     c' = J (r0 / max(r, r_min))^p exp(-bD (r - r_t)) + Binf (1 - exp(-bB r)),     background = Binf.
+ * In struct medium: bD `direct` (attenuation), bB `scatter`, Binf `veil`, p `falloff` from 0 to 2: the lamp moves with the camera; r0
+ * `reference`, the median range of the survey; r_t `training_range`, 0 outside training; r_min = LAMP_RANGE_MIN r0.
  * The range, unlike depth z, does not change when the camera rotates.
  *
  * Invariant: exact gradients of the nine parameters, of p, and of the centre through r. Sums have a fixed order: by task of packs and row,
@@ -27,8 +28,7 @@ SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *
         const real   z = job->in.plane[OXL_MEAN + 2][i] - eye.z;
         out->range[l]  = real_sqrt(x * x + y * y + z * z);
         out->log_near[l] =
-            m->has_falloff ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * (real)0.693147181
-                           : 0;
+            m->has_falloff ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * LN_2 : 0;
     }
     for (int c = 0; c < 3; c++)
 #pragma omp simd
@@ -43,38 +43,38 @@ SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *
 }
 
 /* A visible row: dL/dc' of each channel -> the parameters' sums. */
-SIMD_INLINE void medium_row_sums(const struct medium *m, const struct medium_pack *p, int l, real slope[3][PACK],
+SIMD_INLINE void medium_row_sums(const struct medium *m, const struct medium_pack *p, int l, real dcolour[3][PACK],
                                  double sum[MEDIUM_SUMS])
 {
     double lit = 0;
     for (int c = 0; c < 3; c++) {
-        const double g = (double)slope[c][l], direct = g * (double)p->clear[c][l] * (double)p->through[c][l];
+        const double dc = (double)dcolour[c][l], direct = dc * (double)p->clear[c][l] * (double)p->through[c][l];
         lit += direct;
         if (!m->on) continue;
-        sum[c] += -((double)p->range[l] - (double)m->training_range) * direct;
-        sum[3 + c] += g * (double)m->veil[c] * (double)p->range[l] * (double)p->rest[c][l];
-        sum[6 + c] += g * (1 - (double)p->rest[c][l]);
+        sum[MEDIUM_DIRECT + c] += -((double)p->range[l] - (double)m->training_range) * direct;
+        sum[MEDIUM_SCATTER + c] += dc * (double)m->veil[c] * (double)p->range[l] * (double)p->rest[c][l];
+        sum[MEDIUM_VEIL + c] += dc * (1 - (double)p->rest[c][l]);
     }
-    sum[9] += (double)p->log_near[l] * lit;
+    sum[MEDIUM_FALLOFF] += (double)p->log_near[l] * lit;
 }
 
-/* slope: dL/dc' -> dL/dJ, 0 where the clamp of J holds. drange: dL/dr / r. */
-SIMD_INLINE void medium_pack_backward(const struct project_job *job, size_t pack, real slope[3][PACK], real drange[PACK])
+/* dcolour: in dL/dc', out dL/dJ, 0 where the clamp of J holds. drange: dL/dr / r. */
+SIMD_INLINE void medium_pack_backward(const struct project_job *job, size_t pack, real dcolour[3][PACK], real drange[PACK])
 {
     const struct medium      *m     = job->medium;
     const struct medium_pack *p     = &job->medium_pack[pack];
     const real                least = (real)LAMP_RANGE_MIN * m->reference, falloff = m->has_falloff ? m->falloff : 0;
     for (int l = 0; l < PACK && job->medium_sum; l++)
-        if (job->visible[pack] >> l & 1) medium_row_sums(m, p, l, slope, job->medium_sum);
+        if (job->visible[pack] >> l & 1) medium_row_sums(m, p, l, dcolour, job->medium_sum);
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const real range = p->range[l], inverse = range > 0 ? 1 / range : 0;
         real       dr = 0, lit = 0;
         for (int c = 0; c < 3; c++) {
-            const real direct = slope[c][l] * p->clear[c][l] * p->through[c][l];
+            const real direct = dcolour[c][l] * p->clear[c][l] * p->through[c][l];
             lit += direct;
-            dr += slope[c][l] * m->veil[c] * m->scatter[c] * p->rest[c][l] - m->direct[c] * direct;
-            slope[c][l] = p->clear[c][l] > 0 ? slope[c][l] * p->through[c][l] : 0;
+            dr += dcolour[c][l] * m->veil[c] * m->scatter[c] * p->rest[c][l] - m->direct[c] * direct;
+            dcolour[c][l] = p->clear[c][l] > 0 ? dcolour[c][l] * p->through[c][l] : 0;
         }
         drange[l] = (dr - (range > least ? falloff * inverse * lit : 0)) * inverse;
     }

@@ -31,6 +31,7 @@ struct project_geometry {
     real        det;                /* its determinant */
 };
 
+#define PROJECT_HUGE   ((real)1e30)    /* px or 1/px^2: larger has overflowed, or soon does; such a splat is not drawn */
 #define QUATERNION_MIN ((real)1.2e-38) /* shorter ones count as the identity: the inverse would overflow in float */
 
 /* Quaternions need not be normalised. Dividing by the largest component first avoids overflow and underflow of squares. */
@@ -38,13 +39,16 @@ SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project
 {
     const real mw = real_abs(w), mx = real_abs(x), my = real_abs(y), mz = real_abs(z);
     const real mwx = mw > mx ? mw : mx, myz = my > mz ? my : mz, most = mwx > myz ? mwx : myz;
-    const int  turns = most > QUATERNION_MIN;
-    const real down  = turns ? 1 / most : 0;
-    const real sw = turns ? w * down : 1, sx = x * down, sy = y * down, sz = z * down;
+    const int  is_valid     = most > QUATERNION_MIN;
+    const real inverse_most = is_valid ? 1 / most : 0;
+    const real sw = is_valid ? w * inverse_most : 1, sx = x * inverse_most, sy = y * inverse_most, sz = z * inverse_most;
     const real n = 1 / real_sqrt(sw * sw + sx * sx + sy * sy + sz * sz);
     const real a = sw * n, b = sx * n, c = sy * n, d = sz * n;
-    g->q[0] = a, g->q[1] = b, g->q[2] = c, g->q[3] = d;
-    g->inverse_norm = down * n;
+    g->q[0]         = a;
+    g->q[1]         = b;
+    g->q[2]         = c;
+    g->q[3]         = d;
+    g->inverse_norm = inverse_most * n;
     g->rotation.x   = vec3(1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c));
     g->rotation.y   = vec3(2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b));
     g->rotation.z   = vec3(2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c));
@@ -162,10 +166,10 @@ struct project_shape {
 };
 
 /* MATH 4, 5. The half box is slightly enlarged: conservative, the alpha test at each pixel is exact. */
-SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cut)
+SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cutoff_bits)
 {
     struct project_shape s;
-    s.reach         = (peak + cut) * 2 * LN_2; /* 2 ln(o / alpha_min) */
+    s.reach         = (peak + cutoff_bits) * 2 * LN_2; /* 2 ln(o / alpha_min) */
     const real safe = s.reach > 0 ? s.reach : 0;
     s.half_x        = real_sqrt(safe * g->xx / g->shrink2) * (real)1.0001 + (real)0.001;
     s.half_y        = real_sqrt(safe * g->yy / g->shrink2) * (real)1.0001 + (real)0.001;
@@ -178,7 +182,7 @@ SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g,
 SIMD_INLINE int project_in_view(const struct kernel_camera *kernel_camera, real u, real v, real half_x, real half_y)
 {
     return (u + half_x >= (real)0.5) & (u - half_x <= kernel_camera->width - (real)0.5) & (v + half_y >= (real)0.5) &
-           (v - half_y <= kernel_camera->height - (real)0.5) & (half_x < (real)1e30) & (half_y < (real)1e30);
+           (v - half_y <= kernel_camera->height - (real)0.5) & (half_x < PROJECT_HUGE) & (half_y < PROJECT_HUGE);
 }
 
 SIMD_INLINE void project_lane(const int fused, const struct project_job *job, size_t i, int l, struct project_lanes *out)
@@ -188,15 +192,19 @@ SIMD_INLINE void project_lane(const int fused, const struct project_job *job, si
     const struct project_geometry g       = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
-    const struct project_shape    s = project_shape(&g, peak, kernel_camera->cut);
+    const struct project_shape    s = project_shape(&g, peak, kernel_camera->cutoff_bits);
     const real                    u = kernel_camera->fx * g.p.x * inverse + kernel_camera->cx,
                v                    = kernel_camera->fy * g.p.y * inverse + kernel_camera->cy;
-    out->u[l] = u, out->v[l] = v;
-    out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e;
-    out->peak[l]   = peak;
-    out->depth[l]  = g.p.z;
-    out->half_x[l] = s.half_x, out->half_y[l] = s.half_y;
-    out->seen[l] = in_front & project_in_view(kernel_camera, u, v, s.half_x, s.half_y) & (s.reach >= 0) & (s.a < (real)1e30);
+    out->u[l]                       = u;
+    out->v[l]                       = v;
+    out->a[l]                       = s.a;
+    out->k[l]                       = s.k;
+    out->e[l]                       = s.e;
+    out->peak[l]                    = peak;
+    out->depth[l]                   = g.p.z;
+    out->half_x[l]                  = s.half_x;
+    out->half_y[l]                  = s.half_y;
+    out->seen[l] = in_front & project_in_view(kernel_camera, u, v, s.half_x, s.half_y) & (s.reach >= 0) & (s.a < PROJECT_HUGE);
 }
 
 struct project_lobe_lanes {
@@ -212,14 +220,19 @@ SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *jo
     const real                    factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real                    main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
     const real                    peak   = main_peak + real_log2(fused, factor);
-    const struct project_shape    s      = project_shape(&g, peak, job->kernel_camera->cut);
+    const struct project_shape    s      = project_shape(&g, peak, job->kernel_camera->cutoff_bits);
     const real                    half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
-    const int                     shown = (s.reach >= 0) | (main_peak + job->kernel_camera->cut >= 0);
+    const int                     shown = (s.reach >= 0) | (main_peak + job->kernel_camera->cutoff_bits >= 0);
     const int seen = in_front & project_in_view(job->kernel_camera, lanes->u[l], lanes->v[l], half_x, half_y) & shown &
-                     (s.a < (real)1e30) & (lanes->a[l] < (real)1e30);
-    out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e, out->peak[l] = peak;
-    out->half_x[l] = s.half_x, out->half_y[l] = s.half_y;
-    out->main_x[l] = main_x, out->main_y[l] = main_y;
+                     (s.a < PROJECT_HUGE) & (lanes->a[l] < PROJECT_HUGE);
+    out->a[l]        = s.a;
+    out->k[l]        = s.k;
+    out->e[l]        = s.e;
+    out->peak[l]     = peak;
+    out->half_x[l]   = s.half_x;
+    out->half_y[l]   = s.half_y;
+    out->main_x[l]   = main_x;
+    out->main_y[l]   = main_y;
     lanes->half_x[l] = l < lobes ? half_x : main_x;
     lanes->half_y[l] = l < lobes ? half_y : main_y;
     lanes->seen[l]   = l < lobes ? seen : lanes->seen[l];
@@ -233,22 +246,33 @@ static void project_store(const struct project_job *job, size_t i, int l, const 
     const real                  w = kernel_camera->width - 1, h = kernel_camera->height - 1;
     const real                  x0 = p->u[l] - p->half_x[l], x1 = p->u[l] + p->half_x[l];
     const real                  y0 = p->v[l] - p->half_y[l], y1 = p->v[l] + p->half_y[l];
-    s->u = p->u[l], s->v = p->v[l];
-    s->a = p->a[l], s->k = p->k[l], s->e = p->e[l];
+    s->u     = p->u[l];
+    s->v     = p->v[l];
+    s->a     = p->a[l];
+    s->k     = p->k[l];
+    s->e     = p->e[l];
     s->peak  = p->peak[l];
     s->depth = p->depth[l];
     for (int ch = 0; ch < 3; ch++) s->colour[ch] = c->value[ch][l] > 0 ? c->value[ch][l] : 0;
-    s->half_x = p->half_x[l], s->half_y = p->half_y[l];
-    s->tile_x0 = (uint16_t)((int)OXL_CLAMP(x0, 0, w) / TILE), s->tile_x1 = (uint16_t)((int)OXL_CLAMP(x1, 0, w) / TILE);
-    s->tile_y0 = (uint16_t)((int)OXL_CLAMP(y0, 0, h) / TILE), s->tile_y1 = (uint16_t)((int)OXL_CLAMP(y1, 0, h) / TILE);
+    s->half_x     = p->half_x[l];
+    s->half_y     = p->half_y[l];
+    s->tile_x0    = (uint16_t)((int)OXL_CLAMP(x0, 0, w) / TILE);
+    s->tile_x1    = (uint16_t)((int)OXL_CLAMP(x1, 0, w) / TILE);
+    s->tile_y0    = (uint16_t)((int)OXL_CLAMP(y0, 0, h) / TILE);
+    s->tile_y1    = (uint16_t)((int)OXL_CLAMP(y1, 0, h) / TILE);
     s->first_slot = s->slots = 0;
 }
 
 static void project_store_lobe(struct lobe *out, int l, const struct project_lobe_lanes *p)
 {
-    out->a = p->a[l], out->k = p->k[l], out->e = p->e[l], out->peak = p->peak[l];
-    out->half_x = p->half_x[l], out->half_y = p->half_y[l];
-    out->main_x = p->main_x[l], out->main_y = p->main_y[l];
+    out->a      = p->a[l];
+    out->k      = p->k[l];
+    out->e      = p->e[l];
+    out->peak   = p->peak[l];
+    out->half_x = p->half_x[l];
+    out->half_y = p->half_y[l];
+    out->main_x = p->main_x[l];
+    out->main_y = p->main_y[l];
 }
 
 /* Prefetches the SH coefficients of the next pack, which lie in one page per plane: 3 at degree 0, 48 at degree 3. */
@@ -406,8 +430,11 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, without cancellation */
     const struct project_geometry_gradient p  = project_geometry_gradient(kernel_camera, &g, d->sums, l);
     const int                              ok = seen >> l & 1;
-    d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
-    d->u[l] = p.u, d->v[l] = p.v;
+    d->mean[0][l] += p.mean.x;
+    d->mean[1][l] += p.mean.y;
+    d->mean[2][l] += p.mean.z;
+    d->u[l]                               = p.u;
+    d->v[l]                               = p.v;
     job->out.plane[OXL_LOG_SCALE][to]     = ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOG_SCALE + 1][to] = ok ? p.log_scale.y : 0;
     job->out.plane[OXL_LOG_SCALE + 2][to] = ok ? p.log_scale.z : 0;
@@ -415,12 +442,12 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     job->out.plane[OXL_ROTATION + 1][to]  = ok ? p.q[1] : 0;
     job->out.plane[OXL_ROTATION + 2][to]  = ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][to]  = ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][to]       = ok ? d->sums[SUM_G][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->out.plane[OXL_OPACITY][to]       = ok ? d->sums[SUM_D][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
     job->dmean2d[i]                       = ok ? project_length(kernel_camera, p.u, p.v) : 0;
 }
 
-/* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
- * so gradients of o' and s' are also added to those of o and s. */
+/* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule:
+ * log o' = log o + log sigmoid(a), log s' = log s + b, so gradients of o' and s' are also added to those of o and s. */
 SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {
@@ -431,9 +458,11 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     const real                             rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real                             rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
     const struct project_geometry_gradient p           = project_geometry_gradient(kernel_camera, &g, sums, l);
-    const real                             pull        = sums[SUM_G][l];
-    const int                              ok          = seen >> l & 1; /* seen: of the rows with a lobe */
-    d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
+    const real                             dlog_o      = sums[SUM_D][l]; /* dL/d(log o\') */
+    const int                              ok          = seen >> l & 1;  /* seen: of the rows with a lobe */
+    d->mean[0][l] += ok ? p.mean.x : 0;
+    d->mean[1][l] += ok ? p.mean.y : 0;
+    d->mean[2][l] += ok ? p.mean.z : 0;
     job->out.plane[OXL_LOG_SCALE][to] += ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOG_SCALE + 1][to] += ok ? p.log_scale.y : 0;
     job->out.plane[OXL_LOG_SCALE + 2][to] += ok ? p.log_scale.z : 0;
@@ -441,8 +470,8 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     job->out.plane[OXL_ROTATION + 1][to] += ok ? p.q[1] : 0;
     job->out.plane[OXL_ROTATION + 2][to] += ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][to] += ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][to] += ok ? pull * rest : 0;
-    job->out.plane[OXL_LOBE][to]     = ok ? pull * rest_factor : 0;
+    job->out.plane[OXL_OPACITY][to] += ok ? dlog_o * rest : 0;
+    job->out.plane[OXL_LOBE][to]     = ok ? dlog_o * rest_factor : 0;
     job->out.plane[OXL_LOBE + 1][to] = ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOBE + 2][to] = ok ? p.log_scale.y : 0;
     job->out.plane[OXL_LOBE + 3][to] = ok ? p.log_scale.z : 0;

@@ -4,9 +4,9 @@
  * 2023, eq. 3):
  *     C = sum_i c_i alpha_i T_i + T background,   T_i = product of (1 - alpha_j), j before i.
  *
- * Backward runs in forward order, with the same branches and no division by (1 - alpha) to recover T. With g = dL/dC, the known total
- * S = g . C, and s the part of S up to and including splat i,
- *     dL/dalpha_i = T_i (g . c_i) - (S - s) / (1 - alpha_i)      (docs/MATH.md 10).
+ * Backward runs in forward order, with the same branches and no division by (1 - alpha) to recover T. With dC = dL/dC, the known total
+ * S = dC . C, and s the part of S up to and including splat i,
+ *     dL/dalpha_i = T_i (dC . c_i) - (S - s) / (1 - alpha_i)      (docs/MATH.md 10).
  * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply", arXiv 2602.24136].
  *
  * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative; then T increases. The same
@@ -28,8 +28,8 @@ struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
 
 struct raster_gradients {
     real t[TILE_PIXELS];
-    real g[3][TILE_PIXELS];   /* dL/dC */
-    real behind[TILE_PIXELS]; /* S - s: contribution of the splats behind */
+    real drgb[3][TILE_PIXELS]; /* dC = dL/dC */
+    real behind[TILE_PIXELS];  /* S - s: contribution of the splats behind */
 };
 
 struct raster_tile {
@@ -131,25 +131,26 @@ struct raster_splat {   /* inputs of the passes, contiguous */
 struct raster_batch {
     const struct pair  *pair;
     int                 count;
-    real                alpha_min, least;                          /* smallest contribution, and its log2 */
+    real                alpha_min, log2_alpha_min;                 /* smallest contribution, and its log2 */
     struct raster_splat splat[RASTER_BATCH], second[RASTER_BATCH]; /* second: of those that have a second lobe */
     uint32_t            lobed;                                     /* bit n: splat n has one */
     uint32_t            blocks[RASTER_BATCH];                      /* by splat: its blocks that have not ended */
     uint32_t            splats[TILE_BLOCKS];                       /* by block: the splats on it */
-    real                value[RASTER_BATCH][TILE_BLOCKS][PACK];    /* alpha dL/dalpha; for the score dS/dalpha */
-    real                lobe[RASTER_BATCH][TILE_BLOCKS][PACK];     /* o' dL/do' of the second lobe */
-    real                weight[RASTER_BATCH][TILE_BLOCKS][PACK];   /* alpha T */
+    /* by splat, block and pixel, written by raster_differentiate: */
+    real dlog_alpha[RASTER_BATCH][TILE_BLOCKS][PACK]; /* alpha dL/dalpha = dL/d(log alpha); for the score dS/dalpha */
+    real dlog_lobe[RASTER_BATCH][TILE_BLOCKS][PACK];  /* o' dL/do' = dL/d(log o') of the second lobe */
+    real weight[RASTER_BATCH][TILE_BLOCKS][PACK];     /* alpha T */
 };
 
 /* The next splats of the tile, and which blocks each of them covers. lobed: constant 0 or 1; 0 removes the code of lobes. */
 SIMD_INLINE void raster_load_batch(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
                                    const struct pair *pair, uint32_t active, struct raster_batch *batch)
 {
-    batch->pair      = pair;
-    batch->count     = (int)OXL_MIN(RASTER_BATCH, tile->end - pair);
-    batch->alpha_min = job->bins->alpha_min;
-    batch->least     = -job->bins->cut;
-    batch->lobed     = 0;
+    batch->pair           = pair;
+    batch->count          = (int)OXL_MIN(RASTER_BATCH, tile->end - pair);
+    batch->alpha_min      = job->bins->alpha_min;
+    batch->log2_alpha_min = -job->bins->cutoff_bits;
+    batch->lobed          = 0;
     memset(batch->splats, 0, sizeof batch->splats);
     for (int n = 0; n < batch->count; n++) {
         const struct splat *s      = &job->bins->splat[pair[n].splat];
@@ -193,24 +194,23 @@ static const real RASTER_Y[4][PACK] = {{0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3
 
 #define RASTER_FAR ((real)-120) /* exponents of lobes below it count as o G = 0: real_exp2 ends at -126 */
 
-/* o G at (x, y), at most ALPHA_MAX, and 0 where the exponent is below `least`. */
-SIMD_INLINE real raster_lobe_alpha(const int fused, const struct raster_splat *s, real least, real x, real y)
+/* o G at (x, y), at most ALPHA_MAX, and 0 where it is below 2^log2_min. */
+SIMD_INLINE real raster_lobe_alpha(const int fused, const struct raster_splat *s, real log2_min, real x, real y)
 {
     const real dy = y - s->v, w = muladd(fused, s->k, dy, x - s->u);
     const real exponent = muladd(fused, s->a * w, w, muladd(fused, s->e * dy, dy, s->peak));
-    const real g        = real_exp2(fused, exponent);
-    const real value    = real_least(g, ALPHA_MAX);
-    return exponent >= least ? value : 0;
+    const real alpha    = real_least(real_exp2(fused, exponent), ALPHA_MAX);
+    return exponent >= log2_min ? alpha : 0;
 }
 
 /* Shared by forward and backward, for equal bits. The weight alpha T is computed as a difference of T, so the weights of a pixel and
  * its final T sum to 1. With a second lobe alpha and weight may be negative. */
 struct raster_contribution {
-    real value, lobe; /* of the two lobes, see raster_lobe_alpha */
-    real alpha;
-    real t;           /* T afterwards */
-    int  contributes; /* 0: the pixel had ended, or ends here */
-    real weight;      /* alpha T, 0 unless contributes */
+    real first, second; /* alpha of each lobe, see raster_lobe_alpha */
+    real alpha;         /* first - second */
+    real t;             /* T afterwards */
+    int  contributes;   /* 0: the pixel had ended, or ends here */
+    real weight;        /* alpha T, 0 unless contributes */
 };
 
 /* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
@@ -219,11 +219,11 @@ SIMD_INLINE struct raster_contribution raster_contribution(const int fused, cons
 {
     struct raster_contribution p;
     real                       next;
-    p.value = raster_lobe_alpha(fused, &batch->splat[n], lobed ? RASTER_FAR : batch->least, x, y);
-    p.lobe  = lobed ? raster_lobe_alpha(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
-    p.alpha = p.value;
+    p.first  = raster_lobe_alpha(fused, &batch->splat[n], lobed ? RASTER_FAR : batch->log2_alpha_min, x, y);
+    p.second = lobed ? raster_lobe_alpha(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
+    p.alpha  = p.first;
     if (lobed) {
-        const real alpha = p.value - p.lobe, magnitude = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
+        const real alpha = p.first - p.second, magnitude = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
         p.alpha = magnitude >= batch->alpha_min ? alpha : 0;
     }
     next          = muladd(fused, p.alpha, -t, t);
@@ -325,35 +325,38 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
  * score: 0 or 1, a constant.
  */
 
-struct raster_block_grad { /* a block's pixels */
-    real t[PACK], r[PACK], g[PACK], b[PACK], behind[PACK];
+struct raster_block_gradients { /* a block's pixels, as in struct raster_gradients */
+    real t[PACK], dr[PACK], dg[PACK], db[PACK], behind[PACK];
 };
 
-/* The gradient of raster_composite in alpha. value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
- * o dL/do and o' dL/do'. Each is 0 where its clamp at ALPHA_MAX holds, all are 0 without a contribution. */
+/* Gradient of raster_composite. Writes, for each pixel:
+ *   dlog_alpha   alpha dL/dalpha = weight (dC . c) - alpha / (1 - alpha) (S - s); with a second lobe o dL/do; for the score dS/dalpha
+ *   dlog_lobe    o' dL/do', with a second lobe only
+ *   weight       alpha T, which times dC is dL/dc; not for the score
+ * All are 0 without a contribution. dlog_alpha and dlog_lobe are also 0 where the clamp at ALPHA_MAX holds for their own lobe. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
-                                      struct raster_batch *batch, int n, int block, struct raster_block_grad *d)
+                                      struct raster_batch *batch, int n, int block, struct raster_block_gradients *d)
 {
     const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
-    real *restrict value = batch->value[n][block], *restrict lobe = batch->lobe[n][block];
+    real *restrict dlog_alpha = batch->dlog_alpha[n][block], *restrict dlog_lobe = batch->dlog_lobe[n][block];
     real *restrict weight = batch->weight[n][block];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_contribution p = raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
-        const real light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
+        const real light = muladd(fused, d->dr[l], red, muladd(fused, d->dg[l], green, d->db[l] * blue)); /* dC . c */
         const real rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
             const real inverse = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? inverse : 0;
-            const real grad   = contributes * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
-            const real dvalue = score ? grad : grad * p.value, dlobe = -grad * p.lobe;
-            value[l] = p.value < ALPHA_MAX ? dvalue : 0;
-            if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? dlobe : 0;
+            const real dalpha = contributes * muladd(fused, p.t, light, -rest); /* p.t / (1 - alpha) is T before */
+            const real dfirst = score ? dalpha : dalpha * p.first, dsecond = -dalpha * p.second;
+            dlog_alpha[l] = p.first < ALPHA_MAX ? dfirst : 0;
+            if (lobed) dlog_lobe[l] = p.second < ALPHA_MAX ? dsecond : 0;
         } else {
-            const real dvalue    = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
-            const real unclamped = p.value < ALPHA_MAX ? dvalue : 0;
-            value[l]             = p.contributes ? unclamped : 0;
+            const real dfirst    = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
+            const real unclamped = p.first < ALPHA_MAX ? dfirst : 0;
+            dlog_alpha[l]        = p.contributes ? unclamped : 0;
         }
         if (!score) weight[l] = p.weight;
         d->behind[l] = rest;
@@ -364,14 +367,14 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
 SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score, struct raster_batch *batch,
                                             int block, struct raster_gradients *tile)
 {
-    const int                at = block * PACK;
-    struct raster_block_grad d;
+    const int                     at = block * PACK;
+    struct raster_block_gradients d;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         d.t[l]      = raster_keep_normal(tile->t[at + l]);
-        d.r[l]      = tile->g[0][at + l];
-        d.g[l]      = tile->g[1][at + l];
-        d.b[l]      = tile->g[2][at + l];
+        d.dr[l]     = tile->drgb[0][at + l];
+        d.dg[l]     = tile->drgb[1][at + l];
+        d.db[l]     = tile->drgb[2][at + l];
         d.behind[l] = tile->behind[at + l];
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
@@ -407,7 +410,7 @@ SIMD_INLINE void raster_add_lanes(const int count, const real lane[][PACK], real
     for (int sum = 0; sum < count; sum++) out[sum] = (quarter[sum][0] + quarter[sum][2]) + (quarter[sum][1] + quarter[sum][3]);
 }
 
-/* MATH 11. lobe: 1: sums of the second lobe, without the colour's, which belong to the splat. */
+/* MATH 11: d, d w, d dy... summed. lobe: 1: sums of the second lobe, without the colour's, which belong to the splat. */
 SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster_batch *batch, int n,
                             const struct raster_gradients *gradients, real *restrict out)
 {
@@ -422,21 +425,22 @@ SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster
     for (; blocks; blocks &= blocks - 1) {
         const int block = simd_lowest_bit(blocks), at = block * PACK;
         const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
-        const real *restrict g = lobe ? batch->lobe[n][block] : batch->value[n][block], *restrict c = batch->weight[n][block];
-        const real *restrict gr = gradients->g[0] + at, *restrict gg = gradients->g[1] + at, *restrict gb = gradients->g[2] + at;
+        const real *restrict d      = lobe ? batch->dlog_lobe[n][block] : batch->dlog_alpha[n][block];
+        const real *restrict weight = batch->weight[n][block], *restrict dr = gradients->drgb[0] + at;
+        const real *restrict dg = gradients->drgb[1] + at, *restrict db = gradients->drgb[2] + at;
 #pragma omp simd
         for (int l = 0; l < PACK; l++) {
-            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), gw = g[l] * w, gy = g[l] * dy;
-            sums[SUM_G][l] += g[l];
-            sums[SUM_W][l] += gw;
-            sums[SUM_Y][l] += gy;
-            sums[SUM_WW][l] = muladd(fused, gw, w, sums[SUM_WW][l]);
-            sums[SUM_WY][l] = muladd(fused, gw, dy, sums[SUM_WY][l]);
-            sums[SUM_YY][l] = muladd(fused, gy, dy, sums[SUM_YY][l]);
+            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), d_by_w = d[l] * w, d_by_dy = d[l] * dy;
+            sums[SUM_D][l] += d[l];
+            sums[SUM_W][l] += d_by_w;
+            sums[SUM_Y][l] += d_by_dy;
+            sums[SUM_WW][l] = muladd(fused, d_by_w, w, sums[SUM_WW][l]);
+            sums[SUM_WY][l] = muladd(fused, d_by_w, dy, sums[SUM_WY][l]);
+            sums[SUM_YY][l] = muladd(fused, d_by_dy, dy, sums[SUM_YY][l]);
             if (!lobe) {
-                sums[SUM_RED][l]     = muladd(fused, c[l], gr[l], sums[SUM_RED][l]);
-                sums[SUM_RED + 1][l] = muladd(fused, c[l], gg[l], sums[SUM_RED + 1][l]);
-                sums[SUM_RED + 2][l] = muladd(fused, c[l], gb[l], sums[SUM_RED + 2][l]);
+                sums[SUM_RED][l]     = muladd(fused, weight[l], dr[l], sums[SUM_RED][l]);
+                sums[SUM_RED + 1][l] = muladd(fused, weight[l], dg[l], sums[SUM_RED + 1][l]);
+                sums[SUM_RED + 2][l] = muladd(fused, weight[l], db[l], sums[SUM_RED + 2][l]);
             }
         }
     }
@@ -449,9 +453,9 @@ SIMD_INLINE real raster_sum_squares(const int fused, const struct raster_batch *
     const real o            = real_exp2(fused, batch->splat[n].peak);
     real       sum[1][PACK] = {{0}}, whole;
     for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) {
-        const real *restrict grad = batch->value[n][simd_lowest_bit(blocks)];
+        const real *restrict dalpha = batch->dlog_alpha[n][simd_lowest_bit(blocks)]; /* for the score */
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, grad[l], grad[l], sum[0][l]);
+        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, dalpha[l], dalpha[l], sum[0][l]);
     }
     raster_add_lanes(1, (const real(*)[PACK])sum, &whole);
     return o * o * whole;
@@ -472,10 +476,10 @@ SIMD_INLINE void raster_begin_backward(const struct raster_job *job, const struc
     raster_begin(tile, d->t);
     memset(d->behind, 0, sizeof d->behind);
     for (int ch = 0; ch < 3; ch++) {
-        raster_load(job, tile, job->drgb + (size_t)ch * plane, d->g[ch]);
+        raster_load(job, tile, job->drgb + (size_t)ch * plane, d->drgb[ch]);
         raster_load(job, tile, job->rgb + (size_t)ch * plane, rgb);
         for (int i = 0; i < TILE_PIXELS; i++) {
-            d->behind[i] += d->g[ch][i] * rgb[i];
+            d->behind[i] += d->drgb[ch][i] * rgb[i];
         }
     }
 }

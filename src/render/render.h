@@ -28,8 +28,8 @@ OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, con
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                       const oxl_render_options *options, oxl_image *out, float *depth);
 
-/* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for renderer_loss with rgb NULL. A device caches images in a share of its
- * memory: `image` may be NULL if renderer_has_image returns 1. */
+/* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for renderer_loss with rgb NULL. A
+ * device caches images in a share of its memory: `image` may be NULL if renderer_has_image returns 1. */
 OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
 OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
                                            const struct image_window *window, int halved);
@@ -107,8 +107,9 @@ enum renderer_download {
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
 
 /* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
- * RENDERER_FRESH is set; the order stays. Bands that the model had not are 0. The host does the same with the model and calls renderer_send_shape. *moved 0: on the CPU, or there was no room on
- * the device; everything is on the host then, as after DOWNLOAD_TO_CHANGE. */
+ * RENDERER_FRESH is set; the order stays. Bands that the model had not are 0. The host does the same with the model and calls
+ * renderer_send_shape. *moved 0: on the CPU, or there was no room on the device; everything is on the host then, as after
+ * DOWNLOAD_TO_CHANGE. */
 #define RENDERER_FRESH 0x80000000u
 struct renderer_move {
     const uint32_t *from; /* (count) */
@@ -171,16 +172,23 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
 
 struct archive; /* checkpoint.c */
 
-enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, the falloff */
+enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
+       MEDIUM_DIRECT  = 0, /* three channels each */
+       MEDIUM_SCATTER = 3,
+       MEDIUM_VEIL    = 6,
+       MEDIUM_FALLOFF = 9,
+       MEDIUM_SUMS    = 10
+};
 
 /* From the next forward on cameras are windows, from x, y on, of images of this size; 0, 0: they are whole. On the CPU:
  * renderer_use_cpu. */
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
-/* From now on a forward may be followed by loss, backward and step: a device allocates for all of them in forward, which the CPU can take over. */
+/* From now on a forward may be followed by loss, backward and step: a device allocates for all of them in forward, which the CPU can
+ * take over. */
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
-/* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU renders from
- * then on. */
+/* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU
+ * renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
 /* For the next backward: it adds weight x the sum of 1 - T in front of these points to the loss (depth_loss.c). On the CPU; copied. */
 struct depth_point {

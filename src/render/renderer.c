@@ -85,7 +85,7 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, floa
                               .limit_y     = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
                               .near_plane  = near_plane,
                               .alpha_min   = ALPHA_MIN,
-                              .cut         = LOG2_255};
+                              .cutoff_bits = LOG2_255};
     double               eye[3];
     camera_position(c, eye);
     l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
@@ -116,8 +116,8 @@ OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *l, float alpha_min)
 {
     if (!(alpha_min > ALPHA_MIN)) return;
-    l->alpha_min = OXL_MIN(alpha_min, ALPHA_MAX);
-    l->cut       = (float)(-vecmath_log(l->alpha_min) * LOG2_E);
+    l->alpha_min   = OXL_MIN(alpha_min, ALPHA_MAX);
+    l->cutoff_bits = (float)(-vecmath_log(l->alpha_min) * LOG2_E);
 }
 
 OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
@@ -136,14 +136,12 @@ OXL_INTERNAL size_t render_packs(size_t count)
 static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t packs, size_t lobes, size_t pixels)
 {
     const size_t rows = packs * PACK;
-    oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
-    if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, (void **)&r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads, sizeof *r->tile_range);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
-    if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+    oxl_result   rc   = oxl_reserve(ctx, &r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads, sizeof *r->tile_range);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
     return rc;
 }
 
@@ -153,8 +151,8 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
 static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
-    oxl_result   rc     = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
-    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    oxl_result   rc     = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0) rc = ctx->failed;
     return rc;
 }
@@ -238,7 +236,7 @@ OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
     const uint64_t most  = (uint64_t)(r->dropout * 4294967296.0);
-    const float    gain  = (float)(-vecmath_log(1 - r->dropout) / 0.6931471805599453);
+    const float    gain  = (float)(-vecmath_log(1 - r->dropout) / VECMATH_LN2);
     const size_t   first = (size_t)(job->splat - r->splat); /* row 0 of the job */
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (size_t l = 0, row = pack * PACK; l < PACK; l++, row++) {
@@ -266,9 +264,8 @@ static void render_project(oxl_context *ctx, struct renderer *r)
 static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
     const size_t tasks = (size_t)render_tasks(r);
-    oxl_result   rc =
-        oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
+    oxl_result   rc    = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
     r->context_medium                = r->medium;
     r->context_medium.training_range = 0;
@@ -381,7 +378,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
     r->bins.alpha_min     = r->kernel_camera.alpha_min;
-    r->bins.cut           = r->kernel_camera.cut;
+    r->bins.cutoff_bits   = r->kernel_camera.cutoff_bits;
     r->bins.packs         = packs + others;
     r->bins.splat         = r->splat;
     r->bins.lobe          = r->lobe;
@@ -396,7 +393,7 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                            const oxl_render_options *options)
 {
     const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
-    const oxl_result rc     = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    const oxl_result rc     = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     r->in            = render_gaussians(model, options->sh_degree);

@@ -57,7 +57,8 @@ static int image_is_jpeg(const struct os_file_map *file)
     return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
 }
 
-/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols; again. *tables: a bit for each. */
+/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols; again. *tables: a bit for
+ * each. */
 static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
     while (p < end) {
@@ -83,8 +84,8 @@ static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end
 }
 
 /* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), reads
- * tables that are not defined, accepts a second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
- * markers; a preview inside a segment is skipped with it. */
+ * tables that are not defined, accepts a second frame header after allocating for the first, and reports a truncated file as "expected
+ * marker". Iterates over the markers; a preview inside a segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;

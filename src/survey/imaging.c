@@ -52,7 +52,8 @@ static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
     return (hash ^ byte) * UINT64_C(1099511628211);
 }
 
-/* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera, L/0012.png and R/0012.png are not. */
+/* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera, L/0012.png and R/0012.png are
+ * not. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
     const struct colmap *from    = scene_colmap(scene);

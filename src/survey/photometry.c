@@ -2,9 +2,9 @@
  *
  * A point seen from several ranges r identifies attenuation and backscatter without a model of the scene:
  *     I = exp(a + s(x, y)) (J exp(-bD r) + Binf (1 - exp(-bB r)))          (Akkaynak & Treibitz 2018)
- * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of the camera's lamp or vignetting. J
- * is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and Binf, by their logarithms, s and a are found by damped
- * Gauss-Newton steps on squared residuals with Huber's weights. On a straight path a drift of gains, and on flat ground s, do what
+ * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of the camera's lamp or
+ * vignetting. J is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and Binf, by their logarithms, s and a are found by
+ * damped Gauss-Newton steps on squared residuals with Huber's weights. On a straight path a drift of gains, and on flat ground s, do what
  * attenuation does: priors of zero mean on a and s decide then. A lamp's falloff with range counts as attenuation.
  *
  * Each part is left out once: how much larger the residuals are then is the evidence for it.

@@ -256,7 +256,7 @@ OXL_INTERNAL int      image_file_read(oxl_context *ctx, const char *path, uint64
                                       struct training_image *out); /* 1: it was there and is whole */
 OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image);
 
-/* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
+/* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel */
 
 struct depth_sample { /* an observation */
     int   view, pixel;

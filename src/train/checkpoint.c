@@ -5,8 +5,9 @@
  *
  * Everything is little endian. A module describes its state once, in one function that goes both ways (struct archive).
  *
- * Invariant: of checkpoint.oxl and checkpoint.prev.oxl at least one is whole once the first was written: a new file gets its name
- * only when all of it is on the disk, and the one before it only loses its name to the second.
+ * Invariant: once one checkpoint has been written, at least one of checkpoint.oxl and checkpoint.prev.oxl is complete. The new one is
+ * written under a temporary name; the current one is renamed to checkpoint.prev.oxl; the new one, flushed to disk, is renamed to
+ * checkpoint.oxl (os_writer_close in os.c). A crash between the two renames leaves checkpoint.prev.oxl.
  */
 #include "train.h"
 

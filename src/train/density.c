@@ -1,11 +1,11 @@
 /* density.c - the number of Gaussians and their places: split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
- * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers more than it can model. Two replace it, each with half the variance on
- * its longest axis, so that the image nearly stays the same (density_make_child); Kerbl clones small ones and replaces large ones by two
- * random samples. Faint ones are removed. After the first reset interval the very large are split too, not removed as in Kerbl: in turbid
- * water they render the far range, and without them no Gaussian is left there to split. Under water the gradients of the far range are
- * too small: paper eq. 2 gives them a weight by depth. There is one sum for each band of depths, so that the weights are chosen when
- * needed, and the unweighted sum (criterion of second lobes, eq. 4) costs nothing more.
+ * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers more than it can model. Two replace it, each with half the
+ * variance on its longest axis, so that the image nearly stays the same (density_make_child); Kerbl clones small ones and replaces
+ * large ones by two random samples. Faint ones are removed. After the first reset interval the very large are split too, not removed
+ * as in Kerbl: in turbid water they render the far range, and without them no Gaussian is left there to split. Under water the
+ * gradients of the far range are too small: paper eq. 2 gives them a weight by depth. There is one sum for each band of depths, so
+ * that the weights are chosen when needed, and the unweighted sum (criterion of second lobes, eq. 4) costs nothing more.
  *
  * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of view are skipped);
  * once rows have a second lobe none may split, so those stay first. A row with a nonfinite number is removed.
@@ -17,8 +17,13 @@
 #define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
 #define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
 #define DENSITY_OPACITY_MAX   0.999999 /* of a child: its logit is finite */
-/* sqrt(1/2): scale and distance of a child in longest scales; share of log(1 - opacity) */
-#define DENSITY_SPLIT_SHARE 0.70710678118654752
+/* Of a child, with the longest standard deviation s and the opacity o of its parent: its standard deviation there, and its distance from
+ * the parent's mean, are sqrt(1/2) s, so the pair has the variance s^2 / 2 + s^2 / 2; 1 - o' = (1 - o)^sqrt(1/2). */
+#define DENSITY_SQRT_HALF     0.70710678118654752
+#define DENSITY_CAP_HIGH      1e30  /* density_cap searches its threshold from 0 to here, */
+#define DENSITY_CAP_LOW       1e-12 /* in factors down to here: first the order of magnitude, */
+#define DENSITY_CAP_GEOMETRIC 50    /* by so many geometric means, */
+#define DENSITY_CAP_ROUNDS    100   /* then the last bits, by arithmetic means up to so many in all */
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 
@@ -65,7 +70,10 @@ static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t co
     int           given    = 1;
     if (count <= d->capacity) return OXL_OK;
     density_release(ctx, d);
-    for (size_t k = 0; k < wanted; k++) given &= (*sums[k] = oxl_alloc(ctx, capacity, sizeof **sums[k])) != NULL;
+    for (size_t k = 0; k < wanted; k++) {
+        *sums[k] = oxl_alloc(ctx, capacity, sizeof **sums[k]);
+        given &= *sums[k] != NULL;
+    }
     d->verdict  = oxl_alloc(ctx, capacity, sizeof *d->verdict);
     d->capacity = given && d->verdict ? capacity : 0;
     if (d->capacity) return OXL_OK;
@@ -172,14 +180,15 @@ static enum density_verdict density_classify(const struct density *d, const oxl_
     return mean >= rules->gradient ? DENSITY_SPLIT : DENSITY_KEEP;
 }
 
-/* Under a cap, only the first `room` growing rows by gradient may grow. Found by bisection on the threshold: no sort, no ties lost. */
+/* Under a cap only the `room` rows of the largest mean gradient are split. Bisection finds the lowest threshold, to a double's precision,
+ * that at most `room` of them reach. Rows tied at the limit all stay unsplit, so the result does not depend on their order. */
 static void density_cap(struct density *d, size_t count, size_t kept, size_t growing, size_t cap)
 {
     const size_t room = cap > kept ? cap - kept : 0;
-    double       low = 0, high = 1e30;
+    double       low = 0, high = DENSITY_CAP_HIGH;
     if (growing <= room) return;
-    for (int round = 0; round < 100 && room > 0; round++) {
-        const double middle = round < 50 ? sqrt((low > 1e-12 ? low : 1e-12) * high) : (low + high) / 2;
+    for (int round = 0; round < DENSITY_CAP_ROUNDS && room > 0; round++) {
+        const double middle = round < DENSITY_CAP_GEOMETRIC ? sqrt(OXL_MAX(low, DENSITY_CAP_LOW) * high) : (low + high) / 2;
         size_t       above  = 0;
         for (size_t i = 0; i < count; i++) above += d->verdict[i] == DENSITY_SPLIT && d->gradient[i] / d->views[i] >= middle;
         if (above > room) low = middle;
@@ -196,8 +205,8 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
  * (side -1 or 1). Together they have its mean, its covariance and, to first order in its opacity, its sum of alpha. */
 static void density_make_child(oxl_model *m, size_t at, int side)
 {
-    const double rest  = vecmath_exp(DENSITY_SPLIT_SHARE * vecmath_log(vecmath_sigmoid(-m->plane[OXL_OPACITY][at])));
-    const double shift = side * DENSITY_SPLIT_SHARE * density_scale(m, at);
+    const double rest  = vecmath_exp(DENSITY_SQRT_HALF * vecmath_log(vecmath_sigmoid(-m->plane[OXL_OPACITY][at])));
+    const double shift = side * DENSITY_SQRT_HALF * density_scale(m, at);
     double       q[4], r[9];
     int          longest = 0;
     for (int k = 0; k < 4; k++) q[k] = m->plane[OXL_ROTATION + k][at];
@@ -205,7 +214,7 @@ static void density_make_child(oxl_model *m, size_t at, int side)
     for (int a = 1; a < 3; a++)
         if (m->plane[OXL_LOG_SCALE + a][at] > m->plane[OXL_LOG_SCALE + longest][at]) longest = a;
     for (int a = 0; a < 3; a++) m->plane[OXL_MEAN + a][at] += (float)(shift * r[3 * a + longest]);
-    m->plane[OXL_LOG_SCALE + longest][at] += (float)vecmath_log(DENSITY_SPLIT_SHARE);
+    m->plane[OXL_LOG_SCALE + longest][at] += (float)vecmath_log(DENSITY_SQRT_HALF);
     m->plane[OXL_OPACITY][at] = (float)vecmath_logit(OXL_MIN(1 - rest, DENSITY_OPACITY_MAX));
 }
 
@@ -230,8 +239,10 @@ static void density_move_plane(const struct density *d, float *plane, size_t cou
         const int split = d->verdict[i] == DENSITY_SPLIT;
         if (d->verdict[i] == DENSITY_REMOVE) continue;
         plane[--at] = plane[--kept];
-        if (split) plane[at - 1] = plane[at], at--;
-        if (split && fresh) plane[at] = plane[at + 1] = 0;
+        if (!split) continue;
+        plane[at - 1] = plane[at];
+        at--;
+        if (fresh) plane[at] = plane[at + 1] = 0;
     }
 }
 
@@ -258,7 +269,10 @@ static void density_make_children(const struct density *d, oxl_model *model, siz
     size_t at = 0;
     for (size_t i = 0; i < count; i++) {
         if (d->verdict[i] == DENSITY_REMOVE) continue;
-        if (d->verdict[i] == DENSITY_SPLIT) density_make_child(model, at++, -1), density_make_child(model, at, 1);
+        if (d->verdict[i] == DENSITY_SPLIT) {
+            density_make_child(model, at++, -1);
+            density_make_child(model, at, 1);
+        }
         at++;
     }
 }
@@ -271,7 +285,10 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
     if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
-    for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] == DENSITY_SPLIT;
+    for (size_t i = 0; i < model->count; i++) {
+        kept += d->verdict[i] != DENSITY_REMOVE;
+        growing += d->verdict[i] == DENSITY_SPLIT;
+    }
     if (model->lobes > 0 && growing > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be split while %zu have a second lobe", growing,
                         model->count, model->lobes);

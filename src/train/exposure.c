@@ -2,9 +2,9 @@
  *
  * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
  * before the loss (render/exposure.c); a_k has an Adam of its own (Kingma & Ba 2015), since each image is visited once an epoch, and a
- * prior that draws it towards the line between its neighbours, of the same camera, in file order. After each step the mean over the known training images is
- * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and held-out views, which stand at
- * mean exposure, lose dB with it (measured before: 2 to 6).
+ * prior that draws it towards the line between its neighbours, of the same camera, in file order. After each step the mean over the
+ * known training images is set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and
+ * held-out views, which stand at mean exposure, lose dB with it (measured before: 2 to 6).
  *
  * They begin with those of the tracks (survey/photometry.c), and stay so for EXPOSURE_HOLD of the run, while Gaussians are rough.
  *

@@ -1,9 +1,9 @@
 /* lamp.c - a light that moves with the camera, optimised with the scene.
  *
  * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one for each physical camera
- * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.h), p from 0 to 2, one for all cameras, r0 the median
- * range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin. p is trained where --medium is
- * not `auto`, which counts falloff as attenuation, and where the points' depths identify it.
+ * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.h), p from 0 to 2, one for all
+ * cameras, r0 the median range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin. p is
+ * trained where --medium is not `auto`, which counts falloff as attenuation, and where the points' depths identify it.
  *
  * s begins with that of the tracks (survey/photometry.c), which also decide whether it is needed; Adam (Kingma & Ba 2015) from LAMP_FROM of
  * the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes

@@ -2,15 +2,15 @@
  *
  * Some training views are validation views until the last decision, and are trained from then on. A decision is a trial: each
  * alternative is trained from the same state for a fortieth of the run, and the smallest one that is good enough is kept. (Rendering
- * without some SH bands is no evidence: the others have adapted to them. By that test a scene without view dependence seemed to need
- * degree 3.) Each decision is noted with its evidence (run.json).
+ * without its higher SH degrees is no evidence: the lower ones have adapted to them. By that test a scene without view dependence
+ * seemed to need degree 3.) Each decision is noted with its evidence (run.json).
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial repeats the trial.
  */
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of all bands over fewer */
+#define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of the highest degree over a lower one */
 #define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */
 #define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
 #define SELECTION_DRIFT          0.8  /* correlation of exposure with range from which a warning is due */
@@ -149,7 +149,7 @@ static oxl_result selection_train_trial(struct train *t, double *psnr)
     return rc == OXL_OK ? selection_validate(t, &loss, psnr) : rc;
 }
 
-/* ---------------------------------------------------------------- SH bands */
+/* ---------------------------------------------------------------- SH degree */
 
 static oxl_result selection_set_degree(struct train *t, int degree)
 {
@@ -172,7 +172,7 @@ static void selection_record_sh_degree(struct train *t, int most, const double p
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: SH degree %d: %s", t->step, t->sh_degree, why);
 }
 
-/* All bands first, then none, one... until that is enough: t is that branch in the end. */
+/* The highest degree first, then 0, 1... until that is enough: t is that branch in the end. */
 static oxl_result selection_try_sh_degree(struct train *t, struct train_branch *start, struct train_branch *all, double psnr[4])
 {
     struct train_branch other = {0};
@@ -414,7 +414,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
 
 /* ---------------------------------------------------------------- the cost of trials */
 
-/* Steps beyond the run's own: three of the four alternatives of a trial of bands, one of two of others. */
+/* Steps beyond the run's own: three of the four alternatives of a trial of SH degrees, one of two of others. */
 OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
 {
     const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
@@ -475,6 +475,7 @@ static oxl_result selection_prune(struct train *t)
     return rc == OXL_OK ? step_prune(t, validation) : rc;
 }
 
+/* The body of the training loop. The passes over the view's image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result selection_step(struct train *t)
 {
     oxl_result rc = step_raise_sh_degree(t);

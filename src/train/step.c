@@ -2,10 +2,11 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
-#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* and one for dropout */
-#define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
-#define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_ORDER        (UINT64_C(0x5649455753) << 24) /* "VIEWS" in ASCII: a stream of random numbers for the order of views, */
+#define STEP_DROPOUT      (UINT64_C(0x44524f50) << 24)   /* "DROP": and one for dropout */
+#define STEP_READ_AHEAD   64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
+#define STEP_SMOOTHING    0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
 static void step_shuffle(struct train *t, int epoch)
@@ -56,9 +57,9 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
     width     = window ? window->width : image->width;
     height    = window ? window->height : image->height;
     pixels    = (size_t)width * (size_t)height;
-    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    rc        = oxl_reserve(t->ctx, &t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = image->mask != NULL;
-    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
     image_from_training(t->ctx, image, window, t->target, t->masked ? t->weight : NULL);
     if (t->halved) image_halve(width, height, t->target, t->masked ? t->weight : NULL);
@@ -116,7 +117,7 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
 {
     const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
     const float *rendered = NULL;
-    oxl_result   rc       = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    oxl_result   rc       = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc == OXL_OK) {
         const struct transients_view view = {camera, t->render.near_plane, rendered, t->target, t->weight, t->masked};
@@ -201,7 +202,7 @@ static oxl_result step_skip(struct train *t, int step, int view)
 static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                               struct renderer_nonfinite skipped)
 {
-    const double                   psnr     = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double                   psnr     = -STEP_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
     const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
     const struct exposure_gradient gradient = {.step      = of->step,
                                                .view      = of->view,
@@ -258,7 +259,9 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
-    if (lamp) lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer), renderer_medium_gradient(t->renderer)[9]);
+    if (lamp)
+        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
+                  renderer_medium_gradient(t->renderer)[MEDIUM_FALLOFF]);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
@@ -376,7 +379,8 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
 
-/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this degree. */
+/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this
+ * degree. */
 static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep, int sh_degree,
                                  int *moved)
 {
@@ -461,7 +465,7 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss)
     return rc;
 }
 
-/* One more SH band each such share of the run, up to the degree that it is to have. */
+/* Raises the SH degree by one after each sh_degree_interval of the run, up to t->sh_degree. */
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 {
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));

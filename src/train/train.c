@@ -337,8 +337,8 @@ static void train_describe_imaging(struct train *t)
     if ((m->medium.on || m->medium.has_falloff) && span < WATER_SPAN_MIN)
         oxl_log(
             t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
-            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, and scene_clear.ply "
-            "is not measured colour",
+            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, "
+            "and scene_clear.ply is not measured colour",
             span);
 }
 

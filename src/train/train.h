@@ -66,15 +66,15 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
 OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
-/* When reading: the file is refused unless `ok`. The checksum finds accidental damage, not intended changes. */
+/* When reading: the file is refused unless `is_so`. The checksum finds accidental damage, not intended changes. */
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t);            /* reading: the text is replaced */
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);         /* reading: the model is replaced */
 OXL_INTERNAL int  archive_fits(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
 
 typedef void            checkpoint_state(struct archive *a, void *user);
-/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
 OXL_INTERNAL uint64_t   checkpoint_sum(const void *bytes, size_t size); /* of a file, as checkpoints have it */
+/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user);
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
@@ -179,7 +179,8 @@ struct water {
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
 OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *continued);
-/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks, exposure_set_from_tracks. */
+/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks,
+ * exposure_set_from_tracks. */
 OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size);
 #define WATER_SPAN_MIN 2 /* less does not identify the water: auto is off (docs/WATER.md) */
 OXL_INTERNAL double        water_span(oxl_scene *scene);
@@ -265,7 +266,8 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is applied. */
+/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is
+ * applied. */
 OXL_INTERNAL void       exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
 OXL_INTERNAL void       exposure_apply_pending(struct exposure *e, int last);
 OXL_INTERNAL void       exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size);
@@ -292,7 +294,7 @@ struct train_output {
     int        frozen;  /* 1: gains and lamp stay as they are */
     int        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
-/* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
+/* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, const struct train_output *output, oxl_model *out);
 

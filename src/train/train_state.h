@@ -32,7 +32,7 @@ struct train {
     struct lamp_fit            lamp;
     struct free_space          free_space;
     struct track_depth         track_depth;
-    int                        sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
+    int                        sh_degree;     /* that the model is to have in the end, as far as it is decided */
     int                        lobes;         /* enum train_lobes */
     int                        trial_is_next; /* enum train_trial: before the next step */
     int                       *view;          /* (views) training views in this epoch's order */
