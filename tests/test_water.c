@@ -718,6 +718,55 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with water, falloff and lamp. */
+TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
+{
+    oxl_scene     *scene   = train_scene(3);
+    struct imaging imaging = {
+        .medium = water_murky, .lamps = 1, .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
+    const struct medium *m = &imaging.medium;
+    oxl_model            model;
+    int                  unseen = 0, by_some = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 60, 0, &model));
+    for (size_t i = 0; i < model.count; i++)
+        for (int a = 0; a < 3; a++) model.plane[OXL_MEAN + a][i] = (float)(5 * random_unit(random_bits(8, i, (uint64_t)a)) - 2.5);
+    medium_bake(scene, &imaging, 0, &model);
+    for (size_t i = 0; i < model.count; i++) {
+        const double at[3]  = {model.plane[OXL_MEAN][i], model.plane[OXL_MEAN + 1][i], model.plane[OXL_MEAN + 2][i]};
+        double       sum[3] = {0}, all[3] = {0}, weights = 0, all_weights = 0;
+        int          seen = 0;
+        for (int v = 0; v < 3; v++) {
+            const oxl_camera *camera = &oxl_scene_view(scene, v)->camera;
+            double            eye[3], axes[3], x[2] = {0}, square = 0, gain;
+            const int         here = camera_project(camera, at, (double[3]){0}, axes, x) && x[0] >= 0 && x[1] >= 0 &&
+                             x[0] <= camera->width && x[1] <= camera->height;
+            camera_position(camera, eye);
+            for (int a = 0; a < 3; a++) square += (at[a] - eye[a]) * (at[a] - eye[a]);
+            gain = exp(lamp_log_gain(imaging.lamp[0].shape, (float)(2 * x[0] / camera->width - 1),
+                                     (float)(2 * x[1] / camera->height - 1)));
+            for (int c = 0; c < 3; c++) {
+                const double r = sqrt(square), near = fmax(r, LAMP_RANGE_MIN * (double)m->reference);
+                const double shown = 0.5 * pow((double)m->reference / near, (double)m->falloff) * exp(-(double)m->direct[c] * r) +
+                                     (double)m->veil[c] * (1 - exp(-(double)m->scatter[c] * r));
+                all[c] += shown / square;
+                if (here) sum[c] += gain * shown / square;
+            }
+            all_weights += 1 / square;
+            if (here) weights += 1 / square;
+            seen += here;
+        }
+        unseen += seen == 0;
+        by_some += seen > 0 && seen < 3;
+        for (int c = 0; c < 3; c++) {
+            const double expected = seen ? sum[c] / weights : all[c] / all_weights;
+            CHECK_CLOSE(0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH + c][i], expected, 2e-5 * expected);
+        }
+    }
+    CHECK(unseen > 3 && by_some > 3);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* No Gaussian in view: only water. */
 TEST(medium_alone_shows_its_veil)
 {
