@@ -1406,7 +1406,77 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_requirements(VkDevice device, VkBu
     *out = (VkMemoryRequirements){256, 64, 7};
 }
 
-/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, not the largest one, nor the host's. */
+static VkMemoryRequirements vulkan_needs;
+static uint32_t             vulkan_full_kinds, vulkan_kinds_tried; /* by bits */
+static int                  vulkan_kind_last, vulkan_first_tried;
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_needs(VkDevice device, VkBuffer buffer, VkMemoryRequirements *out)
+{
+    (void)device, (void)buffer;
+    *out = vulkan_needs;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_kinds(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                        const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    VkMemoryAllocateInfo given = *info;
+    vulkan_kind_last           = (int)info->memoryTypeIndex;
+    if (!vulkan_kinds_tried) vulkan_first_tried = vulkan_kind_last;
+    vulkan_kinds_tried |= 1u << info->memoryTypeIndex;
+    if (vulkan_full_kinds >> info->memoryTypeIndex & 1) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    given.allocationSize = 1 << 16, given.memoryTypeIndex = 0;
+    return vulkan_real_allocate(device, &given, a, out);
+}
+
+/* Which kind a buffer of so many bytes gets on a device where some are full; -1: it finds no memory. */
+static int vulkan_kind_of(struct vulkan *v, VkDeviceSize size, uint32_t full, int for_host)
+{
+    struct vulkan_buffer b = {0};
+    v->rc                  = OXL_OK;
+    vulkan_needs           = (VkMemoryRequirements){size, 64, 31};
+    vulkan_full_kinds      = full;
+    vulkan_kinds_tried     = 0;
+    vulkan_kind_last       = -1;
+    vulkan_create(v, &b, 256, for_host);
+    CHECK((v->rc == OXL_OK) == (b.handle != VK_NULL_HANDLE) && (v->rc == OXL_OK || v->rc == OXL_ERR_MEMORY));
+    if (v->rc != OXL_OK) vulkan_kind_last = -1;
+    vulkan_release(v, &b);
+    return vulkan_kind_last;
+}
+
+/* RADV's layout on small APUs: a heap of 16 MiB comes first, and its budget has underflowed. What does not fit is not asked for; what
+ * finds no memory is asked of the next kind; the last is AMD's coherent memory, which wants a feature. */
+static void vulkan_check_small_heap(struct vulkan *device)
+{
+    const VkMemoryPropertyFlags host = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const VkMemoryPropertyFlags own  = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
+    struct vulkan               v    = *device;
+    const VkDeviceSize          gib = 1u << 30, small = 16u << 20, large = 8 * gib - 20 * (gib >> 10);
+    v.memory = (VkPhysicalDeviceMemoryProperties){
+        .memoryTypeCount = 5,
+        .memoryTypes = {{own, 0}, {own, 1}, {host, 2}, {host | VK_MEMORY_PROPERTY_HOST_CACHED_BIT, 2}, {own | host | 0x40, 1}},
+        .memoryHeapCount = 3,
+        .memoryHeaps     = {{small, 1}, {large, 1}, {4 * gib, 0}}};
+    v.budgets                     = 0;
+    v.make_room                   = NULL;
+    vulkan_real_allocate          = v.AllocateMemory;
+    v.AllocateMemory              = vulkan_play_kinds;
+    v.GetBufferMemoryRequirements = vulkan_play_needs;
+    CHECK(vulkan_kind_of(&v, 1 << 20, 0, 0) == 0 && v.kind == 1);
+    CHECK(vulkan_kind_of(&v, small + 1, 0, 0) == 1 && !(vulkan_kinds_tried & 1));
+    CHECK(vulkan_kind_of(&v, 1 << 20, 1, 0) == 1 && vulkan_first_tried == 0);
+    CHECK(vulkan_kind_of(&v, 1 << 20, 3, 0) == 2 && v.kind == 1);
+    CHECK(vulkan_kind_of(&v, large, 2, 0) == -1 && vulkan_kinds_tried == 2);
+    CHECK(vulkan_kind_of(&v, 1 << 20, 31, 0) == -1 && vulkan_kinds_tried == 15);
+    CHECK(vulkan_kind_of(&v, 1 << 20, 0, 1) == 3 && vulkan_kind_of(&v, 1 << 20, 8, 1) == 2);
+    CHECK(vulkan_kind_of(&v, large, 0, 1) == -1 && vulkan_kinds_tried == 0);
+    v.budgets                               = 1;
+    v.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
+    vulkan_budget = SIZE_MAX / 2 - 100, vulkan_usage = 64; /* of heap 1: 2^64 - 202 */
+    CHECK(vulkan_memory_left(&v, 1) == large - 128);
+}
+
+/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the largest of the device's own. */
 static void vulkan_check_heap(const struct vulkan *v)
 {
     const VkMemoryPropertyFlags host  = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
@@ -1416,10 +1486,10 @@ static void vulkan_check_heap(const struct vulkan *v)
     other.memory                      = (VkPhysicalDeviceMemoryProperties){.memoryTypeCount = 3,
                                                                            .memoryTypes     = {{host, 2}, {own, 1}, {own | host, 0}},
                                                                            .memoryHeapCount = 3,
-                                                                           .memoryHeaps     = {{7000, 1}, {5000, 1}, {9000, 0}}};
+                                                                           .memoryHeaps     = {{4000, 1}, {5000, 1}, {9000, 0}}};
     other.budgets                     = 0;
     CHECK(vulkan_memory_left(&other, 0) == 9000 && vulkan_memory_left(&other, 1) == 5000 &&
-          vulkan_memory_left(&other, 2) == 7000);
+          vulkan_memory_left(&other, 2) == 4000);
     other.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     other.budgets                               = 1;
     vulkan_budget = 100, vulkan_usage = 30; /* of heap 0; twice, three times that of those behind it */
@@ -1445,6 +1515,7 @@ static void vulkan_check_budget(oxl_context *device)
     vulkan_scene(30, 0, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     vulkan_check_heap(v);
+    vulkan_check_small_heap(v);
     v->budgets                               = 1;
     v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = 100, vulkan_usage = 30;
