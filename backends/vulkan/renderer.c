@@ -67,7 +67,8 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, con
                                     .width       = (uint32_t)c->width,
                                     .height      = (uint32_t)c->height,
                                     .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,
-                                    .tiles_y     = (uint32_t)(c->height + TILE - 1) / TILE};
+                                    .tiles_y     = (uint32_t)(c->height + TILE - 1) / TILE,
+                                    .infinity    = VULKAN_INFINITY};
     r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
     vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
@@ -256,7 +257,7 @@ static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int mas
     const float   *gain     = r->exposed ? r->gain : (const float[3]){1, 1, 1};
     const uint32_t push[8]  = {r->view.width,    r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
                                (uint32_t)masked, vulkan_bits(gain[0]), vulkan_bits(gain[1]), vulkan_bits(gain[2])};
-    const uint32_t total[3] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred};
+    const uint32_t total[4] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred, VULKAN_INFINITY};
     VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
     VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));

@@ -11,8 +11,10 @@ struct vulkan_slab {
 /* As shaders/view.glsl has it. */
 struct vulkan_view {
     float    rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3], alpha_min, cut;
-    uint32_t width, height, tiles_x, tiles_y;
+    uint32_t width, height, tiles_x, tiles_y, infinity;
 };
+
+#define VULKAN_INFINITY 0x7F800000u /* its bits: what shaders test with must not be known to their compiler (common.glsl) */
 
 struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
     struct vulkan_buffer bytes;
