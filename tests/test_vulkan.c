@@ -1562,6 +1562,56 @@ static void vulkan_check_score_falls_back(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+static VkDeviceSize vulkan_largest; /* bytes of an allocation; larger ones find no memory */
+static int          vulkan_refusals;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                          const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    if (info->allocationSize <= vulkan_largest) return vulkan_real_allocate(device, info, a, out);
+    vulkan_refusals++;
+    return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
+
+/* There is memory for the pairs that there are, not for the room that deferred steps would like: they get along with it, one after the other,
+ * and do what they do. */
+static void vulkan_check_tight(oxl_context *device)
+{
+    static struct vulkan_deferral d[2];
+    struct vulkan                *v = device->vulkan;
+    struct vulkan_renderer       *r;
+    struct vulkan_buffer          b = {0};
+    struct renderer_loss          none;
+    struct renderer_report        report;
+    vulkan_real_allocate = v->AllocateMemory;
+    for (int k = 0; k < 2; k++) {
+        vulkan_deferral_begin(device, &d[k]);
+        vulkan_step_of(device, &d[k], 1, &none);
+        r                 = d[k].r->device;
+        vulkan_largest    = k ? 16 * r->pairs + 1024 : SIZE_MAX;
+        vulkan_refusals   = 0;
+        v->AllocateMemory = vulkan_play_largest;
+        CHECK(r->pairs > 1024 && renderer_defer(d[k].r, 1));
+        vulkan_step_of(device, &d[k], 2, &none);
+        CHECK((vulkan_refusals > 0) == k && r->tight == k && r->room > 0);
+        if (k) CHECK(r->room * 16 <= vulkan_largest && r->sums_a.size <= vulkan_largest);
+        vulkan_refusals = 0;
+        vulkan_step_of(device, &d[k], 3, &none);
+        CHECK(vulkan_refusals == 0);
+        for (int i = 0; i < 2; i++) CHECK_OK(renderer_report(device, d[k].r, 1, &report));
+        CHECK(report.exists && report.halt == HALT_NONE);
+        renderer_defer(d[k].r, 0);
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+    }
+    vulkan_check_same_run(&d[0], &d[1]);
+    vulkan_largest = 1 << 16;
+    vulkan_reserve(v, &b, 1 << 14, 4, "numbers"); /* without the quarter more */
+    CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals == 1);
+    vulkan_release(v, &b);
+    v->AllocateMemory = vulkan_real_allocate;
+    for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
+}
+
 /* --backend auto: the CPU continues, with the image that the device had. */
 static void vulkan_check_fallback(oxl_context *device)
 {
@@ -2711,6 +2761,11 @@ TEST(vulkan_drops_images_where_memory_is_short)
 TEST(vulkan_keeps_images_within_what_memory_is_left)
 {
     ON_DEVICE(vulkan_check_budget);
+}
+
+TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_are)
+{
+    ON_DEVICE(vulkan_check_tight);
 }
 
 TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)

@@ -129,9 +129,13 @@ OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer 
     vulkan_create(v, b, OXL_MAX(least, (size_t)256), 0);
 }
 
-/* With a quarter more where it is allocated, for what grows. */
+/* With a quarter more where it is allocated, for what grows, if there is room for that. */
 OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
 {
     const size_t more = OXL_MIN(count + count / 4, v->range / element);
-    if (b->size < OXL_MAX(count, (size_t)1) * element) vulkan_reserve_exactly(v, b, OXL_MAX(count, more), element, what);
+    if (v->rc != OXL_OK || b->size >= OXL_MAX(count, (size_t)1) * element) return;
+    vulkan_reserve_exactly(v, b, OXL_MAX(count, more), element, what);
+    if (v->rc != OXL_ERR_MEMORY || more <= count) return;
+    v->rc = OXL_OK;
+    vulkan_reserve_exactly(v, b, count, element, what);
 }

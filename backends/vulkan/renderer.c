@@ -131,17 +131,6 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
     struct vulkan *v    = r->v;
     uint32_t       bits = 1;
     while (r->tiles >> bits) bits++;
-    if (r->deferred && r->room == 0) {
-        r->pairs = OXL_MAX(r->pairs, r->most_pairs);
-        r->room  = OXL_MIN(r->pairs + r->pairs / VULKAN_ROOM + VULKAN_BLOCK, (size_t)UINT32_MAX - 1);
-        r->pairs = r->room;
-    }
-    for (int k = 0; k < 2; k++) {
-        vulkan_reserve(v, &r->pair_key[k], r->pairs, 4, "(tile, splat) pairs");
-        vulkan_reserve(v, &r->pair_value[k], r->pairs, 4, "(tile, splat) pairs");
-    }
-    vulkan_reserve(v, &r->staged, r->pairs, 8, "(tile, splat) pairs");
-    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
     vulkan_footprint(r, 1);
     r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
     VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->tiles),
@@ -182,15 +171,20 @@ static void vulkan_draw(struct vulkan_renderer *r, int depths)
     vulkan_in_parts(r, vulkan_draw_part, (uint32_t)depths);
 }
 
+static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer *b, size_t element)
+{
+    if (r->tight) vulkan_reserve_exactly(r->v, b, r->pairs, element, "(tile, splat) pairs");
+    else vulkan_reserve(r->v, b, r->pairs, element, "(tile, splat) pairs");
+}
+
 static void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
 {
-    struct vulkan *v = r->v;
-    vulkan_reserve(v, &r->sums_a, r->pairs, 16, "(tile, splat) pairs");
+    vulkan_reserve_pairs(r, &r->sums_a, 16);
     if (score) return;
-    vulkan_reserve(v, &r->sums_b, r->pairs, 16, "(tile, splat) pairs");
-    vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
-    if (r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
-    if (r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
+    vulkan_reserve_pairs(r, &r->sums_b, 16);
+    vulkan_reserve_pairs(r, &r->sums_c, 4);
+    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_d, 16);
+    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_e, 8);
 }
 
 /* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
@@ -222,6 +216,45 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     vulkan_reserve_moments(r);
 }
 
+/* For the pairs found, or, where steps are deferred, for what the views behind this one may have. */
+static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
+{
+    if (r->deferred && r->room == 0) {
+        const size_t more = r->tight ? 0 : r->pairs / VULKAN_ROOM + VULKAN_BLOCK;
+        r->room           = OXL_MIN(r->pairs + more, (size_t)UINT32_MAX - 1);
+        r->pairs          = r->room;
+    }
+    for (int k = 0; k < 2; k++) {
+        vulkan_reserve_pairs(r, &r->pair_key[k], 4);
+        vulkan_reserve_pairs(r, &r->pair_value[k], 4);
+    }
+    vulkan_reserve_pairs(r, &r->staged, 8);
+    vulkan_reserve(r->v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
+    if (steps) vulkan_reserve_step(r);
+}
+
+/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs. */
+static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
+{
+    struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1], &r->staged,
+                                       &r->sums_a,      &r->sums_b,      &r->sums_c,        &r->sums_d,        &r->sums_e};
+    struct vulkan        *v         = r->v;
+    const int             counted   = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
+    const size_t          found     = r->pairs;
+    if (v->rc != OXL_OK) return;
+    if (counted && r->deferred) r->pairs = OXL_MAX(r->pairs, r->most_pairs);
+    vulkan_reserve_view(r, steps);
+    if (v->rc != OXL_ERR_MEMORY || !counted || (r->tight && r->pairs == found)) return;
+    vulkan_finish(v);
+    if (v->lost) return;
+    for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(v, by_pair[i]);
+    v->rc    = OXL_OK;
+    r->tight = 1;
+    r->room  = 0;
+    r->pairs = found;
+    vulkan_reserve_view(r, steps);
+}
+
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                  const oxl_render_options *options, int steps)
 {
@@ -235,8 +268,8 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     r->bands = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree : options->sh_degree;
     vulkan_take_view(r, camera, options);
     vulkan_order_rows(r);
+    vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);
-    if (steps) vulkan_reserve_step(r);
     vulkan_draw(r, 0);
     return r->v->rc;
 }
