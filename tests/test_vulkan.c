@@ -1339,14 +1339,16 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     return rc;
 }
 
+static VkResult vulkan_shortage; /* what an allocation comes back with */
+
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, const VkMemoryAllocateInfo *info,
                                                             const VkAllocationCallbacks *a, VkDeviceMemory *out)
 {
-    return vulkan_allocations_left-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_allocate(device, info, a, out);
+    return vulkan_allocations_left-- > 0 ? vulkan_shortage : vulkan_real_allocate(device, info, a, out);
 }
 
 /* At half its sides, then whole: the target grows, where the first allocation fails. */
-static void vulkan_check_image_in_use(oxl_context *device)
+static void vulkan_check_image_in_use(oxl_context *device, VkResult shortage)
 {
     struct vulkan        *v = device->vulkan;
     static uint8_t        rgb[3 * 64 * 48];
@@ -1357,6 +1359,7 @@ static void vulkan_check_image_in_use(oxl_context *device)
     vulkan_real_allocate    = v->AllocateMemory;
     v->AllocateMemory       = vulkan_play_full_once;
     vulkan_allocations_left = 1;
+    vulkan_shortage         = shortage;
     CHECK_OK(renderer_set_image(device, r, 0, NULL, NULL, 0));
     CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
     CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
@@ -1372,7 +1375,8 @@ static void vulkan_check_full(oxl_context *device)
     struct renderer_loss loss[2];
     oxl_model            m, larger;
     int                  tries = 0;
-    vulkan_check_image_in_use(device);
+    vulkan_check_image_in_use(device, VK_ERROR_OUT_OF_DEVICE_MEMORY);
+    vulkan_check_image_in_use(device, VK_ERROR_TOO_MANY_OBJECTS); /* a driver may allow but 4096 allocations */
     vulkan_scene(300, 1, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));

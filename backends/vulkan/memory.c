@@ -73,8 +73,7 @@ static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *in
     VkResult  result;
     if (own && v->budgets && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v);
     result = v->AllocateMemory(v->device, info, NULL, out);
-    if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && v->make_room && v->make_room(v) > 0)
-        result = v->AllocateMemory(v->device, info, NULL, out);
+    if (vulkan_is_short(result) && v->make_room && v->make_room(v) > 0) result = v->AllocateMemory(v->device, info, NULL, out);
     return result;
 }
 

@@ -58,6 +58,7 @@ OXL_INTERNAL const char *vulkan_word(VkResult result)
     case VK_TIMEOUT: return "it did not answer in time";
     case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
     case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory is left";
+    case VK_ERROR_TOO_MANY_OBJECTS: return "the driver allows no more allocations";
     case VK_ERROR_DEVICE_LOST: return "the device is lost";
     case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
     case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
@@ -65,9 +66,10 @@ OXL_INTERNAL const char *vulkan_word(VkResult result)
     }
 }
 
-static int vulkan_is_short(VkResult result)
+OXL_INTERNAL int vulkan_is_short(VkResult result)
 {
-    return result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY ||
+           result == VK_ERROR_TOO_MANY_OBJECTS;
 }
 
 /* Keeps the first failure. 1: all is well. */

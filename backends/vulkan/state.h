@@ -179,6 +179,7 @@ struct vulkan {
 /* ---------------------------------------------------------------- passes.c */
 
 OXL_INTERNAL const char *vulkan_word(VkResult result);
+OXL_INTERNAL int         vulkan_is_short(VkResult result);                       /* of memory */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
 
 OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
