@@ -1261,6 +1261,48 @@ static void vulkan_check_lost(oxl_context *device)
     vulkan_check_loss_of_device(device, FAULT_LOST);
 }
 
+static PFN_vkAllocateDescriptorSets vulkan_real_sets;
+static int                          vulkan_sets_left;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_sets(VkDevice device, const VkDescriptorSetAllocateInfo *info,
+                                                       VkDescriptorSet *out)
+{
+    return vulkan_sets_left-- > 0 ? vulkan_real_sets(device, info, out) : VK_ERROR_OUT_OF_HOST_MEMORY;
+}
+
+/* A step over three slabs finds no memory for the second one's: no one may repeat it. For the first one's: anyone may. */
+static void vulkan_check_half_step(oxl_context *device)
+{
+    struct vulkan_run         run     = vulkan_run_begin(700, 1, 0);
+    struct vulkan            *v       = device->vulkan;
+    const oxl_camera          camera  = vulkan_camera(64, 48);
+    float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
+    oxl_render_options        options = oxl_render_options_default();
+    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_nonfinite skipped;
+    struct renderer          *r;
+    v->slab_rows     = 256;
+    vulkan_real_sets = v->AllocateDescriptorSets;
+    CHECK_OK(renderer_create(device, &r));
+    for (int sets = 0; sets < 2; sets++) {
+        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
+        CHECK(((struct vulkan_renderer *)r->device)->slabs == 3);
+        v->AllocateDescriptorSets = vulkan_play_sets;
+        vulkan_sets_left          = sets;
+        CHECK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped) ==
+              (sets ? OXL_ERR_FAILED : OXL_ERR_MEMORY));
+        CHECK((v->lost != 0) == sets);
+        v->AllocateDescriptorSets = vulkan_real_sets;
+    }
+    CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
+    renderer_free(device, r);
+    vulkan_run_free(&run);
+    oxl_free(test_ctx, drgb);
+    vulkan_close(v);
+    device->vulkan = NULL;
+}
+
 /* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
 static void vulkan_check_slots(oxl_context *device)
 {
@@ -2730,6 +2772,11 @@ TEST(vulkan_gives_up_a_device_that_hangs_after_another_error)
 TEST(vulkan_gives_up_a_device_that_is_lost)
 {
     ON_DEVICE(vulkan_check_lost);
+}
+
+TEST(vulkan_gives_up_a_device_that_did_half_a_step)
+{
+    ON_DEVICE(vulkan_check_half_step);
 }
 
 TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work)

@@ -169,7 +169,7 @@ static void vulkan_say_lost(struct vulkan *v)
 /* The device is abandoned, its objects stay allocated. After a timeout a submission continues, or hangs: its fence, buffers and pools must
  * not be touched, and another wait may not end. A lost device frees nothing either. And where something could not be submitted,
  * what is on the device is not what the host takes it for. Returns 0. */
-static int vulkan_give_up(struct vulkan *v, VkResult result)
+OXL_INTERNAL int vulkan_give_up(struct vulkan *v, VkResult result)
 {
     v->lost = result;
     vulkan_say_lost(v);

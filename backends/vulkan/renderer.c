@@ -447,10 +447,12 @@ static oxl_result vulkan_fail_other_model(struct vulkan_renderer *r)
     return oxl_fail(r->v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
 }
 
-/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. */
+/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. Where a slab was
+ * stepped and the next one cannot be, the device is given up: who repeated the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
 {
     const uint32_t none[3] = {0, UINT32_MAX, 0};
+    const size_t   before  = r->v->dispatches;
     uint32_t       push[6];
     vulkan_update(r->v, &r->counts, COUNT_NONFINITE * sizeof *none, none, sizeof none);
     for (size_t s = 0; s < r->slabs; s++) {
@@ -462,6 +464,7 @@ static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const u
                                   variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first,
                                   &r->slab[s].second, &r->counts, &r->rates));
     }
+    if (r->v->rc != OXL_OK && !r->v->lost && r->v->dispatches > before) vulkan_give_up(r->v, VK_ERROR_OUT_OF_HOST_MEMORY);
 }
 
 /* Of a deferred one: its report is on the way when the host goes on to the next. */

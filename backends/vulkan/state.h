@@ -182,7 +182,8 @@ OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int         vulkan_is_short(VkResult result);                       /* of memory */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
 
-OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
+OXL_INTERNAL int        vulkan_give_up(struct vulkan *v, VkResult result); /* no call to the device from now on; 0 */
+OXL_INTERNAL int        vulkan_record(struct vulkan *v);                   /* 1: commands may be recorded */
 OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
