@@ -1905,6 +1905,38 @@ static void vulkan_check_validation(oxl_context *device)
     vulkan_release(v, &number);
 }
 
+/* More parts than a frame has command buffers. A frame is waited for as long as its submissions together may take. */
+static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
+{
+    const oxl_camera   camera  = vulkan_camera(200, 150);
+    oxl_render_options options = oxl_render_options_default();
+    float             *rgb     = oxl_alloc(test_ctx, 3 * 200 * 150, sizeof *rgb);
+    struct vulkan     *v       = device->vulkan;
+    struct renderer   *r;
+    const float       *image;
+    vulkan_real_wait = v->WaitForFences;
+    CHECK_OK(renderer_create(device, &r));
+    for (int k = 0; k < 2; k++) {
+        const uint64_t patience = v->patience;
+        size_t         before   = v->submissions, parts;
+        CHECK_OK(renderer_forward(device, r, m, &camera, &options));
+        parts            = ((struct vulkan_renderer *)r->device)->pairs / 50;
+        v->patience      = k ? 1000000000 : patience;
+        v->WaitForFences = vulkan_note_wait;
+        vulkan_waited    = 0;
+        if (k) CHECK(parts > VULKAN_COMMANDS && v->submissions - before > parts);
+        CHECK_OK(renderer_image(device, r, &image));
+        if (k) CHECK(vulkan_waited > v->patience && vulkan_waited <= VULKAN_COMMANDS * v->patience);
+        v->WaitForFences = vulkan_real_wait;
+        v->patience      = patience;
+        if (k == 0) memcpy(rgb, image, 3 * 200 * 150 * sizeof *rgb);
+        v->part = 50;
+    }
+    CHECK(memcmp(rgb, image, 3 * 200 * 150 * sizeof *rgb) == 0);
+    renderer_free(device, r);
+    oxl_free(test_ctx, rgb);
+}
+
 /* Drawn whole and in parts, each a submission. */
 static void vulkan_check_parts(oxl_context *device)
 {
@@ -1914,6 +1946,7 @@ static void vulkan_check_parts(oxl_context *device)
     oxl_render_options options = oxl_render_options_default();
     oxl_model          m, gradient[2];
     vulkan_scene(900, 1, 200, &m);
+    vulkan_check_many_parts(device, &m);
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         const float     *image;
@@ -1942,13 +1975,13 @@ static void vulkan_check_parts(oxl_context *device)
 }
 
 static PFN_vkCmdPushConstants vulkan_real_push;
-static uint32_t               vulkan_drawn[VULKAN_PARTS][2];
+static uint32_t               vulkan_drawn[64][2];
 static int                    vulkan_drawn_parts;
 
 static VKAPI_ATTR void VKAPI_CALL vulkan_note_part(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
                                                    uint32_t offset, uint32_t size, const void *push)
 {
-    if (vulkan_drawn_parts < VULKAN_PARTS) memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
+    if (vulkan_drawn_parts < (int)OXL_COUNT(vulkan_drawn)) memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
     vulkan_real_push(commands, layout, stages, offset, size, push);
 }
 

@@ -201,13 +201,15 @@ static int vulkan_is_done(const struct vulkan *v, const struct vulkan_frame *f)
     return mark == f->mark;
 }
 
-/* Until the device is done with a frame. A wait that finds no memory is repeated. */
+/* Until the device is done with a frame, each of its submissions within the patience. A wait that finds no memory is repeated. */
 static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 {
-    VkResult result = VK_ERROR_OUT_OF_HOST_MEMORY;
+    const uint64_t submissions = (uint64_t)f->command_at + 1;
+    const uint64_t most        = v->patience > UINT64_MAX / submissions ? UINT64_MAX : v->patience * submissions;
+    VkResult       result      = VK_ERROR_OUT_OF_HOST_MEMORY;
     if (!f->under_way || v->lost) return;
     for (int tries = 0; tries < 3 && vulkan_is_short(result); tries++)
-        result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, v->patience);
+        result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, most);
     if (result == VK_SUCCESS && !vulkan_is_done(v, f)) result = VK_ERROR_DEVICE_LOST;
     if (result != VK_SUCCESS) {
         vulkan_give_up(v, result);
@@ -232,13 +234,6 @@ static int vulkan_submit(struct vulkan *v, VkFence fence)
     for (int k = 1; k < VULKAN_FRAMES && vulkan_is_short(result); k++) vulkan_wait(v, &v->frame[(v->at + k) % VULKAN_FRAMES]);
     if (vulkan_is_short(result) && !v->lost) result = v->QueueSubmit(v->queue, 1, &submit, fence);
     return result == VK_SUCCESS || vulkan_give_up(v, result);
-}
-
-OXL_INTERNAL void vulkan_flush(struct vulkan *v)
-{
-    struct vulkan_frame *f = vulkan_frame(v);
-    if (v->rc != OXL_OK || !v->recording || f->command_at + 1 == VULKAN_COMMANDS) return;
-    if (vulkan_submit(v, VK_NULL_HANDLE)) f->command_at++;
 }
 
 /* A fence behind the frame's last submission stands for those before it. */
@@ -275,6 +270,15 @@ OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v)
     v->frame_waits += (size_t)vulkan_frame(v)->under_way;
     vulkan_wait(v, vulkan_frame(v));
     return v->rc;
+}
+
+/* Where the frame has no command buffer left, its last one takes the fence, and the other frame continues. */
+OXL_INTERNAL void vulkan_flush(struct vulkan *v)
+{
+    struct vulkan_frame *f = vulkan_frame(v);
+    if (v->rc != OXL_OK || !v->recording) return;
+    if (f->command_at + 1 == VULKAN_COMMANDS) vulkan_next_frame(v);
+    else if (vulkan_submit(v, VK_NULL_HANDLE)) f->command_at++;
 }
 
 OXL_INTERNAL void vulkan_enter(struct vulkan *v)

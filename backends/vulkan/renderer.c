@@ -143,8 +143,8 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
 static void vulkan_in_parts(struct vulkan_renderer *r,
                             void (*draw)(struct vulkan_renderer *r, const uint32_t part[2], uint32_t argument), uint32_t argument)
 {
-    const size_t most = r->v->part, wanted = most ? OXL_MIN((r->pairs + most - 1) / most, (size_t)VULKAN_PARTS) : 1;
-    const size_t parts = OXL_MAX(wanted, (size_t)1), each = r->pairs / parts + 1;
+    const size_t most = r->v->part, parts = most ? OXL_MAX((r->pairs + most - 1) / most, (size_t)1) : 1;
+    const size_t each = r->pairs / parts + 1;
     if (parts > 1) vulkan_flush(r->v);
     for (size_t k = 0; k < parts; k++) {
         const uint32_t part[2] = {(uint32_t)(k * each), k + 1 < parts ? (uint32_t)((k + 1) * each) : UINT32_MAX};

@@ -28,7 +28,7 @@
 #define VULKAN_SETS       1024                             /* passes of a frame, at most */
 #define VULKAN_BINDINGS   15                               /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
-#define VULKAN_WAIT       60000000000ull /* ns: a GPU that takes longer for a submission is given up */
+#define VULKAN_WAIT       60000000000ull /* ns, times the submissions of a frame: a GPU that takes longer is given up */
 #define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
 #define VULKAN_PART       (1u << 18) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
@@ -37,7 +37,6 @@ enum {
     VULKAN_DIGITS      = 256,
     VULKAN_FRAMES      = 2,   /* one is recorded while the other is worked on */
     VULKAN_COMMANDS    = 160, /* submissions of a frame, at most */
-    VULKAN_PARTS       = 64,  /* of an image, at most */
     VULKAN_READS       = 128, /* pieces that the host waits for at a time */
     VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
 };
@@ -167,7 +166,7 @@ struct vulkan {
     double                           pass_seconds[PASS_COUNT];
     int                              pass_runs[PASS_COUNT];
     oxl_result                       rc;
-    uint64_t                         patience;        /* ns: of a wait */
+    uint64_t                         patience;        /* ns: of a wait, for each submission */
     size_t                           range;           /* bytes: the largest array */
     size_t                           image_bytes_max; /* bytes of images that a renderer may keep */
     uint32_t                         slab_rows;       /* at most */
