@@ -29,7 +29,8 @@ static oxl_context *vulkan_test_begin(void)
 {
     oxl_context_options options = test_ctx->options;
     oxl_context        *ctx;
-    setenv("OXL_VULKAN_VALIDATE", "1", 0); /* or gpu: backends/vulkan/device.c */
+    setenv("OXL_VULKAN_VALIDATE", "1", 0);                                           /* or gpu: backends/vulkan/device.c */
+    if (getenv("OXL_TEST_DEVICE")) options.device = atoi(getenv("OXL_TEST_DEVICE")); /* of info --devices; else the best */
     options.backend = OXL_BACKEND_VULKAN;
     options.log     = vulkan_test_log;
     if (oxl_context_create(&options, &ctx) != OXL_OK) return NULL;
@@ -1116,7 +1117,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_submit(VkQueue queue, ui
     return vulkan_submits_short-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_submit(queue, count, info, fence);
 }
 
-/* A submission that finds no memory is repeated, and the run is the same; where the second one finds none either, the step is not counted,
+/* A submission that finds no memory is repeated, and the run is the same; where it finds none without images either, the step is not counted,
  * and the device is given up. */
 static void vulkan_check_short_submit(oxl_context *device)
 {
@@ -1151,7 +1152,7 @@ static void vulkan_check_short_submit(oxl_context *device)
     CHECK_OK(renderer_forward(device, d[1].r, &d[1].run.model, &d[1].camera, &options));
     CHECK_OK(renderer_loss(device, d[1].r, NULL, NULL, 0.2f, &none));
     CHECK_OK(renderer_backward(device, d[1].r, NULL, &d[1].run.gradient));
-    vulkan_submits_short = 2;
+    vulkan_submits_short = 3;
     CHECK(renderer_step(device, d[1].r, &d[1].run.model, &d[1].run.gradient, &d[1].run.first, &d[1].run.second, &adam,
                         &skipped) == OXL_ERR_FAILED);
     CHECK(r->steps == steps && v->lost);
@@ -1160,6 +1161,141 @@ static void vulkan_check_short_submit(oxl_context *device)
     renderer_free(device, d[1].r);
     vulkan_run_free(&d[1].run);
     vulkan_close(v); /* it would wait, and destroy, were it not given up */
+    device->vulkan = NULL;
+}
+
+/* A submission finds no memory twice: images that it does not name leave, and it is done. */
+static void vulkan_check_submit_drops(oxl_context *device)
+{
+    static struct vulkan_deferral d;
+    const struct training_image   image = {64, 48, d.bytes, NULL};
+    struct vulkan                *v     = device->vulkan;
+    struct renderer_loss          none;
+    struct renderer_report        report;
+    vulkan_deferral_begin(device, &d);
+    for (int view = 1; view < 3; view++) CHECK_OK(renderer_set_image(device, d.r, view, &image, NULL, 0));
+    vulkan_step_of(device, &d, 1, &none);
+    CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 2) && renderer_defer(d.r, 1));
+    vulkan_step_of(device, &d, 2, &none);
+    CHECK_OK(renderer_set_image(device, d.r, 1, NULL, NULL, 0)); /* named too, by what is not submitted yet */
+    vulkan_real_submit   = v->QueueSubmit;
+    v->QueueSubmit       = vulkan_play_short_submit;
+    vulkan_submits_short = 2;
+    vulkan_step_of(device, &d, 3, &none);
+    CHECK(vulkan_submits_short < 0 && !v->lost);
+    CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 1) && !renderer_has_image(d.r, 2));
+    for (int i = 0; i < 2; i++) CHECK_OK(renderer_report(device, d.r, 1, &report));
+    CHECK(report.exists && report.halt == HALT_NONE);
+    v->QueueSubmit = vulkan_real_submit;
+    vulkan_deferral_end(device, &d);
+}
+
+static PFN_vkEndCommandBuffer vulkan_real_end;
+static int                    vulkan_ends_short;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_end(VkCommandBuffer commands)
+{
+    const VkResult result = vulkan_real_end(commands);
+    return vulkan_ends_short-- > 0 ? VK_ERROR_OUT_OF_HOST_MEMORY : result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice device, VkQueryPool pool, uint32_t first, uint32_t count,
+                                                        size_t size, void *data, VkDeviceSize stride, VkQueryResultFlags flags)
+{
+    uint64_t *stamp = data;
+    (void)device, (void)pool, (void)first, (void)size, (void)stride, (void)flags;
+    for (uint32_t i = 0; i < count; i++) stamp[i] = i % 2 ? 7 : ((uint64_t)1 << 36) - 3; /* ten ticks, past the end of 36 bits */
+    return VK_SUCCESS;
+}
+
+/* A clock of 36 bits begins again at 0 within a pass. */
+static void vulkan_check_clock(oxl_context *device)
+{
+    struct vulkan *v = device->vulkan;
+    CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 && vulkan_stamp_mask(0) == 0);
+    if (vulkan_measure(v) != OXL_OK) return;
+    v->stamp_mask          = vulkan_stamp_mask(36);
+    v->GetQueryPoolResults = vulkan_play_clock;
+    vulkan_check_sort(device, 2048, 255);
+    CHECK(v->pass_runs[PASS_SORT_SCATTER] == 4);
+    CHECK_CLOSE(v->pass_seconds[PASS_SORT_SCATTER], 4 * 10e-9 * v->properties.limits.timestampPeriod, 1e-12);
+}
+
+static PFN_vkBeginCommandBuffer vulkan_real_begin;
+static int                      vulkan_begins_short;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_begin(VkCommandBuffer commands, const VkCommandBufferBeginInfo *info)
+{
+    return vulkan_begins_short-- > 0 ? VK_ERROR_OUT_OF_HOST_MEMORY : vulkan_real_begin(commands, info);
+}
+
+/* An image whose upload finds no memory is not on the device, and a model whose download finds none not on the host. */
+static void vulkan_check_short_begin(oxl_context *device)
+{
+    static struct vulkan_deferral d[2];
+    struct vulkan                *v = device->vulkan;
+    struct renderer_loss          none;
+    vulkan_real_begin = v->BeginCommandBuffer;
+    for (int k = 0; k < 2; k++) {
+        const struct training_image image = {64, 48, d[k].bytes, NULL};
+        vulkan_deferral_begin(device, &d[k]);
+        vulkan_step_of(device, &d[k], 1, &none);
+        CHECK(vulkan_finish(v) == OXL_OK);
+        v->BeginCommandBuffer = vulkan_play_short_begin;
+        vulkan_begins_short   = k;
+        CHECK(renderer_set_image(device, d[k].r, 1, &image, NULL, 0) == (k ? OXL_ERR_MEMORY : OXL_OK));
+        CHECK(renderer_has_image(d[k].r, 1) == !k && vulkan_finish(v) == (k ? OXL_ERR_MEMORY : OXL_OK) && !v->lost);
+        vulkan_enter(v);
+        vulkan_begins_short = k;
+        CHECK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ) == (k ? OXL_ERR_MEMORY : OXL_OK));
+        CHECK(vulkan_begins_short <= 0 && !v->lost);
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+        v->BeginCommandBuffer = vulkan_real_begin;
+    }
+    vulkan_check_same_run(&d[0], &d[1]);
+    for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
+}
+
+/* A command buffer that finds no memory at its end: lack of memory where it only draws, a lost device where it holds a step. */
+static void vulkan_check_short_end(oxl_context *device)
+{
+    const oxl_camera          camera = vulkan_camera(64, 48);
+    float                    *drgb = vulkan_noise((size_t)3 * 64 * 48, 52), *rgb = vulkan_noise((size_t)3 * 64 * 48, 53);
+    struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
+    struct vulkan            *v       = device->vulkan;
+    oxl_render_options        options = oxl_render_options_default();
+    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_nonfinite skipped;
+    struct renderer          *r;
+    const float              *image;
+    vulkan_real_end = v->EndCommandBuffer;
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_image(device, r, &image));
+    memcpy(rgb, image, 3 * 64 * 48 * sizeof *rgb);
+    for (size_t part = 0; part <= 500; part += 500) {
+        v->part = 0;
+        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        v->EndCommandBuffer = vulkan_play_short_end;
+        vulkan_ends_short   = 1;
+        v->part             = part; /* the image's commands are several submissions then */
+        CHECK(renderer_image(device, r, &image) == OXL_ERR_MEMORY && !v->lost);
+        CHECK_TEXT(oxl_error_text(device), "recording: no host memory");
+        v->EndCommandBuffer = vulkan_real_end;
+        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_image(device, r, &image));
+        CHECK(memcmp(rgb, image, 3 * 64 * 48 * sizeof *rgb) == 0);
+    }
+    CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
+    v->EndCommandBuffer = vulkan_play_short_end;
+    vulkan_ends_short   = 1;
+    CHECK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped) == OXL_ERR_FAILED);
+    CHECK(v->lost);
+    renderer_free(device, r);
+    vulkan_run_free(&run);
+    oxl_free(test_ctx, drgb);
+    oxl_free(test_ctx, rgb);
+    vulkan_close(v);
     device->vulkan = NULL;
 }
 
@@ -1437,6 +1573,13 @@ static void vulkan_check_full(oxl_context *device)
 }
 
 static size_t vulkan_budget, vulkan_usage;
+static int    vulkan_said_beyond; /* warnings of allocations beyond it */
+
+static void vulkan_hear_beyond(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    vulkan_said_beyond += level == OXL_LOG_WARNING && strstr(text, "beyond the memory that is left") != NULL;
+}
 
 static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
 {
@@ -1578,8 +1721,11 @@ static void vulkan_check_budget(oxl_context *device)
     CHECK(renderer_has_image(t.r[1], 3));
     v->image_bytes_max = most;
     vulkan_budget      = 64; /* allocations succeed, but would move other memory off the device */
+    v->said_beyond = vulkan_said_beyond = 0;
+    device->options.log                 = vulkan_hear_beyond;
     CHECK_OK(vulkan_take_and_draw(&t, 1, &larger, 3, &loss));
-    CHECK(!renderer_has_image(t.r[1], 3));
+    CHECK(!renderer_has_image(t.r[1], 3) && vulkan_said_beyond == 1);
+    device->options.log = vulkan_test_log;
     oxl_model_free(test_ctx, &m);
     oxl_model_free(test_ctx, &larger);
     vulkan_twins_free(&t);
@@ -1634,25 +1780,28 @@ static void vulkan_check_tight(oxl_context *device)
         vulkan_deferral_begin(device, &d[k]);
         vulkan_step_of(device, &d[k], 1, &none);
         r                 = d[k].r->device;
-        vulkan_largest    = k ? 16 * r->pairs + 1024 : SIZE_MAX;
+        vulkan_largest    = k ? 16 * r->pairs + 4096 : SIZE_MAX;
         vulkan_refusals   = 0;
         v->AllocateMemory = vulkan_play_largest;
-        CHECK(r->pairs > 1024 && renderer_defer(d[k].r, 1));
+        CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
         vulkan_step_of(device, &d[k], 2, &none);
         CHECK((vulkan_refusals > 0) == k && r->tight == k && r->room > 0);
         if (k) CHECK(r->room * 16 <= vulkan_largest && r->sums_a.size <= vulkan_largest);
         vulkan_refusals = 0;
         vulkan_step_of(device, &d[k], 3, &none);
         CHECK(vulkan_refusals == 0);
-        for (int i = 0; i < 2; i++) CHECK_OK(renderer_report(device, d[k].r, 1, &report));
+        CHECK_OK(renderer_report(device, d[k].r, 1, &report));
         CHECK(report.exists && report.halt == HALT_NONE);
+        CHECK_OK(renderer_report(device, d[k].r, 1, &report));
+        CHECK(report.exists && (k || report.halt == HALT_NONE));
         renderer_defer(d[k].r, 0);
+        if (report.halt == HALT_PAIRS) vulkan_step_of(device, &d[k], 3, &none); /* a pair more, and it is repeated */
         CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
     }
     vulkan_check_same_run(&d[0], &d[1]);
     vulkan_largest = 1 << 16;
     vulkan_reserve(v, &b, 1 << 14, 4, "numbers"); /* without the quarter more */
-    CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals == 1);
+    CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals > 0);
     vulkan_release(v, &b);
     v->AllocateMemory = vulkan_real_allocate;
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
@@ -1920,7 +2069,7 @@ static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
         const uint64_t patience = v->patience;
         size_t         before   = v->submissions, parts;
         CHECK_OK(renderer_forward(device, r, m, &camera, &options));
-        parts            = ((struct vulkan_renderer *)r->device)->pairs / 50;
+        parts            = ((struct vulkan_renderer *)r->device)->pairs / 10;
         v->patience      = k ? 1000000000 : patience;
         v->WaitForFences = vulkan_note_wait;
         vulkan_waited    = 0;
@@ -1930,7 +2079,7 @@ static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
         v->WaitForFences = vulkan_real_wait;
         v->patience      = patience;
         if (k == 0) memcpy(rgb, image, 3 * 200 * 150 * sizeof *rgb);
-        v->part = 50;
+        v->part = 10;
     }
     CHECK(memcmp(rgb, image, 3 * 200 * 150 * sizeof *rgb) == 0);
     renderer_free(device, r);
@@ -2432,7 +2581,7 @@ static void vulkan_check_lost_run(oxl_context *device)
     CHECK(vulkan_saved_run(device, NULL, &none, &saved[1]) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again, it continues from the last checkpoint");
-    CHECK(vulkan_submits_left == -2 && none.count == 0);
+    CHECK(vulkan_submits_left == -3 && none.count == 0); /* once more after images have left */
     CHECK(saved[0] == saved[1]);
     CHECK(v->lost && v->complaints == 0);
     vulkan_close(v);
@@ -2441,6 +2590,30 @@ static void vulkan_check_lost_run(oxl_context *device)
     CHECK_OK(vulkan_saved_run(device, NULL, &model[1], NULL));
     vulkan_check_same_model(&model[0], &model[1]);
     for (int k = 0; k < 2; k++) oxl_model_free(device, &model[k]);
+}
+
+/* A device is lost in a trial: the error says so. */
+static void vulkan_check_lost_trial(oxl_context *device)
+{
+    oxl_train_options options = train_options(60);
+    struct vulkan    *v       = device->vulkan;
+    oxl_model         model;
+    struct train      t = {
+             .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .model = &model, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.scene;
+    CHECK_OK(train_begin(&t));
+    vulkan_two_steps(&t);
+    t.trial_is_next     = TRAIN_TRIES_SH_DEGREE;
+    vulkan_real_submit  = v->QueueSubmit;
+    v->QueueSubmit      = vulkan_play_late_loss;
+    vulkan_submits_left = 8;
+    CHECK(selection_trial(&t) == OXL_ERR_FAILED && vulkan_submits_left < 0);
+    CHECK_TEXT(oxl_error_text(device), "the device is lost");
+    train_end(&t);
+    oxl_model_free(device, &model);
+    oxl_scene_free(device, scene);
+    vulkan_close(v);
+    device->vulkan = NULL;
 }
 
 /* A job in its own folder, on a device that allocates so often: what run.json says of it. */
@@ -2822,6 +2995,26 @@ TEST(vulkan_repeats_a_submission_that_finds_no_memory)
     ON_DEVICE(vulkan_check_short_submit);
 }
 
+TEST(vulkan_drops_images_for_a_submission_that_does_not_name_them)
+{
+    ON_DEVICE(vulkan_check_submit_drops);
+}
+
+TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
+{
+    ON_DEVICE(vulkan_check_short_end);
+}
+
+TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed)
+{
+    ON_DEVICE(vulkan_check_short_begin);
+}
+
+TEST(vulkan_times_passes_while_a_clock_begins_again)
+{
+    ON_DEVICE(vulkan_check_clock);
+}
+
 TEST(vulkan_keeps_uploads_when_an_error_follows)
 {
     ON_DEVICE(vulkan_check_uploads);
@@ -2865,6 +3058,11 @@ TEST(vulkan_images_and_gradients_fall_back_to_the_cpu)
 TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
 {
     ON_DEVICE(vulkan_check_lost_run);
+}
+
+TEST(vulkan_trial_of_a_lost_device_says_that_it_is_lost)
+{
+    ON_DEVICE(vulkan_check_lost_trial);
 }
 
 TEST(vulkan_run_json_says_what_rendered)

@@ -66,14 +66,25 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
     *b = (struct vulkan_buffer){0};
 }
 
+/* Once: drivers move what is too much to the host's memory, back and forth. */
+static void vulkan_say_beyond(struct vulkan *v, VkDeviceSize size)
+{
+    if (!v->said_beyond)
+        oxl_log(v->ctx, OXL_LOG_WARNING, "%s: %zu MiB more are beyond the memory that is left: slow, if other memory is used",
+                v->properties.deviceName, (size_t)(size >> 20));
+    v->said_beyond = 1;
+}
+
 /* Where there is none left, images that are kept on the device make room; also before a driver would move other memory off the device. */
 static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *info, VkDeviceMemory *out)
 {
-    const int own = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
+    const int own   = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
+    const int tells = own && v->budgets;
     VkResult  result;
-    if (own && v->budgets && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v);
+    if (tells && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v, 0);
+    if (tells && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) vulkan_say_beyond(v, info->allocationSize);
     result = v->AllocateMemory(v->device, info, NULL, out);
-    if (vulkan_is_short(result) && v->make_room && v->make_room(v) > 0) result = v->AllocateMemory(v->device, info, NULL, out);
+    if (vulkan_is_short(result) && v->make_room && v->make_room(v, 0) > 0) result = v->AllocateMemory(v->device, info, NULL, out);
     return result;
 }
 

@@ -536,6 +536,7 @@ static oxl_result vulkan_report(void *device, int wait, struct renderer_report *
     r->reported = r->steps; /* those behind it did nothing */
     r->room     = 0;        /* to be found anew */
     vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
+    r->v->relied_on = 1;
     return vulkan_finish(r->v);
 }
 

@@ -19,6 +19,7 @@ struct vulkan_view {
 struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
     struct vulkan_buffer bytes;
     uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
+    uint32_t             frame;                  /* the last one that names it */
 };
 
 /* Words of the buffer of counts, as shaders/common.glsl has them. */
@@ -95,7 +96,8 @@ OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model
 OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
-OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v,
+                                       uint32_t       but); /* of every renderer, but the one that is in use: make_room */
 OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what);
 OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved);
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity);

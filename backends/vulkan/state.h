@@ -127,8 +127,9 @@ struct vulkan_renderer;
 
 struct vulkan {
     oxl_context            *ctx;
-    struct vulkan_renderer *renderers;     /* a list of all that are there */
-    size_t (*make_room)(struct vulkan *v); /* releases what can be had again; how many buffers. NULL: nothing */
+    struct vulkan_renderer *renderers; /* a list of all that are there */
+    /* Releases what can be had again; how many buffers. but: what this frame names stays, and all others have ended; 0: all, after a wait. NULL: nothing */
+    size_t (*make_room)(struct vulkan *v, uint32_t but);
     void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
@@ -145,8 +146,9 @@ struct vulkan {
     VkPhysicalDeviceMemoryProperties memory;
     VkDevice                         device;
     VkQueue                          queue;
-    uint32_t                         family; /* of the queue */
-    uint32_t                         kind;   /* of the memory of buffers that the host does not see */
+    uint32_t                         family;      /* of the queue */
+    int                              said_beyond; /* that an allocation exceeds the memory left */
+    uint32_t                         kind;        /* of the memory of buffers that the host does not see */
     struct vulkan_frame              frame[VULKAN_FRAMES];
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
@@ -160,19 +162,22 @@ struct vulkan {
     struct vulkan_read               read[VULKAN_READS];
     int                              reads;
     int                              recording, updates; /* updates: commands without a barrier behind them */
-    uint32_t                         mark;               /* of the last frame submitted */
-    VkResult                         lost;  /* by what, permanently: no call to the device is allowed, not even to wait */
-    VkQueryPool                      clock; /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
-    double                           pass_seconds[PASS_COUNT];
-    int                              pass_runs[PASS_COUNT];
-    oxl_result                       rc;
-    uint64_t                         patience;        /* ns: of a wait, for each submission */
-    size_t                           range;           /* bytes: the largest array */
-    size_t                           image_bytes_max; /* bytes of images that a renderer may keep */
-    uint32_t                         slab_rows;       /* at most */
-    uint32_t                         groups_max;      /* in one dimension of a dispatch */
-    size_t                           part;  /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
-    uint32_t                         batch; /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+    int         relied_on;  /* what is recorded holds something that the host takes for done: a step, an upload */
+    uint32_t    mark;       /* of the last frame submitted */
+    int         marked;     /* it is that of the frame that is recorded */
+    VkResult    lost;       /* by what, permanently: no call to the device is allowed, not even to wait */
+    VkQueryPool clock;      /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
+    uint64_t    stamp_mask; /* of the bits of a time that count */
+    double      pass_seconds[PASS_COUNT];
+    int         pass_runs[PASS_COUNT];
+    oxl_result  rc;
+    uint64_t    patience;        /* ns: of a wait, for each submission */
+    size_t      range;           /* bytes: the largest array */
+    size_t      image_bytes_max; /* bytes of images that a renderer may keep */
+    uint32_t    slab_rows;       /* at most */
+    uint32_t    groups_max;      /* in one dimension of a dispatch */
+    size_t      part;            /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
+    uint32_t    batch;           /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
 /* ---------------------------------------------------------------- passes.c */
@@ -187,6 +192,7 @@ OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
+OXL_INTERNAL uint32_t   vulkan_frame_number(const struct vulkan *v);
 OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
 OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
