@@ -6,7 +6,9 @@
 #include "src/core/simd.h"  /* run-time selection of the instruction set */
 #include "src/core/bytes.h" /* little-endian numbers in files */
 
-#include "src/core/memory.c"     /* errors, memory, text, random numbers */
+#include "src/core/memory.c"     /* errors, the log, memory */
+#include "src/core/text.c"       /* growing text, paths */
+#include "src/core/random.c"     /* random numbers: functions of a seed and two numbers */
 #include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */

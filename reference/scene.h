@@ -1,4 +1,4 @@
-/* scene.h - the scene of splat.c: a patch of sand with a coral, two boulders and two fish, and 13 cameras around it. */
+/* scene.h - the scene of splat.c: a patch of sand with a coral, two boulders and two fish, and 13 cameras around it; and write_ply. */
 
 static const double SCENE_VIEW[][12] = {
     /* rotation, row by row, and place of a camera */
@@ -74,3 +74,19 @@ static const double SCENE_GAUSSIAN[][14] = {
     {-0.737, -0.75, 0.316, -3.689, -2.465, -2.996, 0.362, 0, 0.932, 0, 3.476, 1.595, 1.595, 1.595},
     {-0.796, -0.77, 0.262, -4.017, -4.017, -2.996, 0.362, 0, 0.932, 0, 3.892, -1.595, -1.595, -1.595},
 };
+
+/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. */
+void write_ply(const char *path, const struct model *m) {
+    const char *name[] = {"x",     "y",     "z",     "scale_0", "scale_1", "scale_2", "rot_0",
+                          "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",  "f_dc_1",  "f_dc_2"};
+    FILE *f = fopen(path, "wb");
+    fprintf(f, "ply\nformat binary_little_endian 1.0\nelement vertex %d\n", m->count);
+    for (int k = 0; k < 14; k++) fprintf(f, "property float %s\n", name[k]);
+    for (int k = 0; k < 45; k++) fprintf(f, "property float f_rest_%d\n", k % 3 * 15 + k / 3);
+    fprintf(f, "end_header\n");
+    for (int i = 0; i < 64 * m->count; i++) {
+        const float x = (float)((const double *)m->row)[i];
+        if (i % 64 < 59) fwrite(&x, sizeof x, 1, f);
+    }
+    fclose(f);
+}

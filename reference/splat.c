@@ -57,21 +57,25 @@ double dot(const double *a, const double *b, int n) {
     return sum;
 }
 
-/* n = v / |v|: what pulls along v changes nothing. */
+/* Backward of n = v / |v|: adds (dn - (dn . n) n) / |v| to dv; the part of dn along n has no effect. */
 void unit_backward(const double *n, double length, const double *dn, double *dv, int size) {
     for (int i = 0; i < size; i++) dv[i] += (dn[i] - dot(dn, n, size) * n[i]) / length;
 }
 
 /* ---------------------------------------------------------------- projection: what the camera sees of a Gaussian */
 
-struct splat {                            /* in a gradient: dL/d(centre, colour, opacity, conic) */
-    int row, lobes;                       /* of the model; 1, or 2: alpha is the first's less the second's */
-    double centre[2], half[2], colour[3]; /* px; half the box outside of which |alpha| < ALPHA_MIN; RGB */
-    double opacity[2], conic[2][3];       /* of each lobe; A, B, C: the covariance's inverse, 1/px^2 */
-    /* for backward: centre seen from the camera; unit vector from there, world axes, and distance; slope past the clamp; */
-    double p[3], d[3], distance, past[2], Y[16], dY[16][3]; /* harmonics; */
-    double n[4], D[4][9], Q[9], T[2][3];                    /* unit quaternion, half of dQ/dn, rotation Q; J W; */
-    double scale[2][3], B[2][2][3];                         /* of each lobe: s, B */
+struct splat {                      /* in a gradient: dL/d(centre, colour, opacity, conic) */
+    int row, lobes;                 /* of the model; 1, or 2: alpha is the first's less the second's */
+    double centre[2], half[2];      /* px; px, half the box outside of which |alpha| < ALPHA_MIN */
+    double colour[3], opacity[2];   /* RGB; of each lobe */
+    double conic[2][3];             /* of each lobe: A, B, C of the covariance's inverse, 1/px^2 */
+    double p[3];                    /* this and what follows for backward: centre seen from the camera, world units */
+    double d[3], distance;          /* unit vector from the camera to the centre, world axes; their distance */
+    double past[2];                 /* how far the slope p_x/p_z, p_y/p_z is past the clamp */
+    double Y[16], dY[16][3];        /* harmonics at d and their derivatives */
+    double n[4], D[4][9], Q[9];     /* unit quaternion; half of dQ/dn; its rotation, row by row */
+    double T[2][3];                 /* J W, px per world unit */
+    double scale[2][3], B[2][2][3]; /* of each lobe: s, world units; T Q S, px */
 };
 
 #define SH(k, factor, f, fx, fy, fz) \
@@ -102,16 +106,18 @@ void sh_basis(const double d[3], double Y[16], double dY[16][3]) {
 void colour_forward(const double sh[48], int degree, struct splat *s) {
     sh_basis(s->d, s->Y, s->dY);
     for (int c = 0; c < 3; c++) s->colour[c] = 0.5;
-    for (int i = 0; i < 3 * (degree + 1) * (degree + 1); i++) s->colour[i % 3] += s->Y[i / 3] * sh[i];
+    for (int k = 0; k < (degree + 1) * (degree + 1); k++)
+        for (int c = 0; c < 3; c++) s->colour[c] += s->Y[k] * sh[3 * k + c];
     for (int c = 0; c < 3; c++) s->colour[c] = fmax(0, s->colour[c]);
 }
 
 void colour_backward(const double sh[48], int degree, const struct splat *s, const struct splat *ds, double *dsh, double *dd) {
-    for (int i = 0; i < 3 * (degree + 1) * (degree + 1); i++) {
-        const double pull = s->colour[i % 3] > 0 ? ds->colour[i % 3] : 0;
-        dsh[i] += pull * s->Y[i / 3];
-        for (int a = 0; a < 3; a++) dd[a] += pull * sh[i] * s->dY[i / 3][a];
-    }
+    for (int k = 0; k < (degree + 1) * (degree + 1); k++)
+        for (int c = 0; c < 3; c++) {
+            const double dcolour = s->colour[c] > 0 ? ds->colour[c] : 0;
+            dsh[3 * k + c] += dcolour * s->Y[k];
+            for (int a = 0; a < 3; a++) dd[a] += dcolour * sh[3 * k + c] * s->dY[k][a];
+        }
 }
 
 /* The covariance is Q S (Q S)^T, Q the Gaussian's rotation, S = diag(s) [K eq. 6]. Near its centre p perspective is nearly linear,
@@ -132,10 +138,9 @@ void ellipse_backward(const struct splat *s, int k, const double dK[3], double d
     const double *K = s->conic[k];
     for (int j = 0; j < 3; j++) {
         const double u = K[0] * s->B[k][0][j] + K[1] * s->B[k][1][j], v = K[1] * s->B[k][0][j] + K[2] * s->B[k][1][j];
-        const double pull_u = -2 * dK[0] * u - dK[1] * v,
-                     pull_v = -dK[1] * u - 2 * dK[2] * v; /* dK[1] stands in dK twice, as half */
-        dB[0][j] = K[0] * pull_u + K[1] * pull_v, dB[1][j] = K[1] * pull_u + K[2] * pull_v,
-        dlog_scale[j] = u * pull_u + v * pull_v;
+        const double dKu = -2 * dK[0] * u - dK[1] * v, dKv = -dK[1] * u - 2 * dK[2] * v; /* -2 dK U_j; dK has dK[1] / 2 twice */
+        dB[0][j] = K[0] * dKu + K[1] * dKv, dB[1][j] = K[1] * dKu + K[2] * dKv;
+        dlog_scale[j] = u * dKu + v * dKv;
     }
 }
 
@@ -165,7 +170,9 @@ int project_forward(const struct gaussian *g, int degree, const struct camera *c
     }
     for (int k = 0; k < s->lobes; k++) {
         for (int j = 0; j < 3; j++) s->scale[k][j] = exp(g->log_scale[j] + k * g->lobe[1 + j]);
-        for (int i = 0; i < 18; i++) s->B[k][i / 9][i % 3] += s->T[i / 9][i / 3 % 3] * s->Q[i % 9] * s->scale[k][i % 3];
+        for (int a = 0; a < 2; a++)
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) s->B[k][a][j] += s->T[a][i] * s->Q[3 * i + j] * s->scale[k][j];
         s->opacity[k] = sigmoid(g->logit) * (k ? sigmoid(g->lobe[0]) : 1);
         ellipse_forward(s, k);
     }
@@ -179,15 +186,17 @@ void project_backward(const struct gaussian *g, int degree, const struct camera 
     double dd[3] = {0}, dQ[9] = {0}, dn[4], dT[2][3] = {{0}}, dp[3] = {0}, dB[2][3], dlog_scale[3];
     colour_backward(g->sh, degree, s, ds, dg->sh, dd);
     unit_backward(s->d, s->distance, dd, dg->mean, 3);
-    for (int k = 0; k < s->lobes; k++) { /* o' = o sigmoid(a), s' = s exp(b): what pulls at them pulls at o and s as well */
-        const double pull = ds->opacity[k] * s->opacity[k];
-        dg->logit += pull * sigmoid(-g->logit), dg->lobe[0] += k * pull * sigmoid(-g->lobe[0]);
+    for (int k = 0; k < s->lobes; k++) { /* o' = o sigmoid(a), s' = s exp(b): dlog o' adds to dlog o, dlog s' to dlog s */
+        const double dlog_opacity = ds->opacity[k] * s->opacity[k];
+        dg->logit += dlog_opacity * sigmoid(-g->logit), dg->lobe[0] += k * dlog_opacity * sigmoid(-g->lobe[0]);
         ellipse_backward(s, k, ds->conic[k], dB, dlog_scale);
         for (int j = 0; j < 3; j++) dg->log_scale[j] += dlog_scale[j], dg->lobe[1 + j] += k * dlog_scale[j];
-        for (int i = 0; i < 18; i++) { /* B_aj = sum_i T_ai Q_ij s_j */
-            dT[i / 9][i / 3 % 3] += dB[i / 9][i % 3] * s->Q[i % 9] * s->scale[k][i % 3];
-            dQ[i % 9] += dB[i / 9][i % 3] * s->T[i / 9][i / 3 % 3] * s->scale[k][i % 3];
-        }
+        for (int a = 0; a < 2; a++) /* B_aj = sum_i T_ai Q_ij s_j */
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    dT[a][i] += dB[a][j] * s->Q[3 * i + j] * s->scale[k][j];
+                    dQ[3 * i + j] += dB[a][j] * s->T[a][i] * s->scale[k][j];
+                }
     }
     for (int k = 0; k < 4; k++) dn[k] = 2 * dot(s->D[k], dQ, 9);
     unit_backward(s->n, sqrt(dot(g->rotation, g->rotation, 4)), dn, dg->rotation, 4);
@@ -196,7 +205,8 @@ void project_backward(const struct gaussian *g, int degree, const struct camera 
         dp[a] += cam->focal[a] * dslope / s->p[2];
         dp[2] -= (cam->focal[a] * dslope * s->p[a] / s->p[2] + dot(dT[a], s->T[a], 3)) / s->p[2];
     }
-    for (int i = 0; i < 9; i++) dg->mean[i % 3] += cam->rotation[i / 3][i % 3] * dp[i / 3];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) dg->mean[j] += cam->rotation[i][j] * dp[i];
 }
 
 /* ---------------------------------------------------------------- compositing: C = sum_i c_i alpha_i T_i [K eq. 3] */
@@ -216,7 +226,8 @@ void alpha_backward(const struct splat *s, double x, double y, const double G[2]
     for (int k = 0; k < s->lobes; k++) {
         const double *K = s->conic[k], dG = s->opacity[k] * G[k] < ALPHA_MAX ? (k ? -dalpha : dalpha) * G[k] : 0;
         const double de = s->opacity[k] * dG; /* e: the exponent of G */
-        ds->opacity[k] += dG, ds->centre[0] += de * (K[0] * dx + K[1] * dy), ds->centre[1] += de * (K[1] * dx + K[2] * dy);
+        ds->opacity[k] += dG;
+        ds->centre[0] += de * (K[0] * dx + K[1] * dy), ds->centre[1] += de * (K[1] * dx + K[2] * dy);
         ds->conic[k][0] -= de * dx * dx / 2, ds->conic[k][1] -= de * dx * dy, ds->conic[k][2] -= de * dy * dy / 2;
     }
 }
@@ -292,12 +303,14 @@ double ssim(const double *x, const double *y, int w, int h, double scale, double
     const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03; /* [W] */
     const int n = w * h;
     double *mx = calloc(5 * n, sizeof *mx), *m = mx + n, *p = m + n, *my = p + n, sum = 0; /* means of x, x^2 + y^2, x y, y */
-    for (int i = 0; i < n; i++) mx[i] = x[3 * i], my[i] = y[3 * i], m[i] = mx[i] * mx[i] + my[i] * my[i], p[i] = mx[i] * my[i];
+    for (int i = 0; i < n; i++) mx[i] = x[3 * i], my[i] = y[3 * i];
+    for (int i = 0; i < n; i++) m[i] = mx[i] * mx[i] + my[i] * my[i], p[i] = mx[i] * my[i];
     for (int k = 0; k < 4; k++) blur(mx + k * n, w, h, my + n), blur(my + n, h, w, mx + k * n);
     for (int i = 0; i < n; i++) {
         const double u = mx[i], v = my[i], a1 = 2 * u * v + C1, a2 = 2 * (p[i] - u * v) + C2;
         const double b1 = u * u + v * v + C1, b2 = m[i] - u * u - v * v + C2, S = a1 * a2 / (b1 * b2);
-        mx[i] = 2 * v * (a2 - a1) / (b1 * b2) + 2 * u * S * (1 / b2 - 1 / b1), m[i] = -S / b2, p[i] = 2 * a1 / (b1 * b2); /* dS */
+        mx[i] = 2 * v * (a2 - a1) / (b1 * b2) + 2 * u * S * (1 / b2 - 1 / b1); /* from here on dS/d(mx), dS/dm, dS/dp */
+        m[i] = -S / b2, p[i] = 2 * a1 / (b1 * b2);
         sum += S;
     }
     for (int k = 0; k < 3; k++) blur(mx + k * n, w, h, my + n), blur(my + n, h, w, mx + k * n);
@@ -310,18 +323,20 @@ double ssim(const double *x, const double *y, int w, int h, double scale, double
 double loss(const double *x, const double *y, int w, int h, double weight, double *dx) {
     const int n = 3 * w * h;
     double sum = weight * n, rest = 1 - weight;
-    for (int i = 0; i < n; i++) sum += rest * fabs(x[i] - y[i]), dx[i] = rest / n * ((x[i] > y[i]) - (x[i] < y[i]));
+    for (int i = 0; i < n; i++) sum += rest * fabs(x[i] - y[i]);
+    for (int i = 0; i < n; i++) dx[i] = rest / n * ((x[i] > y[i]) - (x[i] < y[i]));
     for (int c = 0; c < 3; c++) sum -= weight * ssim(x + c, y + c, w, h, -weight / n, dx + c);
     return sum / n;
 }
 
 /* ---------------------------------------------------------------- training [K Alg. 1] */
 
+enum { LOG_SCALE = 3, ROTATION = 6, LOGIT = 10, SH_0 = 11, SH_REST = 14, LOBE = 59 }; /* first numbers in a struct gaussian */
 /* Of number k of a Gaussian [K*]; the mean's is in extents of the scene and falls to a hundredth as progress goes from 0 to 1. */
 double learning_rate(int k, double extent, double progress) {
-    if (k < 3) return 1.6e-4 * extent * pow(0.01, progress);
-    if (k < 11) return k < 6 ? 0.005 : k < 10 ? 0.001 : 0.025;              /* log_scale, rotation, logit */
-    return k < 14 ? 0.0025 : k < 59 ? 0.0025 / 20 : k < 60 ? 0.025 : 0.005; /* sh of degree 0, of 1 to 3; lobe */
+    if (k < LOG_SCALE) return 1.6e-4 * extent * pow(0.01, progress);
+    if (k < SH_0) return k < ROTATION ? 0.005 : k < LOGIT ? 0.001 : 0.025;
+    return k < SH_REST ? 0.0025 : k < LOBE ? 0.0025 / 20 : k == LOBE ? 0.025 : 0.005; /* the last two: of o', of s' */
 }
 
 /* [A, Alg. 1]: m and v are means of the gradient and of its square, divided by what they lack from having begun at 0. */
@@ -359,7 +374,7 @@ struct trainer {
     struct gaussian x[MOST], m[MOST], v[MOST], d[MOST]; /* parameters, Adam's moments, gradient */
     struct splat s[MOST], ds[MOST];
     double rgb[3 * PIXELS], drgb[3 * PIXELS], extent; /* of the scene, world units */
-    double pull[MOST], views[MOST];                   /* since the last densification: sum of |dL/d(centre)|, number of views */
+    double gradient_sum[MOST], views[MOST];           /* since the last densification: of |dL/d(centre)|, number of views */
 };
 
 /* One view: forward, loss, backward, and Adam for the Gaussians in view. Returns the loss. */
@@ -372,7 +387,7 @@ double train_step(struct trainer *t, const struct camera *cam, const double *tru
         const int row = t->s[i].row;
         double *x = (double *)&t->x[row], *m = (double *)&t->m[row], *v = (double *)&t->v[row], *d = (double *)&t->d[row];
         for (int k = 0; k < 64; k++) adam(x + k, d[k], learning_rate(k, t->extent, progress), step, m + k, v + k);
-        t->views[row]++, t->pull[row] += hypot(t->ds[i].centre[0] * w / 2, t->ds[i].centre[1] * h / 2);
+        t->views[row]++, t->gradient_sum[row] += hypot(t->ds[i].centre[0] * w / 2, t->ds[i].centre[1] * h / 2);
     }
     return value;
 }
@@ -380,34 +395,19 @@ double train_step(struct trainer *t, const struct camera *cam, const double *tru
 void densify(struct trainer *t, int was_reset) {
     static const struct gaussian zero; /* moments of new rows */
     for (int i = t->model.count - 1; i >= 0; i--) {
-        const enum verdict verdict = judge(&t->x[i], t->pull[i] / fmax(1, t->views[i]), t->extent, was_reset);
+        const enum verdict verdict = judge(&t->x[i], t->gradient_sum[i] / fmax(1, t->views[i]), t->extent, was_reset);
         const int n = t->model.count;
         if (verdict == REMOVE) t->x[i] = t->x[n - 1], t->m[i] = t->m[n - 1], t->v[i] = t->v[n - 1], t->model.count--;
         if (verdict == REMOVE || verdict == KEEP || n == MOST) continue;
-        t->x[n] = t->x[i], t->m[i] = t->v[i] = t->m[n] = t->v[n] = zero, t->model.count++;
+        t->x[n] = t->x[i], t->model.count++;
+        t->m[i] = t->v[i] = t->m[n] = t->v[n] = zero;
         split(&t->x[i], -1), split(&t->x[n], 1);
     }
-    memset(t->pull, 0, sizeof t->pull), memset(t->views, 0, sizeof t->views);
+    memset(t->gradient_sum, 0, sizeof t->gradient_sum), memset(t->views, 0, sizeof t->views);
 }
 
 #ifndef SPLAT_NO_MAIN
-#include "scene.h"
-/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. */
-void write_ply(const char *path, const struct model *m) {
-    const char *name[] = {"x",     "y",     "z",     "scale_0", "scale_1", "scale_2", "rot_0",
-                          "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",  "f_dc_1",  "f_dc_2"};
-    FILE *f = fopen(path, "wb");
-    fprintf(f, "ply\nformat binary_little_endian 1.0\nelement vertex %d\n", m->count);
-    for (int k = 0; k < 14; k++) fprintf(f, "property float %s\n", name[k]);
-    for (int k = 0; k < 45; k++) fprintf(f, "property float f_rest_%d\n", k % 3 * 15 + k / 3);
-    fprintf(f, "end_header\n");
-    for (int i = 0; i < 64 * m->count; i++) {
-        const float x = (float)((const double *)m->row)[i];
-        if (i % 64 < 59) fwrite(&x, sizeof x, 1, f);
-    }
-    fclose(f);
-}
-
+#include "scene.h" /* and write_ply */
 int main(void) {
     enum { VIEWS = sizeof SCENE_VIEW / sizeof *SCENE_VIEW, COUNT = sizeof SCENE_GAUSSIAN / sizeof *SCENE_GAUSSIAN, STEPS = 600 };
     static struct trainer t = {{COUNT, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5};
@@ -435,7 +435,7 @@ int main(void) {
         if (step <= STEPS / 2) densify(&t, step > STEPS / 4);
         for (int i = 0; i < t.model.count; i++) {
             if (step == STEPS / 4) t.x[i].logit = fmin(t.x[i].logit, -4.6), t.m[i].logit = t.v[i].logit = 0; /* o = .01 [K*] */
-            if (step == STEPS * 3 / 4) t.x[i].lobed = t.pull[i] > 2e-4 * t.views[i];                         /* [O eq. 4] */
+            if (step == STEPS * 3 / 4) t.x[i].lobed = t.gradient_sum[i] > 2e-4 * t.views[i];                 /* [O eq. 4] */
         }
     }
     render_forward(&t.model, &cam[0], t.s, t.rgb);

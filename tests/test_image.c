@@ -11,7 +11,7 @@ static uint8_t image_pattern(int x, int y, int c)
 static void image_append(void *user, void *data, int size)
 {
     struct text *t = user;
-    CHECK_OK(oxl_reserve(test_ctx, (void **)&t->data, &t->capacity, t->size + (size_t)size, 1));
+    CHECK_OK(oxl_reserve(test_ctx, &t->data, &t->capacity, t->size + (size_t)size, 1));
     memcpy(t->data + t->size, data, (size_t)size);
     t->size += (size_t)size;
 }

@@ -36,13 +36,14 @@ void oxl_free(oxl_context *ctx, void *memory)
     free(memory);
 }
 
-oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size)
+oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size)
 {
     void *grown;
     if (needed <= *capacity) return OXL_OK;
-    grown = realloc(*array, needed * size);
+    memcpy(&grown, array, sizeof grown);
+    grown = realloc(grown, needed * size);
     if (!grown) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory");
-    *array    = grown;
+    memcpy(array, &grown, sizeof grown);
     *capacity = needed;
     return OXL_OK;
 }

@@ -265,7 +265,7 @@ static void fit_step(double factor) {
         const int row = t->s[i].row;
         double *x = (double *)&t->x[row], *m = (double *)&t->m[row], *v = (double *)&t->v[row], *d = (double *)&t->d[row];
         for (int k = 0; k < 14; k++) adam(x + k, d[k], factor * learning_rate(k, t->extent, 0), fit->steps, m + k, v + k);
-        t->views[row]++, t->pull[row] += hypot(t->ds[i].centre[0] * FIT_W / 2, t->ds[i].centre[1] * FIT_H / 2);
+        t->views[row]++, t->gradient_sum[row] += hypot(t->ds[i].centre[0] * FIT_W / 2, t->ds[i].centre[1] * FIT_H / 2);
     }
 }
 
@@ -299,7 +299,8 @@ EXPORT int fit_show(void) {
         struct splat s = {.row = i};
         double *o = out + 9 + 8 * i;
         project_forward(g, 0, &cam, &s);
-        o[0] = s.centre[0], o[1] = s.centre[1], o[5] = sigmoid(g->logit), o[6] = fit->t.pull[i] / fmax(1, fit->t.views[i]);
+        o[0] = s.centre[0], o[1] = s.centre[1], o[5] = sigmoid(g->logit),
+        o[6] = fit->t.gradient_sum[i] / fmax(1, fit->t.views[i]);
         o[2] = dot(s.B[0][0], s.B[0][0], 3), o[3] = dot(s.B[0][0], s.B[0][1], 3), o[4] = dot(s.B[0][1], s.B[0][1], 3);
         out[4] = fmax(out[4], fit->t.views[i]), o[7] = judge(g, o[6], fit->t.extent, 0), out[5 + (int)o[7]]++;
     }

@@ -256,7 +256,7 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     const char *reason;
     size_t      largest;
     oxl_result  rc = partition_load_points(b, p);
-    if (rc == OXL_OK) rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, 1, sizeof *b->node);
+    if (rc == OXL_OK) rc = oxl_reserve(b->ctx, &b->node, &b->node_capacity, 1, sizeof *b->node);
     if (rc != OXL_OK) goto done;
     partition_set_minimum(b);
     b->finite     = p->plan->finite;

@@ -22,7 +22,7 @@ static oxl_result partition_list_leaves(struct partition_build *b, int node)
         rc = partition_list_leaves(b, n->child[0]);
         return rc == OXL_OK ? partition_list_leaves(b, n->child[1]) : rc;
     }
-    rc = oxl_reserve(b->ctx, (void **)&b->leaf, &b->leaf_capacity, (size_t)b->leaf_count + 1, sizeof *b->leaf);
+    rc = oxl_reserve(b->ctx, &b->leaf, &b->leaf_capacity, (size_t)b->leaf_count + 1, sizeof *b->leaf);
     if (rc != OXL_OK) return rc;
     b->node[node].block      = b->leaf_count;
     b->leaf[b->leaf_count++] = node;

@@ -154,7 +154,7 @@ static struct partition_candidate partition_choose(const struct partition_build 
 static oxl_result partition_add_children(struct partition_build *b, int parent, int axis, double cut,
                                          const struct partition_candidate *split)
 {
-    oxl_result rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
+    oxl_result rc = oxl_reserve(b->ctx, &b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
     if (rc != OXL_OK) return rc;
     for (int side = 0; side < 2; side++) {
         const struct partition_node *from  = &b->node[parent];

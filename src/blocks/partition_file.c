@@ -139,7 +139,7 @@ static oxl_result file_read_block(struct file_reader *r, struct partition *p)
     if (rc == OXL_OK) rc = file_get(r, b.finite.low, 3);
     if (rc == OXL_OK) rc = file_get(r, b.finite.high, 3);
     if (rc == OXL_OK && r->cursor != r->end) rc = file_wrong(r, "the end of the line");
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&p->block, &r->capacity, (size_t)p->block_count + 1, sizeof *p->block);
+    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, &p->block, &r->capacity, (size_t)p->block_count + 1, sizeof *p->block);
     if (rc != OXL_OK) return rc;
     b.points                   = (size_t)points;
     b.start_points             = (size_t)start;

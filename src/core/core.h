@@ -55,7 +55,7 @@
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
-/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory, text */
+/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory */
 
 enum { DREW_CPU = 1, DREW_DEVICE = 2 };
 
@@ -91,8 +91,9 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
 OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
 
-/* Grows *array so that it holds at least `needed` elements; *capacity grows by a quarter or more. */
-OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size);
+/* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`; *capacity grows by a quarter
+ * or more. */
+OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size);
 
 #if defined(__MINGW32__)
 #define OXL_PRINTF(at, first) __attribute__((format(gnu_printf, at, first)))
@@ -106,6 +107,8 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capa
  * A second line that starts with "fix: " names one action. */
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
 OXL_INTERNAL void       oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
+
+/* ---------------------------------------------------------------- text.c */
 
 /* Growing text. A failed allocation sets `failed`, which is tested once at the end. */
 struct text {
@@ -156,7 +159,7 @@ OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 
 #define UCD_CAP 5.0 /* largest depth weight of UCD */
 
-/* ---------------------------------------------------------------- memory.c again: random numbers */
+/* ---------------------------------------------------------------- random.c */
 
 /* A stateless random number: a function of (seed, a, b), equal on all machines (finaliser of splitmix64). */
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);

@@ -16,6 +16,12 @@ static const char *json_past_string(const char *at)
     return *at ? at + 1 : at;
 }
 
+/* Change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind of bracket does not count. */
+static int json_depth_change(char c)
+{
+    return (c == '{' || c == '[') - (c == '}' || c == ']');
+}
+
 const char *oxl_json_end(const char *at)
 {
     int depth = 0;
@@ -25,7 +31,7 @@ const char *oxl_json_end(const char *at)
             at = json_past_string(at);
             continue;
         }
-        depth += (*at == '{' || *at == '[') - (*at == '}' || *at == ']');
+        depth += json_depth_change(*at);
         at++;
     } while (*at && depth > 0);
     return at;
@@ -42,7 +48,7 @@ const char *oxl_json_error(const char *text)
             if (at[-1] != '"') return at;
             continue;
         }
-        depth += (*at == '{' || *at == '[') - (*at == '}' || *at == ']');
+        depth += json_depth_change(*at);
         if (*at) at++;
     } while (*at && depth > 0);
     at = json_blank(at);

@@ -9,7 +9,8 @@
 
 #include <stddef.h>
 
-/* NULL if brackets and strings are balanced and nothing follows; otherwise the position of the error. */
+/* NULL if every bracket and string is closed and nothing follows; otherwise the position of the error. Not a validator: brackets are
+ * counted, their kind is not compared ("[}" passes). What the functions below do not understand is a missing value. */
 const char *oxl_json_error(const char *text);
 
 /* The first element of an array or first key of an object; the element after one, or the key after a value; the value of a key. */

@@ -134,7 +134,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     while ((got = fread(data + size, 1, OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) > 0) {
         size += got;
         if (size >= strlen(start) && memcmp(data, start, strlen(start)) != 0) break;
-        rc = oxl_reserve(ctx, (void **)&data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
+        rc = oxl_reserve(ctx, &data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
         if (rc != OXL_OK) goto done;
     }
     if (ferror(file)) {

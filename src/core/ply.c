@@ -106,8 +106,6 @@ static oxl_result ply_header_name(const struct ply_header *h, int word, char nam
 static oxl_result ply_header_element(struct ply_header *h)
 {
     struct ply        *ply     = h->ply;
-    void              *array   = ply->element;
-    size_t             room    = ply->element_capacity;
     struct ply_element element = {.name = ""};
     const char        *digits  = h->words > 2 ? h->word[2] : NULL, *end;
     int64_t            rows;
@@ -117,10 +115,8 @@ static oxl_result ply_header_element(struct ply_header *h)
     end = digits + h->length[2];
     if (!parse_int64(&digits, end, &rows) || digits != end || rows < 0)
         return ply_header_fail(h, "a count of rows, 0 to 9223372036854775807");
-    element.rows          = (uint64_t)rows;
-    rc                    = oxl_reserve(h->ctx, &array, &room, (size_t)ply->elements + 1, sizeof *ply->element);
-    ply->element          = array;
-    ply->element_capacity = room;
+    element.rows = (uint64_t)rows;
+    rc           = oxl_reserve(h->ctx, &ply->element, &ply->element_capacity, (size_t)ply->elements + 1, sizeof element);
     if (rc == OXL_OK) ply->element[ply->elements++] = element;
     return rc;
 }
@@ -139,16 +135,13 @@ static oxl_result ply_header_property(struct ply_header *h)
 {
     struct ply_element *element  = h->ply->elements ? &h->ply->element[h->ply->elements - 1] : NULL;
     struct ply_property property = {.is_list = ply_is(h, 1, "list")};
-    void               *array;
     oxl_result          rc;
     if (!element) return ply_header_fail(h, "an element before its properties");
     if (property.is_list && (rc = ply_header_type(h, 2, &property.count_type)) != OXL_OK) return rc;
     if (property.is_list && property.count_type >= PLY_FLOAT32) return ply_header_fail(h, "a whole number to count the list");
     if ((rc = ply_header_type(h, property.is_list ? 3 : 1, &property.type)) != OXL_OK) return rc;
     if ((rc = ply_header_name(h, property.is_list ? 4 : 2, property.name)) != OXL_OK) return rc;
-    array             = element->property;
-    rc                = oxl_reserve(h->ctx, &array, &element->capacity, (size_t)element->properties + 1, sizeof property);
-    element->property = array;
+    rc = oxl_reserve(h->ctx, &element->property, &element->capacity, (size_t)element->properties + 1, sizeof property);
     if (rc != OXL_OK) return rc;
     element->property[element->properties++] = property;
     element->has_list |= property.is_list;
@@ -158,12 +151,10 @@ static oxl_result ply_header_property(struct ply_header *h)
 
 static oxl_result ply_header_comment(struct ply_header *h)
 {
-    struct ply *ply   = h->ply;
-    void       *array = ply->comment;
+    struct ply *ply  = h->ply;
     const char *from = h->word[0] + h->length[0], *end = h->line_end;
     char       *copy;
-    oxl_result  rc = oxl_reserve(h->ctx, &array, &ply->comment_capacity, (size_t)ply->comments + 1, sizeof *ply->comment);
-    ply->comment   = array;
+    oxl_result  rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1, sizeof *ply->comment);
     if (rc != OXL_OK) return rc;
     while (from < end && ply_blank(*from)) from++;
     while (end > from && ply_blank(end[-1])) end--;

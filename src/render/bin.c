@@ -58,16 +58,16 @@ static oxl_result bin_collect_visible(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s     = b->scratch;
     size_t              total = 0;
-    oxl_result          rc    = oxl_reserve(ctx, (void **)&s->pack_start, &s->pack_capacity, b->packs + 1, sizeof *s->pack_start);
+    oxl_result          rc    = oxl_reserve(ctx, &s->pack_start, &s->pack_capacity, b->packs + 1, sizeof *s->pack_start);
     if (rc != OXL_OK) return rc;
     for (size_t p = 0; p < b->packs; p++) {
         s->pack_start[p] = (uint32_t)total;
         total += (size_t)bin_popcount16(b->visible[p]);
     }
     b->visible_count = total;
-    rc               = oxl_reserve(ctx, (void **)&s->key, &s->key_capacity, total + 1, sizeof *s->key);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&s->other, &s->other_capacity, total + 1, sizeof *s->other);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->order, &s->order_capacity, total + 1, sizeof *b->order);
+    rc               = oxl_reserve(ctx, &s->key, &s->key_capacity, total + 1, sizeof *s->key);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &s->other, &s->other_capacity, total + 1, sizeof *s->other);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &b->order, &s->order_capacity, total + 1, sizeof *b->order);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t p = 0; p < (int64_t)b->packs; p++) {
@@ -272,7 +272,7 @@ static oxl_result bin_assign_slots(oxl_context *ctx, struct bins *b)
     }
     while (part <= s->parts) s->part_end[part++] = b->visible_count;
     b->slot_count = total;
-    return oxl_reserve(ctx, (void **)&s->staged, &s->staged_capacity, total + 1, sizeof *s->staged);
+    return oxl_reserve(ctx, &s->staged, &s->staged_capacity, total + 1, sizeof *s->staged);
 }
 
 struct bin_part {
@@ -336,8 +336,8 @@ static oxl_result bin_reserve_tiles(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s     = b->scratch;
     const size_t        tiles = (size_t)(b->tiles_x * b->tiles_y);
-    oxl_result          rc    = oxl_reserve(ctx, (void **)&s->count, &s->count_capacity, BIN_PARTS * tiles, sizeof *s->count);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->tile_start, &s->start_capacity, tiles + 1, sizeof *b->tile_start);
+    oxl_result          rc    = oxl_reserve(ctx, &s->count, &s->count_capacity, BIN_PARTS * tiles, sizeof *s->count);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &b->tile_start, &s->start_capacity, tiles + 1, sizeof *b->tile_start);
     return rc;
 }
 
@@ -360,7 +360,7 @@ OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, 
         bin_stage(ctx->isa, &job);
     }
     b->pair_count = bin_prefix(b);
-    rc            = oxl_reserve(ctx, (void **)&b->pair, &b->scratch->pair_capacity, b->pair_count + 1, sizeof *b->pair);
+    rc            = oxl_reserve(ctx, &b->pair, &b->scratch->pair_capacity, b->pair_count + 1, sizeof *b->pair);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int part = 0; part < b->scratch->parts; part++) bin_scatter_part(b, part);

@@ -136,14 +136,12 @@ OXL_INTERNAL size_t render_packs(size_t count)
 static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t packs, size_t lobes, size_t pixels)
 {
     const size_t rows = packs * PACK;
-    oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
-    if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, (void **)&r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads, sizeof *r->tile_range);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
-    if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+    oxl_result   rc   = oxl_reserve(ctx, &r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads, sizeof *r->tile_range);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
     return rc;
 }
 
@@ -153,8 +151,8 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t pa
 static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
-    oxl_result   rc     = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
-    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    oxl_result   rc     = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0) rc = ctx->failed;
     return rc;
 }
@@ -266,9 +264,8 @@ static void render_project(oxl_context *ctx, struct renderer *r)
 static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
     const size_t tasks = (size_t)render_tasks(r);
-    oxl_result   rc =
-        oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
+    oxl_result   rc    = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
     r->context_medium                = r->medium;
     r->context_medium.training_range = 0;
@@ -396,7 +393,7 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                            const oxl_render_options *options)
 {
     const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
-    const oxl_result rc     = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    const oxl_result rc     = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     r->in            = render_gaussians(model, options->sh_degree);

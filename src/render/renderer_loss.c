@@ -19,9 +19,9 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
         if (rc != OXL_OK || r->device) return rc;
     }
     pixels    = (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
-    rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    rc        = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
     r->masked = image->mask != NULL;
-    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
     image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
     if (halved)
@@ -71,8 +71,8 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
                                     .dlog_gain = dlog_gain,
                                     .dshape    = r->dlamp};
     oxl_result          rc       = renderer_image(ctx, r, &rendered);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
     if (rc != OXL_OK) return rc;
     exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map, exposure.dy = exposure.dx = r->drgb;
     exposure_forward(ctx->isa, &exposure);
@@ -101,7 +101,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     *out = (struct renderer_loss){0};
     if (r->device && !r->lamp) return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
-    rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
+    rc = oxl_reserve(ctx, &r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK && render_has_gains(r))
         rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
     else if (rc == OXL_OK) {
@@ -137,8 +137,8 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
 
 static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 {
-    oxl_result rc = oxl_reserve(ctx, (void **)&r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+    oxl_result rc = oxl_reserve(ctx, &r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
     return rc;
 }
 
@@ -181,7 +181,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
 {
     oxl_result rc;
     if (r->device) return render_fall_back_to_cpu(ctx, r, r->backend->score(r->device, drgb, score));
-    rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
+    rc = oxl_reserve(ctx, &r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)

@@ -138,10 +138,10 @@ static void points_divide_window(const struct colmap_reader *r, const char **beg
 static oxl_result points_reserve_rows(struct colmap_reader *r, struct points_rows *rows)
 {
     const size_t size = (size_t)(r->limit - r->window);
-    oxl_result   rc   = oxl_reserve(r->ctx, (void **)&rows->point, &rows->point_capacity, size / POINTS_TEXT_MIN + POINTS_PIECES,
-                                    sizeof *rows->point);
+    oxl_result   rc =
+        oxl_reserve(r->ctx, &rows->point, &rows->point_capacity, size / POINTS_TEXT_MIN + POINTS_PIECES, sizeof *rows->point);
     if (rc == OXL_OK)
-        rc = oxl_reserve(r->ctx, (void **)&rows->track, &rows->track_capacity, size / POINTS_TRACK_MIN + POINTS_PIECES,
+        rc = oxl_reserve(r->ctx, &rows->track, &rows->track_capacity, size / POINTS_TRACK_MIN + POINTS_PIECES,
                          sizeof *rows->track);
     return rc;
 }
@@ -194,10 +194,9 @@ static oxl_result points_join(struct colmap_reader *r, const struct points_piece
 {
     struct colmap *out = r->out;
     oxl_result     rc =
-        oxl_reserve(r->ctx, (void **)&out->point, &r->point_capacity, points_expected(r, out->point_count), sizeof *out->point);
+        oxl_reserve(r->ctx, &out->point, &r->point_capacity, points_expected(r, out->point_count), sizeof *out->point);
     if (rc == OXL_OK)
-        rc = oxl_reserve(r->ctx, (void **)&out->track, &r->track_capacity, points_expected(r, out->track_count),
-                         sizeof *out->track);
+        rc = oxl_reserve(r->ctx, &out->track, &r->track_capacity, points_expected(r, out->track_count), sizeof *out->track);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(r->ctx->threads)
     for (int i = 0; i < POINTS_PIECES; i++) {

@@ -299,7 +299,7 @@ static oxl_result colmap_index_insert(struct colmap_reader *r, struct colmap_ind
 OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
 {
     struct colmap *out = r->out;
-    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
+    oxl_result     rc  = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
     if (rc != OXL_OK) return rc;
     out->camera[out->camera_count] = *camera;
     rc = colmap_index_insert(r, &r->cameras, out->camera, sizeof *camera, out->camera_count, "camera id");
@@ -310,7 +310,7 @@ OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct 
 OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image)
 {
     struct colmap *out = r->out;
-    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
+    oxl_result     rc  = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
     if (rc != OXL_OK) return rc;
     out->image[out->image_count] = *image;
     rc                           = colmap_index_insert(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
@@ -403,7 +403,7 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
                         "%s:%d: seen the name '%.*s', wanted a path inside the image folder\n"
                         "fix: give names relative to that folder, without \"..\"",
                         r->path, r->line, (int)OXL_MIN(size, (size_t)200), r->cursor);
-    rc = oxl_reserve(r->ctx, (void **)&out->names, &r->names_capacity, out->names_size + size + 1, 1);
+    rc = oxl_reserve(r->ctx, &out->names, &r->names_capacity, out->names_size + size + 1, 1);
     if (rc != OXL_OK) return rc;
     *name = out->names_size;
     memcpy(out->names + *name, r->cursor, size);

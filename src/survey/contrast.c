@@ -96,7 +96,7 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
 {
     const size_t     pixels = (size_t)p->width * (size_t)p->height, stride = (size_t)p->width + 1;
     const oxl_result rc =
-        oxl_reserve(ctx, (void **)&w->integral, &w->integral_capacity, stride * ((size_t)p->height + 1), sizeof *w->integral);
+        oxl_reserve(ctx, &w->integral, &w->integral_capacity, stride * ((size_t)p->height + 1), sizeof *w->integral);
     if (rc != OXL_OK) return rc;
     memset(w->integral, 0, stride * sizeof *w->integral);
     for (int y = 0; y < p->height; y++) {

@@ -43,7 +43,7 @@ OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const st
 {
     struct colmap             *out = r->out;
     const struct camera_model *m   = camera_model_at(camera->model);
-    oxl_result rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
+    oxl_result                 rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
     if (rc != OXL_OK) return rc;
     if (camera->width < 1 || camera->height < 1) return json_survey_fail(r, "width and height", "none", "1 px or more of each");
     for (int i = 0; i < m->parameter_count; i++)
@@ -72,7 +72,7 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
     if (rc == OXL_OK && (memchr(name, '\n', (size_t)(end - name)) || memchr(name, '\r', (size_t)(end - name))))
         rc = json_survey_fail(r, "an image's name", "a line end", "a name of one line");
     if (rc == OXL_OK) rc = colmap_read_name(r, &image.name);
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof image);
+    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
     if (rc == OXL_OK) out->image[out->image_count++] = image;
     return rc;
 }
@@ -81,7 +81,7 @@ OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const dou
 {
     struct colmap      *out   = r->out;
     struct colmap_point point = {.id = (int64_t)out->point_count, .error = -1};
-    const oxl_result    rc    = oxl_reserve(r->ctx, (void **)&out->point, &r->point_capacity, out->point_count + 1, sizeof point);
+    const oxl_result    rc    = oxl_reserve(r->ctx, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
     if (rc != OXL_OK) return rc;
     for (int i = 0; i < 3; i++) {
         point.position[i] = position[i];

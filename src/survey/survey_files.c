@@ -18,7 +18,7 @@ struct survey_find_folders {
 static void survey_find_visit_folder(void *user, const char *name)
 {
     struct survey_find_folders *f = user;
-    if (oxl_reserve(f->ctx, (void **)&f->name, &f->capacity, f->count + 1, sizeof *f->name) != OXL_OK) f->failed = 1;
+    if (oxl_reserve(f->ctx, &f->name, &f->capacity, f->count + 1, sizeof *f->name) != OXL_OK) f->failed = 1;
     else if ((f->name[f->count] = oxl_strdup(f->ctx, name)) == NULL) f->failed = 1;
     else f->count++;
 }

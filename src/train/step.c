@@ -57,9 +57,9 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
     width     = window ? window->width : image->width;
     height    = window ? window->height : image->height;
     pixels    = (size_t)width * (size_t)height;
-    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    rc        = oxl_reserve(t->ctx, &t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = image->mask != NULL;
-    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
     image_from_training(t->ctx, image, window, t->target, t->masked ? t->weight : NULL);
     if (t->halved) image_halve(width, height, t->target, t->masked ? t->weight : NULL);
@@ -117,7 +117,7 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
 {
     const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
     const float *rendered = NULL;
-    oxl_result   rc       = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    oxl_result   rc       = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc == OXL_OK) {
         const struct transients_view view = {camera, t->render.near_plane, rendered, t->target, t->weight, t->masked};

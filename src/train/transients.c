@@ -188,7 +188,7 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *r, 
     const struct transients_grid g = transients_grid(v->camera->width, v->camera->height);
     const int                    n = g.across * g.down;
     double                       share;
-    oxl_result                   rc = oxl_reserve(ctx, (void **)&r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
+    oxl_result                   rc = oxl_reserve(ctx, &r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {

@@ -1,0 +1,20 @@
+/* random.c - random numbers without state: each is a function of a seed and two numbers, so their order does not matter. */
+#include "core.h"
+
+static uint64_t random_mix(uint64_t x) /* splitmix64 (Steele, Lea & Flood 2014) */
+{
+    x += UINT64_C(0x9E3779B97F4A7C15);
+    x = (x ^ (x >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
+    x = (x ^ (x >> 27)) * UINT64_C(0x94D049BB133111EB);
+    return x ^ (x >> 31);
+}
+
+OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b)
+{
+    return random_mix(random_mix(random_mix(seed) ^ a) ^ b);
+}
+
+OXL_INTERNAL double random_unit(uint64_t bits)
+{
+    return (double)(bits >> 11) * (1.0 / 9007199254740992.0); /* 2^-53 */
+}

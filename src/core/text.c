@@ -1,0 +1,101 @@
+/* text.c - growing text, copies of text, paths. */
+#include "core.h"
+#include "json.h"
+
+OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
+{
+    va_list args;
+    int     length;
+    if (t->failed) return;
+    va_start(args, format);
+    length = vsnprintf(NULL, 0, format, args);
+    va_end(args);
+    if (length < 0 || oxl_reserve(t->ctx, &t->data, &t->capacity, t->size + (size_t)length + 1, 1) != OXL_OK) {
+        t->failed = 1;
+        return;
+    }
+    va_start(args, format);
+    vsnprintf(t->data + t->size, (size_t)length + 1, format, args);
+    va_end(args);
+    t->size += (size_t)length;
+}
+
+OXL_INTERNAL void text_add_json_string(struct text *t, const char *s)
+{
+    char character[8];
+    text_add(t, "\"");
+    while (*s) {
+        s += oxl_json_escape(s, character);
+        text_add(t, "%s", character);
+    }
+    text_add(t, "\"");
+}
+
+OXL_INTERNAL void text_add_number(struct text *t, double value)
+{
+    text_add(t, "%s", NUMBER(value));
+}
+
+OXL_INTERNAL void text_free(struct text *t)
+{
+    oxl_free(t->ctx, t->data);
+    *t = (struct text){.ctx = t->ctx};
+}
+
+OXL_INTERNAL oxl_result text_take(struct text *t, char **out)
+{
+    const int failed = t->failed;
+    *out             = NULL;
+    if (failed) text_free(t);
+    else *out = t->data;
+    *t = (struct text){.ctx = t->ctx};
+    return failed ? OXL_ERR_MEMORY : OXL_OK;
+}
+
+void oxl_text_free(oxl_context *ctx, char *text)
+{
+    oxl_free(ctx, text);
+}
+
+OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s)
+{
+    const size_t size = strlen(s) + 1;
+    char        *copy = oxl_alloc(ctx, size, 1);
+    if (copy) memcpy(copy, s, size);
+    return copy;
+}
+
+/* ---------------------------------------------------------------- paths */
+
+OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
+{
+    const size_t na = strlen(a), nb = strlen(b);
+    const int    slash = na > 0 && a[na - 1] != '/';
+    char        *path  = oxl_alloc(ctx, na + nb + 2, 1);
+    if (!path) return NULL;
+    memcpy(path, a, na);
+    if (slash) path[na] = '/';
+    memcpy(path + na + slash, b, nb + 1);
+    return path;
+}
+
+OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
+{
+    const size_t size = strlen(folder), slash = size > 0 && folder[size - 1] != '/', at = size + slash;
+    int          rest = PATH_LENGTH;
+    va_list      args;
+    if (at < PATH_LENGTH) {
+        memcpy(out, folder, size);
+        memcpy(out + size, "/", slash);
+        va_start(args, format);
+        rest = vsnprintf(out + at, PATH_LENGTH - at, format, args);
+        va_end(args);
+    }
+    return rest >= 0 && at + (size_t)rest < PATH_LENGTH ? out : "/dev/null/a path of more than 4095 bytes";
+}
+
+OXL_INTERNAL const char *path_base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
