@@ -10,7 +10,8 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 work=build/mutate
-kernels=$(find src -name project.c -o -name colour.h -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name density.c | sort)
+kernels=$(find src/render -name project.c -o -name colour.h -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name 'medium.[ch]' \
+    -o -name exposure.c -o -name depth_loss.c | sort; echo src/train/density.c)
 constants=$(find src -name kernels.h)
 # How much room there is, how the work is cut up, and the last of some names: a larger number changes no result, by the invariants at the top
 # of their files.
@@ -77,8 +78,9 @@ plant() { # FILE LINE COLUMN OLD NEW [NAME]
     cp "$1" "$work/tree/$1"
 }
 
-tests="tests/test_adam.c tests/test_extremes.c tests/test_gradient.c tests/test_loss.c tests/test_oracle.c tests/test_raster.c tests/test_reference.c tests/test_train.c"
-names='adam_ pixel_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_'
+tests=$(echo tests/test_*.c)
+names='adam_ pixel_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_
+medium_gradients medium_baked medium_alone lamp_gradients depth_loss water_lamp_and_gains exposure_gradient exposure_gains'
 [ "${1:-}" = constants ] && tests=tests/test_reference.c names=reference_
 rm -rf "$work"
 mkdir -p "$work/tree"

@@ -24,6 +24,47 @@ static void *counting_reallocate(void *user, void *old, size_t size)
     return realloc(old, size);
 }
 
+/* An allocator that never grows in place and counts what is held as realloc would. */
+static struct {
+    size_t held, most; /* bytes */
+    int    calls;      /* each moves the memory to another place within a cache line */
+} memory_weighed;
+
+enum { MEMORY_HEAD = 128 };
+
+/* Size and the place of the allocation itself stand in front. Never grows in place. */
+static void *memory_weigh(void *user, void *old, size_t size)
+{
+    const size_t shift = 16 * (size_t)(memory_weighed.calls++ % 4);
+    char        *base = size ? malloc(size + MEMORY_HEAD) : NULL, *memory = NULL;
+    size_t       had = 0;
+    (void)user;
+    if (old) memcpy(&had, (char *)old - 16, sizeof had);
+    if (base) {
+        memory = base + 64 + shift;
+        memcpy(memory - 16, &size, sizeof size);
+        memcpy(memory - 8, &base, sizeof base);
+        if (old) memcpy(memory, old, OXL_MIN(had, size));
+    }
+    memory_weighed.held += size - had;
+    memory_weighed.most = OXL_MAX(memory_weighed.most, memory_weighed.held);
+    if (old) memcpy(&base, (char *)old - 8, sizeof base);
+    if (old) free(base);
+    return memory;
+}
+
+static void memory_weigh_start(void)
+{
+    memory_weighed.held = memory_weighed.most = 0;
+    test_ctx->options.reallocate              = memory_weigh;
+}
+
+static void memory_weigh_end(void)
+{
+    CHECK(memory_weighed.held == 0);
+    test_ctx->options.reallocate = counting_reallocate;
+}
+
 const char *test_path(const char *name)
 {
     static char ring[16][512];

@@ -718,6 +718,55 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with water, falloff and lamp. */
+TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
+{
+    oxl_scene     *scene   = train_scene(3);
+    struct imaging imaging = {
+        .medium = water_murky, .lamps = 1, .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
+    const struct medium *m = &imaging.medium;
+    oxl_model            model;
+    int                  unseen = 0, by_some = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 60, 0, &model));
+    for (size_t i = 0; i < model.count; i++)
+        for (int a = 0; a < 3; a++) model.plane[OXL_MEAN + a][i] = (float)(5 * random_unit(random_bits(8, i, (uint64_t)a)) - 2.5);
+    medium_bake(scene, &imaging, 0, &model);
+    for (size_t i = 0; i < model.count; i++) {
+        const double at[3]  = {model.plane[OXL_MEAN][i], model.plane[OXL_MEAN + 1][i], model.plane[OXL_MEAN + 2][i]};
+        double       sum[3] = {0}, all[3] = {0}, weights = 0, all_weights = 0;
+        int          seen = 0;
+        for (int v = 0; v < 3; v++) {
+            const oxl_camera *camera = &oxl_scene_view(scene, v)->camera;
+            double            eye[3], axes[3], x[2] = {0}, square = 0, gain;
+            const int         here = camera_project(camera, at, (double[3]){0}, axes, x) && x[0] >= 0 && x[1] >= 0 &&
+                             x[0] <= camera->width && x[1] <= camera->height;
+            camera_position(camera, eye);
+            for (int a = 0; a < 3; a++) square += (at[a] - eye[a]) * (at[a] - eye[a]);
+            gain = exp(lamp_log_gain(imaging.lamp[0].shape, (float)(2 * x[0] / camera->width - 1),
+                                     (float)(2 * x[1] / camera->height - 1)));
+            for (int c = 0; c < 3; c++) {
+                const double r = sqrt(square), near = fmax(r, LAMP_RANGE_MIN * (double)m->reference);
+                const double shown = 0.5 * pow((double)m->reference / near, (double)m->falloff) * exp(-(double)m->direct[c] * r) +
+                                     (double)m->veil[c] * (1 - exp(-(double)m->scatter[c] * r));
+                all[c] += shown / square;
+                if (here) sum[c] += gain * shown / square;
+            }
+            all_weights += 1 / square;
+            if (here) weights += 1 / square;
+            seen += here;
+        }
+        unseen += seen == 0;
+        by_some += seen > 0 && seen < 3;
+        for (int c = 0; c < 3; c++) {
+            const double expected = seen ? sum[c] / weights : all[c] / all_weights;
+            CHECK_CLOSE(0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH + c][i], expected, 2e-5 * expected);
+        }
+    }
+    CHECK(unseen > 3 && by_some > 3);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* No Gaussian in view: only water. */
 TEST(medium_alone_shows_its_veil)
 {
@@ -772,13 +821,13 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
     struct renderer   *r;
     oxl_model          model, front, gradient, beside;
     uint8_t           *in_front;
-    double             largest = 0, elsewhere = 0, behind = 0, eye[3];
+    double             largest = 0, elsewhere = 0, behind = 0, all = 0, together = 0, eye[3];
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
     in_front = oxl_alloc(test_ctx, model.count, 1);
     for (int i = 0; i < 3; i++)
-        point[i] = (struct depth_point){(float)(camera->width / 2 - 4 + 4 * i) + 0.5f, (float)(camera->height / 2) + 0.5f,
+        point[i] = (struct depth_point){(float)(8 + (camera->width - 16) / 2 * i) + 0.5f, (float)(camera->height / 2) + 0.5f,
                                         (float)scene_depth_quantile(scene, 0.5)};
     camera_position(camera, eye);
     for (size_t j = 0; j < model.count; j++) {
@@ -789,7 +838,7 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
         in_front[j] = depth_z(camera, &model, j) < 0.8 * (double)point[0].z;
         for (int k = 0; k < 3; k++) {
             model.plane[OXL_SH + k][j] = -9; /* black */
-            model.plane[OXL_LOG_SCALE + k][j] += 1;
+            model.plane[OXL_LOG_SCALE + k][j] -= 0.6f;
             model.plane[OXL_OPACITY][j] = -0.5f;
         }
     }
@@ -800,6 +849,7 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     for (size_t j = 0, row = 0; j < model.count; j++) {
         const double d = (double)gradient.plane[OXL_OPACITY][j];
+        all += d;
         for (int p = 0; p < OXL_SH; p++)
             if (p != OXL_OPACITY) elsewhere += fabs((double)gradient.plane[p][j]);
         if (!in_front[j]) behind += fabs(d);
@@ -823,6 +873,12 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_
         row++;
     }
     CHECK(largest > 0.02 && elsewhere == 0 && behind == 0);
+    for (int side = -1; side <= 1; side += 2) { /* of all opacities together: no point is missed */
+        for (size_t j = 0; j < front.count; j++) front.plane[OXL_OPACITY][j] += (float)side * 0.05f;
+        together += side * depth_hidden(r, camera, &front, point, 3) / 0.1;
+        for (size_t j = 0; j < front.count; j++) front.plane[OXL_OPACITY][j] -= (float)side * 0.05f;
+    }
+    CHECK_CLOSE(all, together, 0.01 * together);
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &beside)); /* a context in front neither counts nor follows */
     renderer_set_context(r, &front);
     CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o));
