@@ -211,8 +211,8 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
     const double                  touched = 4.0 * (double)r->model.count * oxl_model_planes(&r->model);
     double                        all     = 0;
     for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
-    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel\n", r->model.count,
-           r->camera.width, r->camera.height, d->most_pairs, (double)most->evaluations / pixels);
+    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel, batches of %u\n",
+           r->model.count, r->camera.width, r->camera.height, d->most_pairs, (double)most->evaluations / pixels, v->batch);
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;

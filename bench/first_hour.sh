@@ -38,7 +38,7 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
     out=$(OXL_VULKAN_BATCH=${2:-8} timeout --kill-after=5 $share "$build/bench_device" "$g" "$w" "$h" "$device" 2>&1) || { echo "| $g | $w x $h | ${2:-8} | stopped or failed: $(tail -n 1 <<<"$out") |"; return; }
     echo "$out" >>"$log"
     awk -v g="$g" -v size="$w x $h" -v batch="${2:-8}" '
-        /pairs,/ { for (i = 1; i <= NF; i++) if ($i == "(tile,") pairs = $(i - 1) }
+        /pairs,/ { for (i = 1; i <= NF; i++) if ($i == "(tile,") pairs = $(i - 1); else if ($i == "batches" && $(i + 2) != batch) batch = $(i + 2) " (not " batch ")" }
         match($0, /^  [a-z][a-zA-Z ,+]*[a-zA-Z] +[0-9.]+ ms/) {
             line = substr($0, RSTART, RLENGTH); sub(/ ms$/, "", line); ms = line; sub(/.* /, "", ms); sub(/ +[0-9.]+$/, "", line); sub(/^ +/, "", line)
             t[line] = ms
@@ -68,6 +68,7 @@ echo '```'
 echo
 echo '## Tests'
 echo
+export OXL_TEST_DEVICE=$device
 OXL_VULKAN_VALIDATE=0 run $((2 * share)) "$build/test" vulkan
 verdict 'tests, without validation' $?
 run $((2 * share)) "$build/test" vulkan

@@ -29,7 +29,8 @@ static oxl_context *vulkan_test_begin(void)
 {
     oxl_context_options options = test_ctx->options;
     oxl_context        *ctx;
-    setenv("OXL_VULKAN_VALIDATE", "1", 0); /* or gpu: backends/vulkan/device.c */
+    setenv("OXL_VULKAN_VALIDATE", "1", 0);                                           /* or gpu: backends/vulkan/device.c */
+    if (getenv("OXL_TEST_DEVICE")) options.device = atoi(getenv("OXL_TEST_DEVICE")); /* of info --devices; else the best */
     options.backend = OXL_BACKEND_VULKAN;
     options.log     = vulkan_test_log;
     if (oxl_context_create(&options, &ctx) != OXL_OK) return NULL;
@@ -183,6 +184,23 @@ static struct vulkan_distance vulkan_distance(const float *a, const float *b, si
     }
     d.relative = sum > 0 ? sqrt(square / sum) : sqrt(square);
     return d;
+}
+
+/* ---------------------------------------------------------------- shaders */
+
+/* A compiler that assumes numbers to be finite leaves out a test against a constant that it knows. */
+static void vulkan_check_infinity(oxl_context *device)
+{
+    (void)device;
+    for (int pass = 0; pass < PASS_COUNT; pass++) {
+        const uint32_t *word  = VULKAN_PASSES[pass].words;
+        size_t          known = 0, read = 0;
+        for (size_t i = 5; i < VULKAN_PASSES[pass].bytes / sizeof *word; i += word[i] >> 16) {
+            known += (word[i] & 0xFFFF) == 43 /* OpConstant */ && word[i + 3] == VULKAN_INFINITY;
+            read++;
+        }
+        CHECK(read > 100 && known == 0);
+    }
 }
 
 /* ---------------------------------------------------------------- sort and scan */
@@ -1116,7 +1134,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_submit(VkQueue queue, ui
     return vulkan_submits_short-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_submit(queue, count, info, fence);
 }
 
-/* A submission that finds no memory is repeated, and the run is the same; where the second one finds none either, the step is not counted,
+/* A submission that finds no memory is repeated, and the run is the same; where it finds none without images either, the step is not counted,
  * and the device is given up. */
 static void vulkan_check_short_submit(oxl_context *device)
 {
@@ -1151,7 +1169,7 @@ static void vulkan_check_short_submit(oxl_context *device)
     CHECK_OK(renderer_forward(device, d[1].r, &d[1].run.model, &d[1].camera, &options));
     CHECK_OK(renderer_loss(device, d[1].r, NULL, NULL, 0.2f, &none));
     CHECK_OK(renderer_backward(device, d[1].r, NULL, &d[1].run.gradient));
-    vulkan_submits_short = 2;
+    vulkan_submits_short = 3;
     CHECK(renderer_step(device, d[1].r, &d[1].run.model, &d[1].run.gradient, &d[1].run.first, &d[1].run.second, &adam,
                         &skipped) == OXL_ERR_FAILED);
     CHECK(r->steps == steps && v->lost);
@@ -1160,6 +1178,141 @@ static void vulkan_check_short_submit(oxl_context *device)
     renderer_free(device, d[1].r);
     vulkan_run_free(&d[1].run);
     vulkan_close(v); /* it would wait, and destroy, were it not given up */
+    device->vulkan = NULL;
+}
+
+/* A submission finds no memory twice: images that it does not name leave, and it is done. */
+static void vulkan_check_submit_drops(oxl_context *device)
+{
+    static struct vulkan_deferral d;
+    const struct training_image   image = {64, 48, d.bytes, NULL};
+    struct vulkan                *v     = device->vulkan;
+    struct renderer_loss          none;
+    struct renderer_report        report;
+    vulkan_deferral_begin(device, &d);
+    for (int view = 1; view < 3; view++) CHECK_OK(renderer_set_image(device, d.r, view, &image, NULL, 0));
+    vulkan_step_of(device, &d, 1, &none);
+    CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 2) && renderer_defer(d.r, 1));
+    vulkan_step_of(device, &d, 2, &none);
+    CHECK_OK(renderer_set_image(device, d.r, 1, NULL, NULL, 0)); /* named too, by what is not submitted yet */
+    vulkan_real_submit   = v->QueueSubmit;
+    v->QueueSubmit       = vulkan_play_short_submit;
+    vulkan_submits_short = 2;
+    vulkan_step_of(device, &d, 3, &none);
+    CHECK(vulkan_submits_short < 0 && !v->lost);
+    CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 1) && !renderer_has_image(d.r, 2));
+    for (int i = 0; i < 2; i++) CHECK_OK(renderer_report(device, d.r, 1, &report));
+    CHECK(report.exists && report.halt == HALT_NONE);
+    v->QueueSubmit = vulkan_real_submit;
+    vulkan_deferral_end(device, &d);
+}
+
+static PFN_vkEndCommandBuffer vulkan_real_end;
+static int                    vulkan_ends_short;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_end(VkCommandBuffer commands)
+{
+    const VkResult result = vulkan_real_end(commands);
+    return vulkan_ends_short-- > 0 ? VK_ERROR_OUT_OF_HOST_MEMORY : result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice device, VkQueryPool pool, uint32_t first, uint32_t count,
+                                                        size_t size, void *data, VkDeviceSize stride, VkQueryResultFlags flags)
+{
+    uint64_t *stamp = data;
+    (void)device, (void)pool, (void)first, (void)size, (void)stride, (void)flags;
+    for (uint32_t i = 0; i < count; i++) stamp[i] = i % 2 ? 7 : ((uint64_t)1 << 36) - 3; /* ten ticks, past the end of 36 bits */
+    return VK_SUCCESS;
+}
+
+/* A clock of 36 bits begins again at 0 within a pass. */
+static void vulkan_check_clock(oxl_context *device)
+{
+    struct vulkan *v = device->vulkan;
+    CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 && vulkan_stamp_mask(0) == 0);
+    if (vulkan_measure(v) != OXL_OK) return;
+    v->stamp_mask          = vulkan_stamp_mask(36);
+    v->GetQueryPoolResults = vulkan_play_clock;
+    vulkan_check_sort(device, 2048, 255);
+    CHECK(v->pass_runs[PASS_SORT_SCATTER] == 4);
+    CHECK_CLOSE(v->pass_seconds[PASS_SORT_SCATTER], 4 * 10e-9 * v->properties.limits.timestampPeriod, 1e-12);
+}
+
+static PFN_vkBeginCommandBuffer vulkan_real_begin;
+static int                      vulkan_begins_short;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_begin(VkCommandBuffer commands, const VkCommandBufferBeginInfo *info)
+{
+    return vulkan_begins_short-- > 0 ? VK_ERROR_OUT_OF_HOST_MEMORY : vulkan_real_begin(commands, info);
+}
+
+/* An image whose upload finds no memory is not on the device, and a model whose download finds none not on the host. */
+static void vulkan_check_short_begin(oxl_context *device)
+{
+    static struct vulkan_deferral d[2];
+    struct vulkan                *v = device->vulkan;
+    struct renderer_loss          none;
+    vulkan_real_begin = v->BeginCommandBuffer;
+    for (int k = 0; k < 2; k++) {
+        const struct training_image image = {64, 48, d[k].bytes, NULL};
+        vulkan_deferral_begin(device, &d[k]);
+        vulkan_step_of(device, &d[k], 1, &none);
+        CHECK(vulkan_finish(v) == OXL_OK);
+        v->BeginCommandBuffer = vulkan_play_short_begin;
+        vulkan_begins_short   = k;
+        CHECK(renderer_set_image(device, d[k].r, 1, &image, NULL, 0) == (k ? OXL_ERR_MEMORY : OXL_OK));
+        CHECK(renderer_has_image(d[k].r, 1) == !k && vulkan_finish(v) == (k ? OXL_ERR_MEMORY : OXL_OK) && !v->lost);
+        vulkan_enter(v);
+        vulkan_begins_short = k;
+        CHECK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ) == (k ? OXL_ERR_MEMORY : OXL_OK));
+        CHECK(vulkan_begins_short <= 0 && !v->lost);
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+        v->BeginCommandBuffer = vulkan_real_begin;
+    }
+    vulkan_check_same_run(&d[0], &d[1]);
+    for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
+}
+
+/* A command buffer that finds no memory at its end: lack of memory where it only draws, a lost device where it holds a step. */
+static void vulkan_check_short_end(oxl_context *device)
+{
+    const oxl_camera          camera = vulkan_camera(64, 48);
+    float                    *drgb = vulkan_noise((size_t)3 * 64 * 48, 52), *rgb = vulkan_noise((size_t)3 * 64 * 48, 53);
+    struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
+    struct vulkan            *v       = device->vulkan;
+    oxl_render_options        options = oxl_render_options_default();
+    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_nonfinite skipped;
+    struct renderer          *r;
+    const float              *image;
+    vulkan_real_end = v->EndCommandBuffer;
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_image(device, r, &image));
+    memcpy(rgb, image, 3 * 64 * 48 * sizeof *rgb);
+    for (size_t part = 0; part <= 500; part += 500) {
+        v->part = 0;
+        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        v->EndCommandBuffer = vulkan_play_short_end;
+        vulkan_ends_short   = 1;
+        v->part             = part; /* the image's commands are several submissions then */
+        CHECK(renderer_image(device, r, &image) == OXL_ERR_MEMORY && !v->lost);
+        CHECK_TEXT(oxl_error_text(device), "recording: no host memory");
+        v->EndCommandBuffer = vulkan_real_end;
+        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_image(device, r, &image));
+        CHECK(memcmp(rgb, image, 3 * 64 * 48 * sizeof *rgb) == 0);
+    }
+    CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
+    v->EndCommandBuffer = vulkan_play_short_end;
+    vulkan_ends_short   = 1;
+    CHECK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped) == OXL_ERR_FAILED);
+    CHECK(v->lost);
+    renderer_free(device, r);
+    vulkan_run_free(&run);
+    oxl_free(test_ctx, drgb);
+    oxl_free(test_ctx, rgb);
+    vulkan_close(v);
     device->vulkan = NULL;
 }
 
@@ -1261,6 +1414,48 @@ static void vulkan_check_lost(oxl_context *device)
     vulkan_check_loss_of_device(device, FAULT_LOST);
 }
 
+static PFN_vkAllocateDescriptorSets vulkan_real_sets;
+static int                          vulkan_sets_left;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_sets(VkDevice device, const VkDescriptorSetAllocateInfo *info,
+                                                       VkDescriptorSet *out)
+{
+    return vulkan_sets_left-- > 0 ? vulkan_real_sets(device, info, out) : VK_ERROR_OUT_OF_HOST_MEMORY;
+}
+
+/* A step over three slabs finds no memory for the second one's: no one may repeat it. For the first one's: anyone may. */
+static void vulkan_check_half_step(oxl_context *device)
+{
+    struct vulkan_run         run     = vulkan_run_begin(700, 1, 0);
+    struct vulkan            *v       = device->vulkan;
+    const oxl_camera          camera  = vulkan_camera(64, 48);
+    float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
+    oxl_render_options        options = oxl_render_options_default();
+    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_nonfinite skipped;
+    struct renderer          *r;
+    v->slab_rows     = 256;
+    vulkan_real_sets = v->AllocateDescriptorSets;
+    CHECK_OK(renderer_create(device, &r));
+    for (int sets = 0; sets < 2; sets++) {
+        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
+        CHECK(((struct vulkan_renderer *)r->device)->slabs == 3);
+        v->AllocateDescriptorSets = vulkan_play_sets;
+        vulkan_sets_left          = sets;
+        CHECK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped) ==
+              (sets ? OXL_ERR_FAILED : OXL_ERR_MEMORY));
+        CHECK((v->lost != 0) == sets);
+        v->AllocateDescriptorSets = vulkan_real_sets;
+    }
+    CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
+    renderer_free(device, r);
+    vulkan_run_free(&run);
+    oxl_free(test_ctx, drgb);
+    vulkan_close(v);
+    device->vulkan = NULL;
+}
+
 /* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
 static void vulkan_check_slots(oxl_context *device)
 {
@@ -1339,14 +1534,16 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     return rc;
 }
 
+static VkResult vulkan_shortage; /* what an allocation comes back with */
+
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, const VkMemoryAllocateInfo *info,
                                                             const VkAllocationCallbacks *a, VkDeviceMemory *out)
 {
-    return vulkan_allocations_left-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_allocate(device, info, a, out);
+    return vulkan_allocations_left-- > 0 ? vulkan_shortage : vulkan_real_allocate(device, info, a, out);
 }
 
 /* At half its sides, then whole: the target grows, where the first allocation fails. */
-static void vulkan_check_image_in_use(oxl_context *device)
+static void vulkan_check_image_in_use(oxl_context *device, VkResult shortage)
 {
     struct vulkan        *v = device->vulkan;
     static uint8_t        rgb[3 * 64 * 48];
@@ -1357,6 +1554,7 @@ static void vulkan_check_image_in_use(oxl_context *device)
     vulkan_real_allocate    = v->AllocateMemory;
     v->AllocateMemory       = vulkan_play_full_once;
     vulkan_allocations_left = 1;
+    vulkan_shortage         = shortage;
     CHECK_OK(renderer_set_image(device, r, 0, NULL, NULL, 0));
     CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
     CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
@@ -1372,7 +1570,8 @@ static void vulkan_check_full(oxl_context *device)
     struct renderer_loss loss[2];
     oxl_model            m, larger;
     int                  tries = 0;
-    vulkan_check_image_in_use(device);
+    vulkan_check_image_in_use(device, VK_ERROR_OUT_OF_DEVICE_MEMORY);
+    vulkan_check_image_in_use(device, VK_ERROR_TOO_MANY_OBJECTS); /* a driver may allow but 4096 allocations */
     vulkan_scene(300, 1, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
@@ -1391,6 +1590,13 @@ static void vulkan_check_full(oxl_context *device)
 }
 
 static size_t vulkan_budget, vulkan_usage;
+static int    vulkan_said_beyond; /* warnings of allocations beyond it */
+
+static void vulkan_hear_beyond(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    vulkan_said_beyond += level == OXL_LOG_WARNING && strstr(text, "beyond the memory that is left") != NULL;
+}
 
 static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
 {
@@ -1406,7 +1612,77 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_requirements(VkDevice device, VkBu
     *out = (VkMemoryRequirements){256, 64, 7};
 }
 
-/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, not the largest one, nor the host's. */
+static VkMemoryRequirements vulkan_needs;
+static uint32_t             vulkan_full_kinds, vulkan_kinds_tried; /* by bits */
+static int                  vulkan_kind_last, vulkan_first_tried;
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_needs(VkDevice device, VkBuffer buffer, VkMemoryRequirements *out)
+{
+    (void)device, (void)buffer;
+    *out = vulkan_needs;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_kinds(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                        const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    VkMemoryAllocateInfo given = *info;
+    vulkan_kind_last           = (int)info->memoryTypeIndex;
+    if (!vulkan_kinds_tried) vulkan_first_tried = vulkan_kind_last;
+    vulkan_kinds_tried |= 1u << info->memoryTypeIndex;
+    if (vulkan_full_kinds >> info->memoryTypeIndex & 1) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    given.allocationSize = 1 << 16, given.memoryTypeIndex = 0;
+    return vulkan_real_allocate(device, &given, a, out);
+}
+
+/* Which kind a buffer of so many bytes gets on a device where some are full; -1: it finds no memory. */
+static int vulkan_kind_of(struct vulkan *v, VkDeviceSize size, uint32_t full, int for_host)
+{
+    struct vulkan_buffer b = {0};
+    v->rc                  = OXL_OK;
+    vulkan_needs           = (VkMemoryRequirements){size, 64, 31};
+    vulkan_full_kinds      = full;
+    vulkan_kinds_tried     = 0;
+    vulkan_kind_last       = -1;
+    vulkan_create(v, &b, 256, for_host);
+    CHECK((v->rc == OXL_OK) == (b.handle != VK_NULL_HANDLE) && (v->rc == OXL_OK || v->rc == OXL_ERR_MEMORY));
+    if (v->rc != OXL_OK) vulkan_kind_last = -1;
+    vulkan_release(v, &b);
+    return vulkan_kind_last;
+}
+
+/* RADV's layout on small APUs: a heap of 16 MiB comes first, and its budget has underflowed. What does not fit is not asked for; what
+ * finds no memory is asked of the next kind; the last is AMD's coherent memory, which wants a feature. */
+static void vulkan_check_small_heap(struct vulkan *device)
+{
+    const VkMemoryPropertyFlags host = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const VkMemoryPropertyFlags own  = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
+    struct vulkan               v    = *device;
+    const VkDeviceSize          gib = 1u << 30, small = 16u << 20, large = 8 * gib - 20 * (gib >> 10);
+    v.memory = (VkPhysicalDeviceMemoryProperties){
+        .memoryTypeCount = 5,
+        .memoryTypes = {{own, 0}, {own, 1}, {host, 2}, {host | VK_MEMORY_PROPERTY_HOST_CACHED_BIT, 2}, {own | host | 0x40, 1}},
+        .memoryHeapCount = 3,
+        .memoryHeaps     = {{small, 1}, {large, 1}, {4 * gib, 0}}};
+    v.budgets                     = 0;
+    v.make_room                   = NULL;
+    vulkan_real_allocate          = v.AllocateMemory;
+    v.AllocateMemory              = vulkan_play_kinds;
+    v.GetBufferMemoryRequirements = vulkan_play_needs;
+    CHECK(vulkan_kind_of(&v, 1 << 20, 0, 0) == 0 && v.kind == 1);
+    CHECK(vulkan_kind_of(&v, small + 1, 0, 0) == 1 && !(vulkan_kinds_tried & 1));
+    CHECK(vulkan_kind_of(&v, 1 << 20, 1, 0) == 1 && vulkan_first_tried == 0);
+    CHECK(vulkan_kind_of(&v, 1 << 20, 3, 0) == 2 && v.kind == 1);
+    CHECK(vulkan_kind_of(&v, large, 2, 0) == -1 && vulkan_kinds_tried == 2);
+    CHECK(vulkan_kind_of(&v, 1 << 20, 31, 0) == -1 && vulkan_kinds_tried == 15);
+    CHECK(vulkan_kind_of(&v, 1 << 20, 0, 1) == 3 && vulkan_kind_of(&v, 1 << 20, 8, 1) == 2);
+    CHECK(vulkan_kind_of(&v, large, 0, 1) == -1 && vulkan_kinds_tried == 0);
+    v.budgets                               = 1;
+    v.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
+    vulkan_budget = SIZE_MAX / 2 - 100, vulkan_usage = 64; /* of heap 1: 2^64 - 202 */
+    CHECK(vulkan_memory_left(&v, 1) == large - 128);
+}
+
+/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the largest of the device's own. */
 static void vulkan_check_heap(const struct vulkan *v)
 {
     const VkMemoryPropertyFlags host  = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
@@ -1416,10 +1692,10 @@ static void vulkan_check_heap(const struct vulkan *v)
     other.memory                      = (VkPhysicalDeviceMemoryProperties){.memoryTypeCount = 3,
                                                                            .memoryTypes     = {{host, 2}, {own, 1}, {own | host, 0}},
                                                                            .memoryHeapCount = 3,
-                                                                           .memoryHeaps     = {{7000, 1}, {5000, 1}, {9000, 0}}};
+                                                                           .memoryHeaps     = {{4000, 1}, {5000, 1}, {9000, 0}}};
     other.budgets                     = 0;
     CHECK(vulkan_memory_left(&other, 0) == 9000 && vulkan_memory_left(&other, 1) == 5000 &&
-          vulkan_memory_left(&other, 2) == 7000);
+          vulkan_memory_left(&other, 2) == 4000);
     other.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     other.budgets                               = 1;
     vulkan_budget = 100, vulkan_usage = 30; /* of heap 0; twice, three times that of those behind it */
@@ -1445,6 +1721,7 @@ static void vulkan_check_budget(oxl_context *device)
     vulkan_scene(30, 0, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     vulkan_check_heap(v);
+    vulkan_check_small_heap(v);
     v->budgets                               = 1;
     v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = 100, vulkan_usage = 30;
@@ -1461,8 +1738,11 @@ static void vulkan_check_budget(oxl_context *device)
     CHECK(renderer_has_image(t.r[1], 3));
     v->image_bytes_max = most;
     vulkan_budget      = 64; /* allocations succeed, but would move other memory off the device */
+    v->said_beyond = vulkan_said_beyond = 0;
+    device->options.log                 = vulkan_hear_beyond;
     CHECK_OK(vulkan_take_and_draw(&t, 1, &larger, 3, &loss));
-    CHECK(!renderer_has_image(t.r[1], 3));
+    CHECK(!renderer_has_image(t.r[1], 3) && vulkan_said_beyond == 1);
+    device->options.log = vulkan_test_log;
     oxl_model_free(test_ctx, &m);
     oxl_model_free(test_ctx, &larger);
     vulkan_twins_free(&t);
@@ -1489,6 +1769,59 @@ static void vulkan_check_score_falls_back(oxl_context *device)
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, drgb);
     vulkan_twins_free(&t);
+}
+
+static VkDeviceSize vulkan_largest; /* bytes of an allocation; larger ones find no memory */
+static int          vulkan_refusals;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                          const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    if (info->allocationSize <= vulkan_largest) return vulkan_real_allocate(device, info, a, out);
+    vulkan_refusals++;
+    return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
+
+/* There is memory for the pairs that there are, not for the room that deferred steps would like: they get along with it, one after the other,
+ * and do what they do. */
+static void vulkan_check_tight(oxl_context *device)
+{
+    static struct vulkan_deferral d[2];
+    struct vulkan                *v = device->vulkan;
+    struct vulkan_renderer       *r;
+    struct vulkan_buffer          b = {0};
+    struct renderer_loss          none;
+    struct renderer_report        report;
+    vulkan_real_allocate = v->AllocateMemory;
+    for (int k = 0; k < 2; k++) {
+        vulkan_deferral_begin(device, &d[k]);
+        vulkan_step_of(device, &d[k], 1, &none);
+        r                 = d[k].r->device;
+        vulkan_largest    = k ? 16 * r->pairs + 4096 : SIZE_MAX;
+        vulkan_refusals   = 0;
+        v->AllocateMemory = vulkan_play_largest;
+        CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
+        vulkan_step_of(device, &d[k], 2, &none);
+        CHECK((vulkan_refusals > 0) == k && r->tight == k && r->room > 0);
+        if (k) CHECK(r->room * 16 <= vulkan_largest && r->sums_a.size <= vulkan_largest);
+        vulkan_refusals = 0;
+        vulkan_step_of(device, &d[k], 3, &none);
+        CHECK(vulkan_refusals == 0);
+        CHECK_OK(renderer_report(device, d[k].r, 1, &report));
+        CHECK(report.exists && report.halt == HALT_NONE);
+        CHECK_OK(renderer_report(device, d[k].r, 1, &report));
+        CHECK(report.exists && (k || report.halt == HALT_NONE));
+        renderer_defer(d[k].r, 0);
+        if (report.halt == HALT_PAIRS) vulkan_step_of(device, &d[k], 3, &none); /* a pair more, and it is repeated */
+        CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
+    }
+    vulkan_check_same_run(&d[0], &d[1]);
+    vulkan_largest = 1 << 16;
+    vulkan_reserve(v, &b, 1 << 14, 4, "numbers"); /* without the quarter more */
+    CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals > 0);
+    vulkan_release(v, &b);
+    v->AllocateMemory = vulkan_real_allocate;
+    for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
 }
 
 /* --backend auto: the CPU continues, with the image that the device had. */
@@ -1738,6 +2071,38 @@ static void vulkan_check_validation(oxl_context *device)
     vulkan_release(v, &number);
 }
 
+/* More parts than a frame has command buffers. A frame is waited for as long as its submissions together may take. */
+static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
+{
+    const oxl_camera   camera  = vulkan_camera(200, 150);
+    oxl_render_options options = oxl_render_options_default();
+    float             *rgb     = oxl_alloc(test_ctx, 3 * 200 * 150, sizeof *rgb);
+    struct vulkan     *v       = device->vulkan;
+    struct renderer   *r;
+    const float       *image;
+    vulkan_real_wait = v->WaitForFences;
+    CHECK_OK(renderer_create(device, &r));
+    for (int k = 0; k < 2; k++) {
+        const uint64_t patience = v->patience;
+        size_t         before   = v->submissions, parts;
+        CHECK_OK(renderer_forward(device, r, m, &camera, &options));
+        parts            = ((struct vulkan_renderer *)r->device)->pairs / 10;
+        v->patience      = k ? 1000000000 : patience;
+        v->WaitForFences = vulkan_note_wait;
+        vulkan_waited    = 0;
+        if (k) CHECK(parts > VULKAN_COMMANDS && v->submissions - before > parts);
+        CHECK_OK(renderer_image(device, r, &image));
+        if (k) CHECK(vulkan_waited > v->patience && vulkan_waited <= VULKAN_COMMANDS * v->patience);
+        v->WaitForFences = vulkan_real_wait;
+        v->patience      = patience;
+        if (k == 0) memcpy(rgb, image, 3 * 200 * 150 * sizeof *rgb);
+        v->part = 10;
+    }
+    CHECK(memcmp(rgb, image, 3 * 200 * 150 * sizeof *rgb) == 0);
+    renderer_free(device, r);
+    oxl_free(test_ctx, rgb);
+}
+
 /* Drawn whole and in parts, each a submission. */
 static void vulkan_check_parts(oxl_context *device)
 {
@@ -1747,6 +2112,7 @@ static void vulkan_check_parts(oxl_context *device)
     oxl_render_options options = oxl_render_options_default();
     oxl_model          m, gradient[2];
     vulkan_scene(900, 1, 200, &m);
+    vulkan_check_many_parts(device, &m);
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         const float     *image;
@@ -1775,13 +2141,13 @@ static void vulkan_check_parts(oxl_context *device)
 }
 
 static PFN_vkCmdPushConstants vulkan_real_push;
-static uint32_t               vulkan_drawn[VULKAN_PARTS][2];
+static uint32_t               vulkan_drawn[64][2];
 static int                    vulkan_drawn_parts;
 
 static VKAPI_ATTR void VKAPI_CALL vulkan_note_part(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
                                                    uint32_t offset, uint32_t size, const void *push)
 {
-    if (vulkan_drawn_parts < VULKAN_PARTS) memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
+    if (vulkan_drawn_parts < (int)OXL_COUNT(vulkan_drawn)) memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
     vulkan_real_push(commands, layout, stages, offset, size, push);
 }
 
@@ -2232,7 +2598,7 @@ static void vulkan_check_lost_run(oxl_context *device)
     CHECK(vulkan_saved_run(device, NULL, &none, &saved[1]) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again, it continues from the last checkpoint");
-    CHECK(vulkan_submits_left == -2 && none.count == 0);
+    CHECK(vulkan_submits_left == -3 && none.count == 0); /* once more after images have left */
     CHECK(saved[0] == saved[1]);
     CHECK(v->lost && v->complaints == 0);
     vulkan_close(v);
@@ -2241,6 +2607,30 @@ static void vulkan_check_lost_run(oxl_context *device)
     CHECK_OK(vulkan_saved_run(device, NULL, &model[1], NULL));
     vulkan_check_same_model(&model[0], &model[1]);
     for (int k = 0; k < 2; k++) oxl_model_free(device, &model[k]);
+}
+
+/* A device is lost in a trial: the error says so. */
+static void vulkan_check_lost_trial(oxl_context *device)
+{
+    oxl_train_options options = train_options(60);
+    struct vulkan    *v       = device->vulkan;
+    oxl_model         model;
+    struct train      t = {
+             .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .model = &model, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.scene;
+    CHECK_OK(train_begin(&t));
+    vulkan_two_steps(&t);
+    t.trial_is_next     = TRAIN_TRIES_SH_DEGREE;
+    vulkan_real_submit  = v->QueueSubmit;
+    v->QueueSubmit      = vulkan_play_late_loss;
+    vulkan_submits_left = 8;
+    CHECK(selection_trial(&t) == OXL_ERR_FAILED && vulkan_submits_left < 0);
+    CHECK_TEXT(oxl_error_text(device), "the device is lost");
+    train_end(&t);
+    oxl_model_free(device, &model);
+    oxl_scene_free(device, scene);
+    vulkan_close(v);
+    device->vulkan = NULL;
 }
 
 /* A job in its own folder, on a device that allocates so often: what run.json says of it. */
@@ -2528,6 +2918,11 @@ static void vulkan_check_transients(oxl_context *device)
 
 #endif
 
+TEST(vulkan_shaders_have_infinity_from_the_host)
+{
+    ON_DEVICE(vulkan_check_infinity);
+}
+
 TEST(vulkan_sorts_stably_whatever_the_number_of_keys)
 {
     ON_DEVICE(vulkan_check_sorts);
@@ -2593,6 +2988,11 @@ TEST(vulkan_gives_up_a_device_that_is_lost)
     ON_DEVICE(vulkan_check_lost);
 }
 
+TEST(vulkan_gives_up_a_device_that_did_half_a_step)
+{
+    ON_DEVICE(vulkan_check_half_step);
+}
+
 TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work)
 {
     ON_DEVICE(vulkan_check_unfinished);
@@ -2601,6 +3001,26 @@ TEST(vulkan_takes_no_results_of_a_wait_that_ended_without_the_work)
 TEST(vulkan_repeats_a_submission_that_finds_no_memory)
 {
     ON_DEVICE(vulkan_check_short_submit);
+}
+
+TEST(vulkan_drops_images_for_a_submission_that_does_not_name_them)
+{
+    ON_DEVICE(vulkan_check_submit_drops);
+}
+
+TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
+{
+    ON_DEVICE(vulkan_check_short_end);
+}
+
+TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed)
+{
+    ON_DEVICE(vulkan_check_short_begin);
+}
+
+TEST(vulkan_times_passes_while_a_clock_begins_again)
+{
+    ON_DEVICE(vulkan_check_clock);
 }
 
 TEST(vulkan_keeps_uploads_when_an_error_follows)
@@ -2628,6 +3048,11 @@ TEST(vulkan_keeps_images_within_what_memory_is_left)
     ON_DEVICE(vulkan_check_budget);
 }
 
+TEST(vulkan_deferred_steps_get_along_with_room_for_the_pairs_that_there_are)
+{
+    ON_DEVICE(vulkan_check_tight);
+}
+
 TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
 {
     ON_DEVICE(vulkan_check_fallback);
@@ -2641,6 +3066,11 @@ TEST(vulkan_images_and_gradients_fall_back_to_the_cpu)
 TEST(vulkan_run_of_a_lost_device_continues_from_an_intact_checkpoint)
 {
     ON_DEVICE(vulkan_check_lost_run);
+}
+
+TEST(vulkan_trial_of_a_lost_device_says_that_it_is_lost)
+{
+    ON_DEVICE(vulkan_check_lost_trial);
 }
 
 TEST(vulkan_run_json_says_what_rendered)

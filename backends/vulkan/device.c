@@ -295,6 +295,12 @@ static void vulkan_device_extensions(struct vulkan *v, struct vulkan_extensions 
         v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR && vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
 }
 
+/* Fewer bits than 64 begin again at 0 from time to time. */
+static uint64_t vulkan_stamp_mask(uint32_t bits)
+{
+    return bits < 64 ? ((uint64_t)1 << bits) - 1 : UINT64_MAX;
+}
+
 static oxl_result vulkan_create_device(struct vulkan *v)
 {
     VkQueueFamilyProperties family[64];
@@ -311,6 +317,7 @@ static oxl_result vulkan_create_device(struct vulkan *v)
     while (v->family < count && !(family[v->family].queueFlags & VK_QUEUE_COMPUTE_BIT)) v->family++;
     if (v->family == count)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu", v->properties.deviceName);
+    v->stamp_mask          = vulkan_stamp_mask(family[v->family].timestampValidBits);
     queue.queueFamilyIndex = v->family;
     vulkan_device_extensions(v, &extensions);
     info.enabledExtensionCount = extensions.enabled;

@@ -5,28 +5,58 @@
  */
 #include "state.h"
 
-/* Free bytes of the heap that memory of this kind lies in: as the driver says, or all that it has. */
+/* Free bytes of the heap that memory of this kind lies in: as the driver says, or all that it has. A budget is at most the heap: an RADV
+ * once gave 2^64 less a little. */
 OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
     VkPhysicalDeviceMemoryProperties2 all  = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2, .pNext = &budget};
     const uint32_t                    heap = v->memory.memoryTypes[kind].heapIndex;
-    if (!v->budgets) return (size_t)v->memory.memoryHeaps[heap].size;
+    const VkDeviceSize                size = v->memory.memoryHeaps[heap].size;
+    if (!v->budgets) return (size_t)size;
     v->GetPhysicalDeviceMemoryProperties2KHR(v->physical, &all);
+    budget.heapBudget[heap] = OXL_MIN(budget.heapBudget[heap], size);
     if (budget.heapBudget[heap] <= budget.heapUsage[heap]) return 0;
     return (size_t)(budget.heapBudget[heap] - budget.heapUsage[heap]);
 }
 
-/* A kind of memory with all of the properties, those that are also `preferred` first; -1: none. */
-static int vulkan_memory_kind(const struct vulkan *v, uint32_t allowed, VkMemoryPropertyFlags needed,
-                              VkMemoryPropertyFlags preferred)
+struct vulkan_kinds {
+    uint32_t kind[VK_MAX_MEMORY_TYPES], count;
+};
+
+/* The kinds of memory with all that is needed, those that are also `preferred` first. None with a property that is not named here: others,
+ * as AMD's coherent memory, want a feature. */
+static struct vulkan_kinds vulkan_memory_kinds(const struct vulkan *v, uint32_t allowed, VkMemoryPropertyFlags needed,
+                                               VkMemoryPropertyFlags preferred)
 {
+    const VkMemoryPropertyFlags known = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT | VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT |
+                                        VK_MEMORY_PROPERTY_HOST_COHERENT_BIT | VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
+    struct vulkan_kinds out = {.count = 0};
     for (int strict = 1; strict >= 0; strict--)
         for (uint32_t i = 0; i < v->memory.memoryTypeCount; i++) {
-            const VkMemoryPropertyFlags has = v->memory.memoryTypes[i].propertyFlags, want = strict ? needed | preferred : needed;
-            if ((allowed >> i & 1) && (has & want) == want) return (int)i;
+            const VkMemoryPropertyFlags has = v->memory.memoryTypes[i].propertyFlags;
+            if (!(allowed >> i & 1) || (has & needed) != needed || (has & ~known)) continue;
+            if (((has & preferred) == preferred) == strict) out.kind[out.count++] = i;
         }
-    return -1;
+    return out;
+}
+
+static VkDeviceSize vulkan_heap_size(const struct vulkan *v, uint32_t kind)
+{
+    return v->memory.memoryHeaps[v->memory.memoryTypes[kind].heapIndex].size;
+}
+
+/* The one of the largest heap, as near to the device as the first is. */
+static uint32_t vulkan_main_kind(const struct vulkan *v, const struct vulkan_kinds *from)
+{
+    uint32_t best = from->kind[0];
+    for (uint32_t i = 1; i < from->count; i++) {
+        const VkMemoryPropertyFlags other =
+            v->memory.memoryTypes[from->kind[i]].propertyFlags ^ v->memory.memoryTypes[best].propertyFlags;
+        if (other & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) continue;
+        if (vulkan_heap_size(v, from->kind[i]) > vulkan_heap_size(v, best)) best = from->kind[i];
+    }
+    return best;
 }
 
 OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
@@ -36,37 +66,56 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
     *b = (struct vulkan_buffer){0};
 }
 
+/* Once: drivers move what is too much to the host's memory, back and forth. */
+static void vulkan_say_beyond(struct vulkan *v, VkDeviceSize size)
+{
+    if (!v->said_beyond)
+        oxl_log(v->ctx, OXL_LOG_WARNING, "%s: %zu MiB more are beyond the memory that is left: slow, if other memory is used",
+                v->properties.deviceName, (size_t)(size >> 20));
+    v->said_beyond = 1;
+}
+
 /* Where there is none left, images that are kept on the device make room; also before a driver would move other memory off the device. */
 static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *info, VkDeviceMemory *out)
 {
-    const int own = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
+    const int own   = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
+    const int tells = own && v->budgets;
     VkResult  result;
-    if (own && v->budgets && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v);
+    if (tells && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v, 0);
+    if (tells && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) vulkan_say_beyond(v, info->allocationSize);
     result = v->AllocateMemory(v->device, info, NULL, out);
-    if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && v->make_room && v->make_room(v) > 0)
-        result = v->AllocateMemory(v->device, info, NULL, out);
+    if (vulkan_is_short(result) && v->make_room && v->make_room(v, 0) > 0) result = v->AllocateMemory(v->device, info, NULL, out);
+    return result;
+}
+
+/* Of the first kind that has room for it. A heap may be small (16 MiB of what the host sees, before gigabytes), and more than a heap must not be asked of it. */
+static VkResult vulkan_allocate_some(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, VkDeviceMemory *out)
+{
+    VkMemoryAllocateInfo info   = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .allocationSize = size};
+    VkResult             result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    for (uint32_t i = 0; i < from->count && result == VK_ERROR_OUT_OF_DEVICE_MEMORY; i++) {
+        info.memoryTypeIndex = from->kind[i];
+        if (vulkan_heap_size(v, from->kind[i]) >= size) result = vulkan_allocate(v, &info, out);
+    }
     return result;
 }
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host)
 {
-    const VkBufferCreateInfo    info   = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
-                                          .size  = size,
-                                          .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
-                                                   VK_BUFFER_USAGE_TRANSFER_DST_BIT};
-    const VkMemoryPropertyFlags host   = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-    VkMemoryAllocateInfo        memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO};
+    const VkBufferCreateInfo    info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                        .size  = size,
+                                        .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                                                 VK_BUFFER_USAGE_TRANSFER_DST_BIT};
+    const VkMemoryPropertyFlags host = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
     VkMemoryRequirements        needs;
-    int                         kind;
+    struct vulkan_kinds         kinds;
     if (!vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer")) return;
     v->GetBufferMemoryRequirements(v->device, b->handle, &needs);
-    kind                   = vulkan_memory_kind(v, needs.memoryTypeBits, for_host ? host : 0,
-                              for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    memory.allocationSize  = needs.size;
-    memory.memoryTypeIndex = (uint32_t)OXL_MAX(kind, 0);
-    if (!for_host) v->kind = memory.memoryTypeIndex;
-    if (kind < 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
-    else if (vulkan_ok(v, vulkan_allocate(v, &memory, &b->memory), "memory for a buffer"))
+    kinds = vulkan_memory_kinds(v, needs.memoryTypeBits, for_host ? host : 0,
+                                for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    if (!for_host && kinds.count > 0) v->kind = vulkan_main_kind(v, &kinds);
+    if (kinds.count == 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
+    else if (vulkan_ok(v, vulkan_allocate_some(v, needs.size, &kinds, &b->memory), "memory for a buffer"))
         vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");
     if (v->rc == OXL_OK) b->size = size;
     else vulkan_release(v, b);
@@ -90,9 +139,13 @@ OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer 
     vulkan_create(v, b, OXL_MAX(least, (size_t)256), 0);
 }
 
-/* With a quarter more where it is allocated, for what grows. */
+/* With a quarter more where it is allocated, for what grows, if there is room for that. */
 OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
 {
     const size_t more = OXL_MIN(count + count / 4, v->range / element);
-    if (b->size < OXL_MAX(count, (size_t)1) * element) vulkan_reserve_exactly(v, b, OXL_MAX(count, more), element, what);
+    if (v->rc != OXL_OK || b->size >= OXL_MAX(count, (size_t)1) * element) return;
+    vulkan_reserve_exactly(v, b, OXL_MAX(count, more), element, what);
+    if (v->rc != OXL_ERR_MEMORY || more <= count) return;
+    v->rc = OXL_OK;
+    vulkan_reserve_exactly(v, b, count, element, what);
 }

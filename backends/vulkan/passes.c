@@ -58,6 +58,7 @@ OXL_INTERNAL const char *vulkan_word(VkResult result)
     case VK_TIMEOUT: return "it did not answer in time";
     case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
     case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory is left";
+    case VK_ERROR_TOO_MANY_OBJECTS: return "the driver allows no more allocations";
     case VK_ERROR_DEVICE_LOST: return "the device is lost";
     case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
     case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
@@ -65,9 +66,10 @@ OXL_INTERNAL const char *vulkan_word(VkResult result)
     }
 }
 
-static int vulkan_is_short(VkResult result)
+OXL_INTERNAL int vulkan_is_short(VkResult result)
 {
-    return result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY ||
+           result == VK_ERROR_TOO_MANY_OBJECTS;
 }
 
 /* Keeps the first failure. 1: all is well. */
@@ -100,6 +102,7 @@ OXL_INTERNAL int vulkan_record(struct vulkan *v)
     v->commands = f->command[f->command_at];
     if (!vulkan_ok(v, v->BeginCommandBuffer(v->commands, &begin), "recording")) return 0;
     v->recording = 1;
+    v->relied_on = 0;
     if (v->clock && f->command_at == 0)
         v->CmdResetQueryPool(v->commands, v->clock, (uint32_t)v->at * 2 * VULKAN_SETS, 2 * VULKAN_SETS);
     return 1;
@@ -111,7 +114,7 @@ OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
     const VkQueryPoolCreateInfo info = {.sType      = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
                                         .queryType  = VK_QUERY_TYPE_TIMESTAMP,
                                         .queryCount = VULKAN_FRAMES * 2 * VULKAN_SETS};
-    if (!v->properties.limits.timestampComputeAndGraphics)
+    if (!v->properties.limits.timestampComputeAndGraphics || v->stamp_mask == 0)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s has no clock", v->properties.deviceName);
     if (!v->clock) vulkan_ok(v, v->CreateQueryPool(v->device, &info, NULL, &v->clock), "a clock");
     return v->rc;
@@ -137,7 +140,8 @@ static void vulkan_read_clock(struct vulkan *v, const struct vulkan_frame *f)
                                VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT) != VK_SUCCESS)
         return;
     for (int i = 0; i < f->sets; i++) {
-        v->pass_seconds[f->pass_at[i]] += 1e-9 * v->properties.limits.timestampPeriod * (double)(stamp[2 * i + 1] - stamp[2 * i]);
+        v->pass_seconds[f->pass_at[i]] +=
+            1e-9 * v->properties.limits.timestampPeriod * (double)((stamp[2 * i + 1] - stamp[2 * i]) & v->stamp_mask);
         v->pass_runs[f->pass_at[i]]++;
     }
 }
@@ -167,7 +171,7 @@ static void vulkan_say_lost(struct vulkan *v)
 /* The device is abandoned, its objects stay allocated. After a timeout a submission continues, or hangs: its fence, buffers and pools must
  * not be touched, and another wait may not end. A lost device frees nothing either. And where something could not be submitted,
  * what is on the device is not what the host takes it for. Returns 0. */
-static int vulkan_give_up(struct vulkan *v, VkResult result)
+OXL_INTERNAL int vulkan_give_up(struct vulkan *v, VkResult result)
 {
     v->lost = result;
     vulkan_say_lost(v);
@@ -185,11 +189,20 @@ static void vulkan_clear_frame(struct vulkan *v, struct vulkan_frame *f)
     f->staged                              = 0;
 }
 
+/* The number of the frame that is recorded. It is v->mark from vulkan_mark to vulkan_clear_frame. */
+OXL_INTERNAL uint32_t vulkan_frame_number(const struct vulkan *v)
+{
+    return v->mark + !v->marked;
+}
+
 /* The last command of a frame writes the frame's number where the host sees it: a wait for a lost device may succeed without the work. */
 static void vulkan_mark(struct vulkan *v, struct vulkan_frame *f)
 {
-    f->mark = ++v->mark;
+    const int relied_on = v->relied_on;
+    f->mark             = ++v->mark;
+    v->marked           = 1;
     vulkan_fill(v, &v->staging, VULKAN_MARKS + (size_t)(f - v->frame) * sizeof f->mark, sizeof f->mark, f->mark);
+    v->relied_on = relied_on;
 }
 
 static int vulkan_is_done(const struct vulkan *v, const struct vulkan_frame *f)
@@ -199,13 +212,15 @@ static int vulkan_is_done(const struct vulkan *v, const struct vulkan_frame *f)
     return mark == f->mark;
 }
 
-/* Until the device is done with a frame. A wait that finds no memory is repeated. */
+/* Until the device is done with a frame, each of its submissions within the patience. A wait that finds no memory is repeated. */
 static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 {
-    VkResult result = VK_ERROR_OUT_OF_HOST_MEMORY;
+    const uint64_t submissions = (uint64_t)f->command_at + 1;
+    const uint64_t most        = v->patience > UINT64_MAX / submissions ? UINT64_MAX : v->patience * submissions;
+    VkResult       result      = VK_ERROR_OUT_OF_HOST_MEMORY;
     if (!f->under_way || v->lost) return;
     for (int tries = 0; tries < 3 && vulkan_is_short(result); tries++)
-        result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, v->patience);
+        result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, most);
     if (result == VK_SUCCESS && !vulkan_is_done(v, f)) result = VK_ERROR_DEVICE_LOST;
     if (result != VK_SUCCESS) {
         vulkan_give_up(v, result);
@@ -215,7 +230,18 @@ static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
     vulkan_clear_frame(v, f);
 }
 
-/* A submission that finds no memory has changed nothing: it is repeated when the other frames have ended, which hold some. */
+/* A command buffer that could not be ended is lost. Where the host relies on nothing in it, that is a lack of memory like others; the next one is
+ * used, since only the whole pool is reset. */
+static int vulkan_fail_end(struct vulkan *v, VkResult result)
+{
+    const int last = vulkan_frame(v)->command_at + 1 == VULKAN_COMMANDS;
+    if (!vulkan_is_short(result) || v->relied_on || v->clock || last) return vulkan_give_up(v, result);
+    vulkan_frame(v)->command_at++;
+    return vulkan_ok(v, result, "recording");
+}
+
+/* A submission that finds no memory has changed nothing: it is repeated when the other frames have ended, which hold some, and when images
+ * that it does not name have left the device. */
 static int vulkan_submit(struct vulkan *v, VkFence fence)
 {
     const VkSubmitInfo submit = {
@@ -225,18 +251,14 @@ static int vulkan_submit(struct vulkan *v, VkFence fence)
     v->submissions++;
     v->recording = 0;
     result       = v->EndCommandBuffer(v->commands);
-    if (result != VK_SUCCESS) return vulkan_give_up(v, result);
+    if (result != VK_SUCCESS) return vulkan_fail_end(v, result);
     result = v->QueueSubmit(v->queue, 1, &submit, fence);
     for (int k = 1; k < VULKAN_FRAMES && vulkan_is_short(result); k++) vulkan_wait(v, &v->frame[(v->at + k) % VULKAN_FRAMES]);
     if (vulkan_is_short(result) && !v->lost) result = v->QueueSubmit(v->queue, 1, &submit, fence);
+    if (vulkan_is_short(result) && !v->lost && v->make_room && v->make_room(v, vulkan_frame_number(v)) > 0)
+        result = v->QueueSubmit(v->queue, 1, &submit, fence);
+    if (v->lost) return 0;
     return result == VK_SUCCESS || vulkan_give_up(v, result);
-}
-
-OXL_INTERNAL void vulkan_flush(struct vulkan *v)
-{
-    struct vulkan_frame *f = vulkan_frame(v);
-    if (v->rc != OXL_OK || !v->recording || f->command_at + 1 == VULKAN_COMMANDS) return;
-    if (vulkan_submit(v, VK_NULL_HANDLE)) f->command_at++;
 }
 
 /* A fence behind the frame's last submission stands for those before it. */
@@ -246,6 +268,8 @@ static void vulkan_submit_frame(struct vulkan *v)
     if (f->command_at > 0 && !vulkan_record(v)) vulkan_give_up(v, VK_ERROR_OUT_OF_HOST_MEMORY);
     if (v->recording && !v->lost) vulkan_mark(v, f);
     if (v->recording && !v->lost) f->under_way = vulkan_submit(v, f->fence);
+    if (v->marked && !f->under_way) v->mark--;
+    v->marked = 0;
 }
 
 /* What was recorded before a failure is complete, and counts as done: it is submitted all the same. */
@@ -261,18 +285,27 @@ OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
         vulkan_wait(v, f);
     }
     vulkan_frame(v)->staged = 0;
-    if (!v->lost) v->rc = before;
+    if (!v->lost && before != OXL_OK) v->rc = before;
     return v->rc;
 }
 
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v)
 {
+    if (v->rc == OXL_OK) vulkan_submit_frame(v);
     if (v->rc != OXL_OK) return v->rc;
-    vulkan_submit_frame(v);
     v->at = (v->at + 1) % VULKAN_FRAMES;
     v->frame_waits += (size_t)vulkan_frame(v)->under_way;
     vulkan_wait(v, vulkan_frame(v));
     return v->rc;
+}
+
+/* Where the frame has no command buffer left, its last one takes the fence, and the other frame continues. */
+OXL_INTERNAL void vulkan_flush(struct vulkan *v)
+{
+    struct vulkan_frame *f = vulkan_frame(v);
+    if (v->rc != OXL_OK || !v->recording) return;
+    if (f->command_at + 1 == VULKAN_COMMANDS) vulkan_next_frame(v);
+    else if (vulkan_submit(v, VK_NULL_HANDLE)) f->command_at++;
 }
 
 OXL_INTERNAL void vulkan_enter(struct vulkan *v)
@@ -314,6 +347,7 @@ OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to
         memcpy(v->mapped + at, (const char *)from + done, piece);
         copy = (VkBufferCopy){at, offset + done, piece};
         v->CmdCopyBuffer(v->commands, v->staging.handle, to->handle, 1, &copy);
+        v->relied_on = 1;
         vulkan_barrier(v);
     }
 }
@@ -324,6 +358,7 @@ OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from
     const VkBufferCopy copy = {0, offset, size};
     if (!vulkan_ready(v)) return;
     v->CmdCopyBuffer(v->commands, from->handle, to->handle, 1, &copy);
+    v->relied_on = 1;
     vulkan_barrier(v);
 }
 
@@ -370,6 +405,7 @@ OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, 
 {
     if (!vulkan_ready(v)) return;
     v->CmdFillBuffer(v->commands, to->handle, offset, size, value);
+    v->relied_on = 1;
     vulkan_barrier(v);
 }
 
@@ -480,6 +516,7 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
     v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push, push);
     vulkan_stamp(v, pass, 0);
     v->dispatches++;
+    v->relied_on |= pass == PASS_STEP || pass == PASS_OBSERVE || pass == PASS_MOVE || pass == PASS_UNPACK;
     v->CmdDispatch(v->commands, (uint32_t)across, (uint32_t)down, 1);
     vulkan_stamp(v, pass, 1);
     vulkan_barrier(v);

@@ -67,7 +67,8 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, con
                                     .width       = (uint32_t)c->width,
                                     .height      = (uint32_t)c->height,
                                     .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,
-                                    .tiles_y     = (uint32_t)(c->height + TILE - 1) / TILE};
+                                    .tiles_y     = (uint32_t)(c->height + TILE - 1) / TILE,
+                                    .infinity    = VULKAN_INFINITY};
     r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
     vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
@@ -130,17 +131,6 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
     struct vulkan *v    = r->v;
     uint32_t       bits = 1;
     while (r->tiles >> bits) bits++;
-    if (r->deferred && r->room == 0) {
-        r->pairs = OXL_MAX(r->pairs, r->most_pairs);
-        r->room  = OXL_MIN(r->pairs + r->pairs / VULKAN_ROOM + VULKAN_BLOCK, (size_t)UINT32_MAX - 1);
-        r->pairs = r->room;
-    }
-    for (int k = 0; k < 2; k++) {
-        vulkan_reserve(v, &r->pair_key[k], r->pairs, 4, "(tile, splat) pairs");
-        vulkan_reserve(v, &r->pair_value[k], r->pairs, 4, "(tile, splat) pairs");
-    }
-    vulkan_reserve(v, &r->staged, r->pairs, 8, "(tile, splat) pairs");
-    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
     vulkan_footprint(r, 1);
     r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
     VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->tiles),
@@ -153,8 +143,8 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
 static void vulkan_in_parts(struct vulkan_renderer *r,
                             void (*draw)(struct vulkan_renderer *r, const uint32_t part[2], uint32_t argument), uint32_t argument)
 {
-    const size_t most = r->v->part, wanted = most ? OXL_MIN((r->pairs + most - 1) / most, (size_t)VULKAN_PARTS) : 1;
-    const size_t parts = OXL_MAX(wanted, (size_t)1), each = r->pairs / parts + 1;
+    const size_t most = r->v->part, parts = most ? OXL_MAX((r->pairs + most - 1) / most, (size_t)1) : 1;
+    const size_t each = r->pairs / parts + 1;
     if (parts > 1) vulkan_flush(r->v);
     for (size_t k = 0; k < parts; k++) {
         const uint32_t part[2] = {(uint32_t)(k * each), k + 1 < parts ? (uint32_t)((k + 1) * each) : UINT32_MAX};
@@ -181,15 +171,20 @@ static void vulkan_draw(struct vulkan_renderer *r, int depths)
     vulkan_in_parts(r, vulkan_draw_part, (uint32_t)depths);
 }
 
+static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer *b, size_t element)
+{
+    if (r->tight) vulkan_reserve_exactly(r->v, b, r->pairs, element, "(tile, splat) pairs");
+    else vulkan_reserve(r->v, b, r->pairs, element, "(tile, splat) pairs");
+}
+
 static void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
 {
-    struct vulkan *v = r->v;
-    vulkan_reserve(v, &r->sums_a, r->pairs, 16, "(tile, splat) pairs");
+    vulkan_reserve_pairs(r, &r->sums_a, 16);
     if (score) return;
-    vulkan_reserve(v, &r->sums_b, r->pairs, 16, "(tile, splat) pairs");
-    vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
-    if (r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
-    if (r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
+    vulkan_reserve_pairs(r, &r->sums_b, 16);
+    vulkan_reserve_pairs(r, &r->sums_c, 4);
+    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_d, 16);
+    if (r->lobes) vulkan_reserve_pairs(r, &r->sums_e, 8);
 }
 
 /* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
@@ -221,6 +216,45 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     vulkan_reserve_moments(r);
 }
 
+/* For the pairs found, or, where steps are deferred, for what the views behind this one may have. */
+static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
+{
+    if (r->deferred && r->room == 0) {
+        const size_t more = r->tight ? 0 : r->pairs / VULKAN_ROOM + VULKAN_BLOCK;
+        r->room           = OXL_MIN(r->pairs + more, (size_t)UINT32_MAX - 1);
+        r->pairs          = r->room;
+    }
+    for (int k = 0; k < 2; k++) {
+        vulkan_reserve_pairs(r, &r->pair_key[k], 4);
+        vulkan_reserve_pairs(r, &r->pair_value[k], 4);
+    }
+    vulkan_reserve_pairs(r, &r->staged, 8);
+    vulkan_reserve(r->v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
+    if (steps) vulkan_reserve_step(r);
+}
+
+/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs. */
+static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
+{
+    struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1], &r->staged,
+                                       &r->sums_a,      &r->sums_b,      &r->sums_c,        &r->sums_d,        &r->sums_e};
+    struct vulkan        *v         = r->v;
+    const int             counted   = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
+    const size_t          found     = r->pairs;
+    if (v->rc != OXL_OK) return;
+    if (counted && r->deferred) r->pairs = OXL_MAX(r->pairs, r->most_pairs);
+    vulkan_reserve_view(r, steps);
+    if (v->rc != OXL_ERR_MEMORY || !counted || (r->tight && r->pairs == found)) return;
+    vulkan_finish(v);
+    if (v->lost) return;
+    for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(v, by_pair[i]);
+    v->rc    = OXL_OK;
+    r->tight = 1;
+    r->room  = 0;
+    r->pairs = found;
+    vulkan_reserve_view(r, steps);
+}
+
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                  const oxl_render_options *options, int steps)
 {
@@ -234,8 +268,8 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     r->bands = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree : options->sh_degree;
     vulkan_take_view(r, camera, options);
     vulkan_order_rows(r);
+    vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);
-    if (steps) vulkan_reserve_step(r);
     vulkan_draw(r, 0);
     return r->v->rc;
 }
@@ -256,7 +290,7 @@ static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int mas
     const float   *gain     = r->exposed ? r->gain : (const float[3]){1, 1, 1};
     const uint32_t push[8]  = {r->view.width,    r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
                                (uint32_t)masked, vulkan_bits(gain[0]), vulkan_bits(gain[1]), vulkan_bits(gain[2])};
-    const uint32_t total[3] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred};
+    const uint32_t total[4] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred, VULKAN_INFINITY};
     VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
     VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
@@ -413,10 +447,12 @@ static oxl_result vulkan_fail_other_model(struct vulkan_renderer *r)
     return oxl_fail(r->v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
 }
 
-/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. */
+/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. Where a slab was
+ * stepped and the next one cannot be, the device is given up: who repeated the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
 {
     const uint32_t none[3] = {0, UINT32_MAX, 0};
+    const size_t   before  = r->v->dispatches;
     uint32_t       push[6];
     vulkan_update(r->v, &r->counts, COUNT_NONFINITE * sizeof *none, none, sizeof none);
     for (size_t s = 0; s < r->slabs; s++) {
@@ -428,6 +464,7 @@ static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const u
                                   variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first,
                                   &r->slab[s].second, &r->counts, &r->rates));
     }
+    if (r->v->rc != OXL_OK && !r->v->lost && r->v->dispatches > before) vulkan_give_up(r->v, VK_ERROR_OUT_OF_HOST_MEMORY);
 }
 
 /* Of a deferred one: its report is on the way when the host goes on to the next. */
@@ -499,6 +536,7 @@ static oxl_result vulkan_report(void *device, int wait, struct renderer_report *
     r->reported = r->steps; /* those behind it did nothing */
     r->room     = 0;        /* to be found anew */
     vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
+    r->v->relied_on = 1;
     return vulkan_finish(r->v);
 }
 

@@ -207,9 +207,10 @@ OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_downlo
         vulkan_copy_model(r, r->model, r->planes, 0);
         vulkan_copy_model(r, r->first, r->planes, 0);
         vulkan_copy_model(r, r->second, r->planes, 0);
-        r->stepped = 0;
     }
     if (r->observed) vulkan_copy_sums(r, 0);
+    if (r->v->rc != OXL_OK) return r->v->rc; /* the device still has what the host has not */
+    if (what != DOWNLOAD_SHAPE) r->stepped = 0;
     r->observed = 0;
     if (what != DOWNLOAD_TO_READ) r->sums_here = 0;
     if (what == DOWNLOAD_TO_CHANGE) r->model_here = r->moments_here = 0;
@@ -310,15 +311,15 @@ static void vulkan_upload_image(struct vulkan *v, const struct training_image *i
     if (image->mask) vulkan_upload(v, &to->bytes, to->mask_at, image->mask, pixels);
 }
 
-OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but)
 {
     size_t dropped = 0, bytes = 0, images = 0;
     for (const struct vulkan_renderer *r = v->renderers; r; r = r->next) images += r->images;
-    if (images == 0 || vulkan_finish(v) != OXL_OK) return 0; /* commands under way may name them */
+    if (images == 0 || (!but && vulkan_finish(v) != OXL_OK)) return 0; /* commands under way may name them */
     for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
         for (size_t i = 0; i < r->image_capacity; i++) {
             const size_t size = r->image[i].bytes.size;
-            if (!r->image[i].bytes.handle || (int)i == r->using) continue;
+            if (!r->image[i].bytes.handle || (int)i == r->using || (but && r->image[i].frame == but)) continue;
             vulkan_release(v, &r->image[i].bytes);
             r->image_bytes -= OXL_MIN(r->image_bytes, size);
             r->images--;
@@ -362,6 +363,10 @@ static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r,
     struct vulkan_training_image *p = vulkan_image_slot(r, view, vulkan_image_bytes(image, image->mask != NULL));
     if (p) {
         vulkan_upload_image(r->v, image, p);
+        if (r->v->rc != OXL_OK) { /* it is not here, nor half of it */
+            vulkan_finish(r->v);
+            vulkan_release(r->v, &p->bytes);
+        }
         r->image_bytes += p->bytes.size;
         r->images += p->bytes.handle != VK_NULL_HANDLE;
         return p;
@@ -387,6 +392,7 @@ OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct t
     VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
                VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
+    p->frame = vulkan_frame_number(v);
     r->using = -1;
     return v->rc;
 }

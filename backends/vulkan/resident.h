@@ -11,12 +11,15 @@ struct vulkan_slab {
 /* As shaders/view.glsl has it. */
 struct vulkan_view {
     float    rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3], alpha_min, cut;
-    uint32_t width, height, tiles_x, tiles_y;
+    uint32_t width, height, tiles_x, tiles_y, infinity;
 };
+
+#define VULKAN_INFINITY 0x7F800000u /* its bits: what shaders test with must not be known to their compiler (common.glsl) */
 
 struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
     struct vulkan_buffer bytes;
     uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
+    uint32_t             frame;                  /* the last one that names it */
 };
 
 /* Words of the buffer of counts, as shaders/common.glsl has them. */
@@ -69,6 +72,7 @@ struct vulkan_renderer {
     size_t               tiles, pairs; /* pairs: at most, when deferred */
     size_t               room;         /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
     size_t               most_pairs;   /* of the views so far, as deferred steps reported them */
+    int                  tight;        /* memory was short: there is room for as many pairs as were found, and no more */
     float                ssim_weight, gain[3];
     int                  exposed;  /* 1: the loss is that of the rendered image times `gain` */
     int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
@@ -92,7 +96,8 @@ OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model
 OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
-OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v,
+                                       uint32_t       but); /* of every renderer, but the one that is in use: make_room */
 OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what);
 OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved);
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity);

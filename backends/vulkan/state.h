@@ -28,7 +28,7 @@
 #define VULKAN_SETS       1024                             /* passes of a frame, at most */
 #define VULKAN_BINDINGS   15                               /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
-#define VULKAN_WAIT       60000000000ull /* ns: a GPU that takes longer for a submission is given up */
+#define VULKAN_WAIT       60000000000ull /* ns, times the submissions of a frame: a GPU that takes longer is given up */
 #define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
 #define VULKAN_PART       (1u << 18) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
@@ -37,7 +37,6 @@ enum {
     VULKAN_DIGITS      = 256,
     VULKAN_FRAMES      = 2,   /* one is recorded while the other is worked on */
     VULKAN_COMMANDS    = 160, /* submissions of a frame, at most */
-    VULKAN_PARTS       = 64,  /* of an image, at most */
     VULKAN_READS       = 128, /* pieces that the host waits for at a time */
     VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
 };
@@ -128,8 +127,9 @@ struct vulkan_renderer;
 
 struct vulkan {
     oxl_context            *ctx;
-    struct vulkan_renderer *renderers;     /* a list of all that are there */
-    size_t (*make_room)(struct vulkan *v); /* releases what can be had again; how many buffers. NULL: nothing */
+    struct vulkan_renderer *renderers; /* a list of all that are there */
+    /* Releases what can be had again; how many buffers. but: what this frame names stays, and all others have ended; 0: all, after a wait. NULL: nothing */
+    size_t (*make_room)(struct vulkan *v, uint32_t but);
     void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
@@ -146,8 +146,9 @@ struct vulkan {
     VkPhysicalDeviceMemoryProperties memory;
     VkDevice                         device;
     VkQueue                          queue;
-    uint32_t                         family; /* of the queue */
-    uint32_t                         kind;   /* of the memory of buffers that the host does not see */
+    uint32_t                         family;      /* of the queue */
+    int                              said_beyond; /* that an allocation exceeds the memory left */
+    uint32_t                         kind;        /* of the memory of buffers that the host does not see */
     struct vulkan_frame              frame[VULKAN_FRAMES];
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
@@ -161,31 +162,37 @@ struct vulkan {
     struct vulkan_read               read[VULKAN_READS];
     int                              reads;
     int                              recording, updates; /* updates: commands without a barrier behind them */
-    uint32_t                         mark;               /* of the last frame submitted */
-    VkResult                         lost;  /* by what, permanently: no call to the device is allowed, not even to wait */
-    VkQueryPool                      clock; /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
-    double                           pass_seconds[PASS_COUNT];
-    int                              pass_runs[PASS_COUNT];
-    oxl_result                       rc;
-    uint64_t                         patience;        /* ns: of a wait */
-    size_t                           range;           /* bytes: the largest array */
-    size_t                           image_bytes_max; /* bytes of images that a renderer may keep */
-    uint32_t                         slab_rows;       /* at most */
-    uint32_t                         groups_max;      /* in one dimension of a dispatch */
-    size_t                           part;  /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
-    uint32_t                         batch; /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+    int         relied_on;  /* what is recorded holds something that the host takes for done: a step, an upload */
+    uint32_t    mark;       /* of the last frame submitted */
+    int         marked;     /* it is that of the frame that is recorded */
+    VkResult    lost;       /* by what, permanently: no call to the device is allowed, not even to wait */
+    VkQueryPool clock;      /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
+    uint64_t    stamp_mask; /* of the bits of a time that count */
+    double      pass_seconds[PASS_COUNT];
+    int         pass_runs[PASS_COUNT];
+    oxl_result  rc;
+    uint64_t    patience;        /* ns: of a wait, for each submission */
+    size_t      range;           /* bytes: the largest array */
+    size_t      image_bytes_max; /* bytes of images that a renderer may keep */
+    uint32_t    slab_rows;       /* at most */
+    uint32_t    groups_max;      /* in one dimension of a dispatch */
+    size_t      part;            /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
+    uint32_t    batch;           /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
 /* ---------------------------------------------------------------- passes.c */
 
 OXL_INTERNAL const char *vulkan_word(VkResult result);
+OXL_INTERNAL int         vulkan_is_short(VkResult result);                       /* of memory */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
 
-OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
+OXL_INTERNAL int        vulkan_give_up(struct vulkan *v, VkResult result); /* no call to the device from now on; 0 */
+OXL_INTERNAL int        vulkan_record(struct vulkan *v);                   /* 1: commands may be recorded */
 OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
+OXL_INTERNAL uint32_t   vulkan_frame_number(const struct vulkan *v);
 OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
 OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);

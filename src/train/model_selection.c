@@ -404,8 +404,10 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
         t->trial_is_next = TRAIN_TRIES_NOTHING;
         selection_release_views(t);
     } else if (start.second.memory) { /* as before the trial */
+        oxl_result back;
         t->sh_degree = start.model.sh_degree;
-        if (branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
+        back         = branch_swap(t, &start);
+        if (back != OXL_OK) rc = back;
     }
     branch_free(t, &start);
     branch_free(t, &other);

@@ -25,9 +25,13 @@ uint work_group() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupI
 uint work_item() { return work_group() * 256u + gl_LocalInvocationIndex; }
 
 /* By their bits: a device need not keep NaN in comparisons, in min, max and clamp least of all. It may also flush denormal numbers
- * to 0, so nothing here depends on one. */
-bool is_finite(float x) { return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u; }
-bool is_nan(float x) { return (floatBitsToUint(x) & 0x7FFFFFFFu) > 0x7F800000u; }
+ * to 0, so nothing here depends on one. Compilers that assume numbers to be finite recognize this test too, and leave it out, where they know
+ * the constant: shaders that test what they computed get it from the host, as INFINITY_BITS. */
+#ifndef INFINITY_BITS
+#define INFINITY_BITS 0x7F800000u
+#endif
+bool is_finite(float x) { return (floatBitsToUint(x) & INFINITY_BITS) != INFINITY_BITS; }
+bool is_nan(float x) { return (floatBitsToUint(x) & 0x7FFFFFFFu) > INFINITY_BITS; }
 
 /* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/render/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
 float own_exp2(float x)

@@ -3,12 +3,14 @@
  *     VARIANT 1  dL/d(log gain) of the channels, behind those
  */
 #version 450
-#include "common.glsl"
+#extension GL_GOOGLE_include_directive : require
 
 layout(std430, binding = 0) readonly buffer Partial { float partial[]; }; /* (3,tiles,5); VARIANT 1: (3,tiles) */
 layout(std430, binding = 1) writeonly buffer Totals { float totals[]; };  /* (5 + 3) */
 layout(std430, binding = 2) writeonly buffer Counts { uint counts[]; };
-layout(push_constant) uniform Push { uint n; float ssim_weight; uint halts; } push; /* n: 3 tiles; halts 1: if the loss is not finite */
+layout(push_constant) uniform Push { uint n; float ssim_weight; uint halts, infinity; } push; /* n: 3 tiles; halts 1: if the loss is not finite */
+#define INFINITY_BITS push.infinity
+#include "common.glsl"
 
 shared vec3  sums[256];
 shared uvec2 numbers[256]; /* whole: a float cannot count 45 million */

@@ -4,8 +4,10 @@
  * there are 8 million rows, and reads are coalesced.
  */
 #version 450
-#include "common.glsl"
+#extension GL_GOOGLE_include_directive : require
 #include "view.glsl"
+#define INFINITY_BITS view.infinity
+#include "common.glsl"
 
 layout(std430, binding = 1) readonly buffer Parameter { float parameter[]; };
 layout(std430, binding = 2) writeonly buffer SplatA { vec4 splat_a[]; }; /* u v a k */

@@ -7,8 +7,10 @@
  * number of. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
  */
 #version 450
-#include "common.glsl"
+#extension GL_GOOGLE_include_directive : require
 #include "view.glsl"
+#define INFINITY_BITS view.infinity
+#include "common.glsl"
 
 #if STEP
 layout(std430, binding = 1) buffer Parameter { float parameter[]; };
