@@ -251,6 +251,7 @@ static void density_rebuild(oxl_context *ctx, const struct density *d, oxl_model
 {
     const size_t count = model->count;
     size_t       lobes = 0;
+    (void)ctx; /* without OpenMP */
     for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
     for (int k = OXL_LOBE; model->lobes && k < planes; k++) density_move_plane(d, model->plane[k], model->lobes, lobes, fresh);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
