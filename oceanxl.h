@@ -82,8 +82,8 @@ typedef enum oxl_backend {
 typedef struct oxl_context_options {
     int      threads; /* 0: OpenMP's default */
     uint64_t seed;    /* of all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
-    /* Like realloc: size 0 frees and returns NULL; old may be NULL. Returns memory aligned to 16 bytes. Called by one
-     * thread at a time, not always the same one. */
+    /* Like realloc: keeps contents up to the smaller size, and `old` on failure; size 0 frees and returns NULL; old may be NULL. Returns
+     * memory aligned to 16 bytes. Called by one thread at a time, not always the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
     void (*log)(void *user, oxl_log_level level, const char *text); /* one line without newline; NULL: no log */
     int (*stopped)(void *user); /* nonzero: long reading and writing soon ends with OXL_ERR_INTERRUPTED; NULL: never */

@@ -5,18 +5,18 @@
 # A site is an operator or a comparison in the code of a kernel; every k-th is taken, so that N (36) of them are spread over all files. FIRST
 # (0) shifts the choice. Of constants all are taken (or those named): a real number becomes 1.1 times itself, a whole one its successor; of an
 # array of whole numbers the first in each line. Each mutant is a copy of the tree, built without vectors and optimisation, and tried with the
-# kernels' tests. Not a step of .ci/run: a build and a run take 20 s. The last line counts; survivors are shown as they read. With constants
+# kernels' tests. Not a step of .ci/run: a build and a run take half a minute. The last line counts; survivors are shown as they read. With constants
 # the exit code is 1 when one survives.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 work=build/mutate
-kernels=$(find src/render -name project.c -o -name colour.h -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name 'medium.[ch]' \
-    -o -name exposure.c -o -name depth_loss.c | sort; echo src/train/density.c)
+formulas=$(find src -name project.c -o -name colour.h -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name density.c | sort)
+kernels="$formulas $(find src/render -name 'medium.[ch]' -o -name exposure.c -o -name depth_loss.c | sort)"
 constants=$(find src -name kernels.h)
-# How much room there is, how the work is cut up, and the last of some names: a larger number changes no result, by the invariants at the top
-# of their files.
+# How much room there is, how the work is cut up, how finely a threshold is searched, and the last of some names: a larger number changes no
+# result, by the invariants at the top of their files.
 sizes='TILE_PIXELS TILE_BLOCKS SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_MIN BIN_NARROW
-BIN_RADIX_BITS RASTER_BATCH'
+BIN_RADIX_BITS RASTER_BATCH PROJECT_HUGE DENSITY_CAP_HIGH DENSITY_CAP_LOW DENSITY_CAP_GEOMETRIC DENSITY_CAP_ROUNDS'
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 
 # FILE LINE COLUMN OLD NEW: one for each place where code, not a comment or a declaration, has such an operator.
@@ -50,7 +50,7 @@ numbers() { # NAMES TO LEAVE OUT, NAMES TO TAKE (all)
     /^#define [A-Z0-9_]+ / { number($2, index($0, $2) + length($2), /\(real\)/) }
     /^static const real/ { array = $4; sub(/\[.*/, "", array); number(array, index($0, "=") + 1, !/\{\{/) }
     array && !/^static const real/ { at = number(array, 1, /\(real\)/); while (at && /\(real\)/) at = number(array, at, 1) }
-    /;$/ { array = "" }' $constants $kernels
+    /;$/ { array = "" }' $constants $formulas
 }
 
 mutate() { # FILE LINE COLUMN OLD NEW

@@ -105,3 +105,22 @@ TEST(memory_that_grows_keeps_its_contents_and_its_alignment)
     oxl_free(test_ctx, bytes);
     memory_weigh_end();
 }
+
+static void *memory_refuse_large(void *user, void *old, size_t size)
+{
+    return size > 10200 ? NULL : counting_reallocate(user, old, size);
+}
+
+TEST(memory_that_grows_takes_what_is_needed_where_a_quarter_more_is_refused)
+{
+    char  *bytes                 = NULL;
+    size_t capacity              = 0;
+    test_ctx->options.reallocate = memory_refuse_large;
+    CHECK_OK(oxl_reserve(test_ctx, &bytes, &capacity, 9000, 1));
+    memset(bytes, 5, 9000);
+    CHECK_OK(oxl_reserve(test_ctx, &bytes, &capacity, 10000, 1));
+    CHECK(capacity == 10000 && bytes[8999] == 5);
+    CHECK(oxl_reserve(test_ctx, &bytes, &capacity, 11000, 1) == OXL_ERR_MEMORY && capacity == 10000 && bytes[8999] == 5);
+    oxl_free(test_ctx, bytes);
+    test_ctx->options.reallocate = counting_reallocate;
+}

@@ -109,7 +109,7 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
     const VkMemoryPropertyFlags host = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
     VkMemoryRequirements        needs;
     struct vulkan_kinds         kinds;
-    if (!vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer")) return;
+    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer")) return;
     v->GetBufferMemoryRequirements(v->device, b->handle, &needs);
     kinds = vulkan_memory_kinds(v, needs.memoryTypeBits, for_host ? host : 0,
                                 for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);

@@ -325,11 +325,11 @@ OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but)
             r->images--;
             dropped++, bytes += size;
         }
+    if (dropped == 0) return 0;
     v->image_bytes_max = OXL_MIN(v->image_bytes_max, bytes / 2); /* they are not to take what was just freed */
-    if (dropped)
-        oxl_log(v->ctx, OXL_LOG_WARNING,
-                "%s: no memory is left: %zu training images (%zu MiB) leave the device, %zu MiB may stay there",
-                v->properties.deviceName, dropped, bytes >> 20, v->image_bytes_max >> 20);
+    oxl_log(v->ctx, OXL_LOG_WARNING,
+            "%s: no memory is left: %zu training images (%zu MiB) leave the device, %zu MiB may stay there",
+            v->properties.deviceName, dropped, bytes >> 20, v->image_bytes_max >> 20);
     return dropped;
 }
 

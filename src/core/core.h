@@ -91,8 +91,8 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
 OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
 
-/* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`; *capacity grows by a quarter
- * or more. */
+/* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`, by a quarter where
+ * memory allows, and keeps its contents. */
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size);
 
 #if defined(__MINGW32__)

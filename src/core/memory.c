@@ -83,11 +83,12 @@ OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory)
 
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size)
 {
-    const size_t wanted = OXL_MAX(OXL_MAX(needed, (size_t)64), *capacity <= SIZE_MAX / 2 ? *capacity + *capacity / 4 : 0);
-    void        *grown;
+    size_t wanted = OXL_MAX(OXL_MAX(needed, (size_t)64), *capacity <= SIZE_MAX / 2 ? *capacity + *capacity / 4 : 0);
+    void  *old, *grown;
     if (needed <= *capacity) return OXL_OK;
-    memcpy(&grown, array, sizeof grown);
-    grown = oxl_regrow(ctx, grown, *capacity, wanted, size);
+    memcpy(&old, array, sizeof old);
+    grown = oxl_regrow(ctx, old, *capacity, wanted, size);
+    if (!grown && wanted > needed) grown = oxl_regrow(ctx, old, *capacity, wanted = needed, size);
     if (!grown) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu elements of %zu bytes", wanted, size);
     memcpy(array, &grown, sizeof grown);
     *capacity = wanted;

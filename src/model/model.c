@@ -3,8 +3,8 @@
  * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
  *
  * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts
- * on a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
- * long as the packs of rows 0..lobes-1. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
+ * on a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each at
+ * least as long as the packs of rows 0..lobes-1, and are reached by their pointers alone. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
  * smaller count leaves valid rows.
  */
 #include "model.h"

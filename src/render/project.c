@@ -458,7 +458,7 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     const real                             rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real                             rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
     const struct project_geometry_gradient p           = project_geometry_gradient(kernel_camera, &g, sums, l);
-    const real                             dlog_o      = sums[SUM_D][l]; /* dL/d(log o\') */
+    const real                             dlog_o      = sums[SUM_D][l]; /* dL/d(log o') */
     const int                              ok          = seen >> l & 1;  /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0;
     d->mean[1][l] += ok ? p.mean.y : 0;

@@ -6,11 +6,11 @@
 
 /* ---------------------------------------------------------------- backend.c: which machine draws */
 
-/* Opens the device of the context's options, once; *out NULL with OXL_OK: the CPU. */
+/* Opens the device of the context's options, once; ctx->vulkan stays NULL with OXL_OK: the CPU. */
 OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
 OXL_INTERNAL void        backend_end(oxl_context *ctx);
-OXL_INTERNAL const char *backend_device(
-    const oxl_context *ctx); /* its name, whether or not it has rendered; NULL: there is none */
+/* Its name, whether or not it has rendered; NULL: there is none. */
+OXL_INTERNAL const char *backend_device(const oxl_context *ctx);
 
 /* ---------------------------------------------------------------- renderer.c: the kernels behind one interface */
 
