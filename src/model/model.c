@@ -4,8 +4,8 @@
  *
  * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts
  * on a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each at
- * least as long as the packs of rows 0..lobes-1, and are reached by their pointers alone. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
- * smaller count leaves valid rows.
+ * least as long as the packs of rows 0..lobes-1, and are reached by their pointers alone. Rows from count to capacity are finite:
+ * model_clear_rows initialises new rows, and a smaller count leaves valid rows.
  */
 #include "model.h"
 #include "../core/vecmath.h"
