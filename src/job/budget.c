@@ -1,7 +1,7 @@
 /* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of cost.c.
  *
  * Reduced are first the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
- * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
+ * stay as they are), then the SH degree, then the number of Gaussians that is expected, then the size of the blocks.
  * Without --ram, a run that exceeds the memory available here is planned as with --ram of that much; partition.txt keeps the number.
  *
  * Invariant: what follows from partition.txt depends on the survey and the options alone, not on what this machine has or had free.
@@ -61,7 +61,7 @@ OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cos
     o->scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_disable_trials(o);
     gaussians = budget_gaussians(o, load, most);
-    if (!is_given && gaussians < floor(most)) {
+    if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(most)) {
         o->train.sh_degree = BUDGET_SH;
         gaussians          = budget_gaussians(o, load, most);
     }
