@@ -517,6 +517,104 @@ static void vulkan_check_portability(oxl_context *device)
     oxl_free(device, extensions.there);
 }
 
+static const struct vulkan *vulkan_behind; /* the device that both of vulkan_play_two are */
+static int                  vulkan_real_ones;
+static char                 vulkan_heard[400];
+#define VULKAN_BROKEN ((VkPhysicalDevice)(uintptr_t)16)
+
+static void vulkan_hear_devices(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    if (level == OXL_LOG_WARNING) snprintf(vulkan_heard, sizeof vulkan_heard, "%s", text);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_two(VkInstance instance, uint32_t *count, VkPhysicalDevice *out)
+{
+    (void)instance;
+    out[0] = VULKAN_BROKEN, out[1] = vulkan_behind->physical;
+    *count = 1 + (uint32_t)vulkan_real_ones;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_properties(VkPhysicalDevice device, VkPhysicalDeviceProperties *out)
+{
+    vulkan_behind->GetPhysicalDeviceProperties(vulkan_behind->physical, out);
+    if (device != VULKAN_BROKEN) return;
+    out->deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    strcpy(out->deviceName, "Broken GPU");
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_heaps(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties *out)
+{
+    (void)device;
+    vulkan_behind->GetPhysicalDeviceMemoryProperties(vulkan_behind->physical, out);
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_families(VkPhysicalDevice device, uint32_t *count, VkQueueFamilyProperties *out)
+{
+    (void)device;
+    vulkan_behind->GetPhysicalDeviceQueueFamilyProperties(vulkan_behind->physical, count, out);
+}
+
+static int vulkan_breaks_late; /* when its fences are made, not the device itself */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice device, const VkDeviceCreateInfo *info,
+                                                         const VkAllocationCallbacks *a, VkDevice *out)
+{
+    if (device == VULKAN_BROKEN && !vulkan_breaks_late) return VK_ERROR_INITIALIZATION_FAILED;
+    vulkan_breaks_late = device == VULKAN_BROKEN;
+    return vulkan_behind->CreateDevice(vulkan_behind->physical, info, a, out);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_fence(VkDevice device, const VkFenceCreateInfo *info,
+                                                        const VkAllocationCallbacks *a, VkFence *out)
+{
+    (void)device, (void)info, (void)a, (void)out;
+    return VK_ERROR_OUT_OF_HOST_MEMORY;
+}
+
+static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_play_lookup(VkDevice device, const char *name)
+{
+    if (vulkan_breaks_late && strcmp(name, "vkCreateFence") == 0) return (PFN_vkVoidFunction)vulkan_play_fence;
+    return vulkan_behind->GetDeviceProcAddr(device, name);
+}
+
+/* The best device cannot be opened: the next one is, and what is said names both and why. The last one's error stays; of a device that
+ * is named there is no next. */
+static void vulkan_check_next_device(oxl_context *device)
+{
+    struct vulkan v = *device->vulkan;
+    vulkan_behind   = device->vulkan;
+    memset((char *)&v + offsetof(struct vulkan, physical), 0, sizeof v - offsetof(struct vulkan, physical));
+    v.EnumeratePhysicalDevices               = vulkan_play_two;
+    v.GetPhysicalDeviceProperties            = vulkan_play_properties;
+    v.GetPhysicalDeviceMemoryProperties      = vulkan_play_heaps;
+    v.GetPhysicalDeviceQueueFamilyProperties = vulkan_play_families;
+    v.EnumerateDeviceExtensionProperties     = vulkan_play_device_list;
+    v.properties2                            = 0;
+    v.CreateDevice                           = vulkan_play_device;
+    v.GetDeviceProcAddr                      = vulkan_play_lookup;
+    device->options.log                      = vulkan_hear_devices;
+    vulkan_real_ones                         = 1;
+    for (int late = 0; late < 2; late++) {
+        vulkan_breaks_late = late;
+        CHECK(vulkan_open_best(&v, -1, 1) == OXL_OK);
+        CHECK(v.physical == vulkan_behind->physical && v.mapped && v.staging.handle && v.frame[1].fence);
+        CHECK_TEXT(vulkan_heard, late ? "Broken GPU, a fence: no host memory" : "Broken GPU, a device: it could not be started");
+        CHECK_TEXT(vulkan_heard, ": trying ");
+        CHECK_TEXT(vulkan_heard, vulkan_behind->properties.deviceName);
+        vulkan_close_device(&v);
+        CHECK(!v.device && !v.staging.handle);
+    }
+    vulkan_breaks_late = 0;
+    CHECK(vulkan_open_best(&v, 0, 1) == OXL_ERR_FAILED && !v.device);
+    vulkan_close_device(&v);
+    vulkan_real_ones = 0;
+    CHECK(vulkan_open_best(&v, -1, 1) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(device), "Broken GPU, a device: it could not be started");
+    device->options.log = vulkan_test_log;
+}
+
 /* 16384 bytes is what Vulkan 1.0 promises of any device. */
 static void vulkan_check_shared(oxl_context *device)
 {
@@ -3140,6 +3238,11 @@ TEST(vulkan_scores_agree_with_the_cpus)
 
 TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
 {
+TEST(vulkan_opens_the_next_device_where_the_best_cannot_be)
+{
+    ON_DEVICE(vulkan_check_next_device);
+}
+
     ON_DEVICE(vulkan_check_steps);
 }
 

@@ -75,14 +75,15 @@ OXL_INTERNAL int vulkan_is_short(VkResult result)
 /* Keeps the first failure. 1: all is well. */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
 {
+    const char *name = v->properties.deviceName[0] ? v->properties.deviceName : "Vulkan";
     if (result == VK_SUCCESS) return v->rc == OXL_OK;
     if (v->rc == OXL_OK && vulkan_is_short(result))
         v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
-                         "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
+                         "%s, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", name, what,
                          vulkan_word(result), (int)result);
     if (v->rc == OXL_OK)
         v->rc =
-            oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what, vulkan_word(result), (int)result);
+            oxl_fail(v->ctx, OXL_ERR_FAILED, "%s, %s: %s (%d)\nfix: --backend cpu", name, what, vulkan_word(result), (int)result);
     return 0;
 }
 

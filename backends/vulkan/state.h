@@ -134,13 +134,14 @@ struct vulkan {
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
     VULKAN_OF_DEVICE(VULKAN_DECLARE)
-    PFN_vkGetInstanceProcAddr        GetInstanceProcAddr;
-    VkInstance                       instance;
-    VkDebugUtilsMessengerEXT         messenger;
-    int                              properties2; /* VK_KHR_get_physical_device_properties2 is on: what the next two depend on */
-    int                              budgets;     /* VK_EXT_memory_budget is on */
-    int                              validates, complaints; /* whether the validation layer is on; its messages so far */
-    VkPhysicalDevice                 physical;
+    PFN_vkGetInstanceProcAddr GetInstanceProcAddr;
+    VkInstance                instance;
+    VkDebugUtilsMessengerEXT  messenger;
+    int              properties2; /* VK_KHR_get_physical_device_properties2 is on: portability and budgets depend on it */
+    int              validates, complaints; /* whether the validation layer is on; its messages so far */
+    /* from here on of the device: vulkan_close_device clears it */
+    VkPhysicalDevice physical;
+    int              budgets; /* VK_EXT_memory_budget is on */
     VkPhysicalDeviceProperties       properties;
     char                             name_and_cpu[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE + 8];
     VkPhysicalDeviceMemoryProperties memory;
