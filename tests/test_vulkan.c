@@ -2507,7 +2507,7 @@ static void vulkan_check_model_now(oxl_context *device)
 
 /* ---------------------------------------------------------------- a run */
 
-/* Everything that a run does between steps: densification, bands, pruning, second lobes. */
+/* Everything that a run does between steps: densification, higher SH degrees, pruning, second lobes. */
 static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
 {
     oxl_scene        *scene   = vulkan_survey(ctx, 0);
@@ -2553,7 +2553,7 @@ static void vulkan_two_steps(struct train *t)
     }
 }
 
-/* Pruning, then more bands; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took; moment: of
+/* Pruning, then a higher SH degree; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took; moment: of
  * the opacities, as a checkpoint right behind the pruning has it. */
 static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
 {
@@ -3306,7 +3306,7 @@ TEST(vulkan_training_repeats_steps_that_found_no_room)
     ON_DEVICE(vulkan_check_repeated);
 }
 
-TEST(vulkan_pruning_and_bands_move_rows_as_the_host_does)
+TEST(vulkan_pruning_and_a_higher_sh_degree_move_rows_as_the_host_does)
 {
     ON_DEVICE(vulkan_check_kept_rows);
 }

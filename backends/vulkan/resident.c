@@ -3,7 +3,8 @@
  * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds maxStorageBufferRange, however many
  * Gaussians there are. What is indexed by any row has at most 16 bytes a row or pair.
  *
- * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has downloaded it for a host that changes it.
+ * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has downloaded it for a host that changes
+ * it.
  */
 #include "resident.h"
 

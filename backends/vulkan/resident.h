@@ -49,7 +49,7 @@ struct vulkan_renderer {
     oxl_model                    *model, *first, *second; /* the host's; the last two since a step */
     const float                  *plane;                  /* the host's first one: another is another model */
     size_t                        count, lobes;
-    int                           sh_degree, bands; /* carried; evaluated */
+    int                           sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
     int                           model_here, moments_here, stepped;
     struct renderer_sums          sums;
     int                           observed;        /* there are statistics here that the host has not got */
