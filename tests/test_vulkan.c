@@ -1119,8 +1119,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint3
                                                           uint64_t timeout)
 {
     (void)device, (void)count, (void)fence, (void)all, (void)timeout;
-    vulkan_lost_calls++;
-    return VK_TIMEOUT;
+    return ++vulkan_lost_calls < 100 ? VK_TIMEOUT : VK_ERROR_DEVICE_LOST; /* who would wait for ever fails here, and ends */
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
@@ -1410,6 +1409,64 @@ static void vulkan_check_short_end(oxl_context *device)
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
     oxl_free(test_ctx, rgb);
+    vulkan_close(v);
+    device->vulkan = NULL;
+}
+
+static PFN_vkQueueSubmit vulkan_fenced_submit;
+static int               vulkan_unfenced; /* submissions without a fence behind them */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_fence(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+{
+    vulkan_unfenced = fence == VK_NULL_HANDLE ? vulkan_unfenced + 1 : 0;
+    return vulkan_fenced_submit(queue, count, info, fence);
+}
+
+/* A command buffer that is lost, with others of its frame under way: they are waited for, and no smaller buffer makes up for it. */
+static void vulkan_check_lost_commands(oxl_context *device)
+{
+    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    const uint32_t           word    = 0;
+    struct vulkan           *v       = device->vulkan;
+    struct vulkan_buffer     b       = {0};
+    struct vulkan_renderer  *d;
+    struct renderer         *r;
+    oxl_model                m;
+    vulkan_scene(300, 1, 0, &m);
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    CHECK(vulkan_finish(v) == OXL_OK);
+    vulkan_real_end = v->EndCommandBuffer, v->EndCommandBuffer = vulkan_play_short_end;
+    vulkan_fenced_submit = v->QueueSubmit, v->QueueSubmit = vulkan_note_fence;
+    vulkan_unfenced = vulkan_ends_short = 0;
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_flush(v);
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    CHECK(vulkan_unfenced == 1);
+    vulkan_ends_short = 1;
+    CHECK(vulkan_finish(v) == OXL_ERR_MEMORY && !v->lost && vulkan_unfenced == 0);
+    CHECK(vulkan_frame(v)->command_at == 0 && !vulkan_frame(v)->under_way);
+    vulkan_enter(v);
+    CHECK(v->rc == OXL_OK);
+    vulkan_reserve(v, &b, 256, 4, "numbers");
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_ends_short = 1;
+    vulkan_reserve(v, &b, 512, 4, "numbers");
+    CHECK(v->rc == OXL_ERR_MEMORY && b.size == 1280);
+    vulkan_enter(v);
+    d = r->device;
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_ends_short = 1;
+    d->pairs *= 8;
+    vulkan_make_pair_room(d, 0);
+    CHECK(v->rc == OXL_ERR_MEMORY && !d->tight && !d->pair_key[0].handle && !v->lost);
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_ends_short = 2; /* nor can the fence be had */
+    CHECK(vulkan_finish(v) == OXL_ERR_FAILED && v->lost);
+    renderer_free(device, r);
+    oxl_model_free(test_ctx, &m);
     vulkan_close(v);
     device->vulkan = NULL;
 }
@@ -1748,6 +1805,58 @@ static int vulkan_kind_of(struct vulkan *v, VkDeviceSize size, uint32_t full, in
     return vulkan_kind_last;
 }
 
+static int vulkan_rooms_made;
+
+/* Images leave kind 1. */
+static size_t vulkan_play_room(struct vulkan *v, uint32_t but)
+{
+    (void)v, (void)but;
+    vulkan_rooms_made++;
+    vulkan_full_kinds &= ~2u;
+    return 1;
+}
+
+/* The device is lost when it is waited for. */
+static size_t vulkan_play_room_lost(struct vulkan *v, uint32_t but)
+{
+    (void)but;
+    vulkan_give_up(v, VK_ERROR_DEVICE_LOST);
+    return 0;
+}
+
+/* Of kinds 0 and 1, near, and 2 and 3, the host's: images leave when no near kind has room, within its budget. A device that shares the
+ * host's memory has all near. */
+static void vulkan_check_near_kinds(struct vulkan *v)
+{
+    static const struct {
+        VkPhysicalDeviceType type;
+        uint32_t             full;
+        int                  kind, rooms;
+    } want[]               = {{VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 1, 1, 0},
+                              {VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 3, 1, 1},
+                              {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 3, 2, 0},
+                              {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 15, 1, 1}};
+    struct vulkan_buffer b = {0};
+    v->make_room           = vulkan_play_room;
+    for (size_t i = 0; i < OXL_COUNT(want); i++) {
+        vulkan_rooms_made        = 0;
+        v->properties.deviceType = want[i].type;
+        CHECK(vulkan_kind_of(v, 1 << 20, want[i].full, 0) == want[i].kind && vulkan_rooms_made == want[i].rooms);
+    }
+    v->budgets = 1, vulkan_budget = 1 << 19, vulkan_usage = 0; /* of heap 0; of heap 1 twice as much */
+    vulkan_rooms_made = 0;
+    CHECK(vulkan_kind_of(v, 1 << 20, 0, 0) == 1 && vulkan_rooms_made == 0);
+    v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    v->said_beyond           = 1;
+    CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) == 0 && vulkan_rooms_made == 1);
+    v->budgets         = 0;
+    v->make_room       = vulkan_play_room_lost;
+    vulkan_full_kinds  = 3;
+    vulkan_kinds_tried = 0;
+    vulkan_create(v, &b, 256, 0);
+    CHECK(v->rc == OXL_ERR_FAILED && vulkan_kinds_tried == 3);
+}
+
 /* RADV's layout on small APUs: a heap of 16 MiB comes first, and its budget has underflowed. What does not fit is not asked for; what
  * finds no memory is asked of the next kind; the last is AMD's coherent memory, which wants a feature. */
 static void vulkan_check_small_heap(struct vulkan *device)
@@ -1778,6 +1887,7 @@ static void vulkan_check_small_heap(struct vulkan *device)
     v.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = SIZE_MAX / 2 - 100, vulkan_usage = 64; /* of heap 1: 2^64 - 202 */
     CHECK(vulkan_memory_left(&v, 1) == large - 128);
+    vulkan_check_near_kinds(&v);
 }
 
 /* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the largest of the device's own. */
@@ -1880,6 +1990,27 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const
     return VK_ERROR_OUT_OF_DEVICE_MEMORY;
 }
 
+/* Rows that move, or another model, want other memory: whether it is short is found anew. */
+static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral *d)
+{
+    struct vulkan_renderer  *r       = d->r->device;
+    const oxl_render_options options = oxl_render_options_default();
+    uint32_t                 from[300];
+    struct renderer_move     move  = {.from = from, .count = 299, .sh_degree = d->run.model.sh_degree};
+    int                      moved = 0;
+    oxl_model                m;
+    for (uint32_t i = 0; i < 299; i++) from[i] = i;
+    CHECK(r->tight && r->count == 300);
+    vulkan_largest = SIZE_MAX;
+    CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
+    CHECK(moved && !r->tight);
+    r->tight = 1;
+    vulkan_scene(200, 1, 0, &m);
+    CHECK_OK(renderer_forward(device, d->r, &m, &d->camera, &options));
+    CHECK(!r->tight);
+    oxl_model_free(test_ctx, &m);
+}
+
 /* There is memory for the pairs that there are, not for the room that deferred steps would like: they get along with it, one after the other,
  * and do what they do. */
 static void vulkan_check_tight(oxl_context *device)
@@ -1914,6 +2045,7 @@ static void vulkan_check_tight(oxl_context *device)
         CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
     }
     vulkan_check_same_run(&d[0], &d[1]);
+    vulkan_check_tight_ends(device, &d[1]);
     vulkan_largest = 1 << 16;
     vulkan_reserve(v, &b, 1 << 14, 4, "numbers"); /* without the quarter more */
     CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals > 0);
@@ -2791,6 +2923,41 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
     return allocations - vulkan_allocations_left;
 }
 
+static int vulkan_refusals_made;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_refusal(VkDevice device, VkPipelineCache cache, uint32_t count,
+                                                          const VkComputePipelineCreateInfo *info, const VkAllocationCallbacks *a,
+                                                          VkPipeline *out)
+{
+    vulkan_refusals_made += info->layout == *vulkan_refused;
+    return vulkan_play_refusal(device, cache, count, info, a, out);
+}
+
+/* A shader that is refused is no lack of memory: it is asked for once, and what the pairs had is there for others. */
+static void vulkan_check_refused_shader(oxl_context *device)
+{
+    static struct vulkan_deferral d;
+    struct vulkan                *v       = device->vulkan;
+    const oxl_render_options      options = oxl_render_options_default();
+    struct vulkan_renderer       *r;
+    vulkan_deferral_begin(device, &d);
+    r = d.r->device;
+    renderer_expect_steps(d.r);
+    CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
+    CHECK(r->pair_key[0].handle && r->sums_a.handle && vulkan_finish(v) == OXL_OK);
+    vulkan_refused       = &v->pipeline[PASS_STEP].layout;
+    vulkan_refusals_made = 0;
+    v->DestroyPipeline(v->device, v->pipeline[PASS_STEP].variant[0], NULL);
+    v->pipeline[PASS_STEP].variant[0] = VK_NULL_HANDLE;
+    vulkan_real_compile               = v->CreateComputePipelines;
+    v->CreateComputePipelines         = vulkan_note_refusal;
+    CHECK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options) == OXL_ERR_MEMORY);
+    CHECK(vulkan_refusals_made == 1 && !r->tight && !r->pair_key[0].handle && !r->sums_a.handle);
+    v->CreateComputePipelines = vulkan_real_compile;
+    CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
+    vulkan_deferral_end(device, &d);
+}
+
 /* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it; the image may be on the host. */
 static void vulkan_check_first_step_falls_back(oxl_context *device)
 {
@@ -3071,6 +3238,11 @@ TEST(vulkan_uses_portability_drivers)
     ON_DEVICE(vulkan_check_portability);
 }
 
+TEST(vulkan_opens_the_next_device_where_the_best_cannot_be)
+{
+    ON_DEVICE(vulkan_check_next_device);
+}
+
 TEST(vulkan_gives_up_a_device_that_does_not_answer)
 {
     ON_DEVICE(vulkan_check_timeout);
@@ -3111,6 +3283,11 @@ TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
     ON_DEVICE(vulkan_check_short_end);
 }
 
+TEST(vulkan_waits_for_what_is_under_way_when_a_command_is_lost)
+{
+    ON_DEVICE(vulkan_check_lost_commands);
+}
+
 TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed)
 {
     ON_DEVICE(vulkan_check_short_begin);
@@ -3126,7 +3303,7 @@ TEST(vulkan_keeps_uploads_when_an_error_follows)
     ON_DEVICE(vulkan_check_uploads);
 }
 
-TEST(vulkan_waits_for_a_cpu_without_a_limit)
+TEST(vulkan_waits_for_a_gpu_up_to_its_patience_and_for_a_cpu_without_a_limit)
 {
     ON_DEVICE(vulkan_check_patience);
 }
@@ -3238,11 +3415,6 @@ TEST(vulkan_scores_agree_with_the_cpus)
 
 TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
 {
-TEST(vulkan_opens_the_next_device_where_the_best_cannot_be)
-{
-    ON_DEVICE(vulkan_check_next_device);
-}
-
     ON_DEVICE(vulkan_check_steps);
 }
 
@@ -3334,6 +3506,11 @@ TEST(vulkan_leaves_lamp_and_water_to_the_cpu_and_says_so)
 TEST(vulkan_leaves_parts_of_views_to_the_cpu)
 {
     ON_DEVICE(vulkan_check_windows);
+}
+
+TEST(vulkan_asks_once_for_a_shader_that_is_refused)
+{
+    ON_DEVICE(vulkan_check_refused_shader);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)

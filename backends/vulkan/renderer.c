@@ -233,26 +233,32 @@ static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
     if (steps) vulkan_reserve_step(r);
 }
 
-/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs. */
-static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
+static void vulkan_release_pairs(struct vulkan_renderer *r)
 {
     struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1], &r->staged,
                                        &r->sums_a,      &r->sums_b,      &r->sums_c,        &r->sums_d,        &r->sums_e};
-    struct vulkan        *v         = r->v;
-    const int             counted   = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
-    const size_t          found     = r->pairs;
+    vulkan_finish(r->v);
+    for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(r->v, by_pair[i]);
+}
+
+/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs;
+ * after a failure, for others. */
+static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
+{
+    struct vulkan *v       = r->v;
+    const int      counted = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
+    const size_t   found   = r->pairs;
     if (v->rc != OXL_OK) return;
     if (counted && r->deferred) r->pairs = OXL_MAX(r->pairs, r->most_pairs);
     vulkan_reserve_view(r, steps);
-    if (v->rc != OXL_ERR_MEMORY || !counted || (r->tight && r->pairs == found)) return;
-    vulkan_finish(v);
-    if (v->lost) return;
-    for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(v, by_pair[i]);
-    v->rc    = OXL_OK;
+    if (v->rc == OXL_OK) return;
+    vulkan_release_pairs(r);
+    if (!counted || (r->tight && r->pairs == found) || !vulkan_may_retry(v)) return;
     r->tight = 1;
     r->room  = 0;
     r->pairs = found;
     vulkan_reserve_view(r, steps);
+    if (v->rc != OXL_OK) vulkan_release_pairs(r);
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,

@@ -154,6 +154,7 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
     r->model_here = r->moments_here = r->stepped = 0;
     r->room                                      = 0;
+    r->tight                                     = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_rows(r);
     if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, r->planes, 1);
@@ -266,6 +267,7 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
         return v->rc == OXL_ERR_MEMORY ? OXL_OK : v->rc;
     }
     r->room    = 0;
+    r->tight   = 0;
     r->stepped = 1; /* the host has not got all of it */
     return OXL_OK;
 }
