@@ -308,7 +308,8 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .started    = os_seconds(),
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
-    ctx->notes = &job->notes;
+    ctx->notes    = &job->notes;
+    ctx->said_cpu = 0; /* each run's notes tell */
     manifest_describe(&job->line, scene, &job->options);
 }
 
