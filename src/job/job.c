@@ -239,7 +239,7 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     *o = job->options;
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
-        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes, undecided",
+        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",
                 (double)o->ram / 1e6, o->train.sh_degree);
     cost                    = cost_estimate(job->ctx, o, &load);
     task->train             = o->train;
