@@ -274,16 +274,7 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     if (rc == OXL_OK) rc = partition_finish(b, p);
     if (rc == OXL_OK && !reason) partition_log_blocks(b, p);
 done:
-    oxl_free(b->ctx, b->position);
-    oxl_free(b->ctx, b->owner);
-    oxl_free(b->ctx, b->load);
-    oxl_free(b->ctx, b->node);
-    oxl_free(b->ctx, b->leaf);
-    oxl_free(b->ctx, b->first);
-    oxl_free(b->ctx, b->blocks);
-    oxl_free(b->ctx, b->inside);
-    oxl_free(b->ctx, b->role);
-    oxl_free(b->ctx, b->few_views);
+    OXL_FREE(b->ctx, b->position, b->owner, b->load, b->node, b->leaf, b->first, b->blocks, b->inside, b->role, b->few_views);
     return rc;
 }
 
@@ -366,11 +357,7 @@ OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p)
 {
     if (!p->plan) return;
     if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
-    oxl_free(ctx, p->plan->owner);
-    oxl_free(ctx, p->plan->first_member);
-    oxl_free(ctx, p->plan->member);
-    oxl_free(ctx, p->plan->role);
-    oxl_free(ctx, p->plan);
+    OXL_FREE(ctx, p->plan->owner, p->plan->first_member, p->plan->member, p->plan->role, p->plan);
     p->plan = NULL;
 }
 

@@ -475,9 +475,6 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     else rc = os_write_file(ctx, path, s.t.data, s.t.size);
 done:
     text_free(&s.t);
-    oxl_free(ctx, s.colour);
-    oxl_free(ctx, s.camera);
-    oxl_free(ctx, s.base);
-    oxl_free(ctx, s.border);
+    OXL_FREE(ctx, s.colour, s.camera, s.base, s.border);
     return rc;
 }

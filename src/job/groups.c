@@ -28,9 +28,7 @@ struct groups {
 static void groups_free(struct groups *g)
 {
     for (int k = 0; g->keep && k < g->job->partition.block_count; k++) oxl_free(g->job->ctx, g->keep[k]);
-    oxl_free(g->job->ctx, g->keep);
-    oxl_free(g->job->ctx, g->of);
-    oxl_free(g->job->ctx, g->version);
+    OXL_FREE(g->job->ctx, g->keep, g->of, g->version);
 }
 
 /* ---------------------------------------------------------------- files */
@@ -210,8 +208,7 @@ static oxl_result groups_order(const struct groups *g, int *view, int *count)
     for (int k = 0; k < blocks && rc == OXL_OK; k++)
         for (int i = 0; i < g->views; i++)
             if (owner[i] == k && !oxl_scene_view(g->job->scene, i)->is_test) view[(*count)++] = i;
-    oxl_free(g->job->ctx, largest);
-    oxl_free(g->job->ctx, owner);
+    OXL_FREE(g->job->ctx, largest, owner);
     return rc;
 }
 
@@ -369,8 +366,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     if (rc == OXL_OK && g->step >= until) rc = groups_store(g, all);
     else if (rc == OXL_OK) g->job->unfinished++; /* the time allowed is over */
     for (int k = 0; k < 3; k++) oxl_model_free(ctx, &all[k]);
-    oxl_free(ctx, window);
-    oxl_free(ctx, view);
+    OXL_FREE(ctx, window, view);
     return rc;
 }
 

@@ -326,8 +326,7 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
         out->windows += s.row[y].windows;
     }
 done:
-    oxl_free(ctx, s.scratch);
-    oxl_free(ctx, s.row);
+    OXL_FREE(ctx, s.scratch, s.row);
     return rc;
 }
 

@@ -66,8 +66,7 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
         value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
     if (rc == OXL_OK) rc = image_write_png16(ctx, path, value, width, height);
-    oxl_free(ctx, value);
-    oxl_free(ctx, path);
+    OXL_FREE(ctx, value, path);
     return rc;
 }
 

@@ -431,10 +431,7 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
     for (int k = 0; k < MODEL_LOBE_PLANES; k++)
         for (size_t i = 0; rc == OXL_OK && i < rows; i++)
             model->plane[OXL_LOBE + k][row[(size_t)index[i]]] = factor[(size_t)k * rows + i];
-    oxl_free(ctx, row);
-    oxl_free(ctx, active);
-    oxl_free(ctx, factor);
-    oxl_free(ctx, index);
+    OXL_FREE(ctx, row, active, factor, index);
     return rc;
 }
 

@@ -240,10 +240,6 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     rc = contrast_of_images(ctx, scene, &w);
     if (rc == OXL_OK) contrast_fit(&w, views, out);
 done:
-    oxl_free(ctx, w.view);
-    oxl_free(ctx, w.chosen);
-    oxl_free(ctx, w.sample);
-    oxl_free(ctx, w.by_view);
-    oxl_free(ctx, w.integral);
+    OXL_FREE(ctx, w.view, w.chosen, w.sample, w.by_view, w.integral);
     return rc;
 }

@@ -22,8 +22,7 @@ OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache)
 {
     for (int i = 0; cache->image && i < cache->count; i++) image_training_free(ctx, &cache->image[i]);
-    oxl_free(ctx, cache->image);
-    oxl_free(ctx, cache->used);
+    OXL_FREE(ctx, cache->image, cache->used);
     *cache = (struct image_cache){0};
 }
 

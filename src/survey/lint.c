@@ -98,8 +98,7 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
     lint_count(scene, view_of, views);
     lint_sum_up(ctx, scene, views, s);
 done:
-    oxl_free(ctx, views);
-    oxl_free(ctx, view_of);
+    OXL_FREE(ctx, views, view_of);
     return rc;
 }
 

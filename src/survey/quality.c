@@ -208,11 +208,6 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
         if (q.image[q.count].known) view[q.count++] = i;
     }
     if (rc == OXL_OK && q.count >= QUALITY_MIN) quality_compare(&q, scene, s);
-    oxl_free(ctx, view);
-    oxl_free(ctx, list);
-    oxl_free(ctx, q.image);
-    oxl_free(ctx, q.sharp);
-    oxl_free(ctx, q.light);
-    oxl_free(ctx, q.work);
+    OXL_FREE(ctx, view, list, q.image, q.sharp, q.light, q.work);
     return rc;
 }

@@ -21,19 +21,12 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->view);
     if (scene->map.data) { /* the other arrays are there */
-        oxl_free(ctx, scene->colmap.camera);
-        oxl_free(ctx, scene->decoded);
+        OXL_FREE(ctx, scene->colmap.camera, scene->decoded);
         os_unmap_file(ctx, &scene->map);
         oxl_free(ctx, scene);
         return;
     }
-    oxl_free(ctx, scene->point);
-    oxl_free(ctx, scene->depth);
-    oxl_free(ctx, scene->decoded);
-    oxl_free(ctx, scene->source);
-    oxl_free(ctx, scene->on_disk);
-    oxl_free(ctx, scene->images);
-    oxl_free(ctx, scene->masks);
+    OXL_FREE(ctx, scene->point, scene->depth, scene->decoded, scene->source, scene->on_disk, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);
     oxl_free(ctx, scene);
 }

@@ -211,9 +211,7 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, co
     if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
     for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
         scene->stats.distorted_cameras += b.ideal[i].width && camera_is_distorted(&c->camera[i]);
-    oxl_free(ctx, b.order);
-    oxl_free(ctx, b.camera);
-    oxl_free(ctx, b.ideal);
+    OXL_FREE(ctx, b.order, b.camera, b.ideal);
     return rc;
 }
 

@@ -51,9 +51,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
 OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
 {
     imaging_free(ctx, &e->of);
-    oxl_free(ctx, e->first);
-    oxl_free(ctx, e->second);
-    oxl_free(ctx, e->visits);
+    OXL_FREE(ctx, e->first, e->second, e->visits);
     *e = (struct exposure){0};
 }
 

@@ -198,9 +198,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
         if (rc == OXL_OK) rc = prune_score_view(ctx, r, model, &view->camera, options, &pass, score);
     }
     if (rc == OXL_OK) prune_finish_scores(views <= p->views, model->count, pass.views, score);
-    oxl_free(ctx, pass.one);
-    oxl_free(ctx, pass.views);
-    oxl_free(ctx, pass.drgb);
+    OXL_FREE(ctx, pass.one, pass.views, pass.drgb);
     return rc;
 }
 

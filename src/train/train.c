@@ -176,10 +176,7 @@ static void train_end(struct train *t)
     exposure_free(ctx, &t->exposure);
     free_space_free(ctx, &t->free_space);
     track_depth_free(ctx, &t->track_depth);
-    oxl_free(ctx, t->target);
-    oxl_free(ctx, t->weight);
-    oxl_free(ctx, t->view);
-    oxl_free(ctx, t->validation);
+    OXL_FREE(ctx, t->target, t->weight, t->view, t->validation);
     text_free(&t->decisions);
 }
 
