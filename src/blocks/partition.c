@@ -155,7 +155,7 @@ static oxl_result partition_finish(struct partition_build *b, struct partition *
 
 static int partition_train_views(const oxl_scene *scene)
 {
-    return scene_stats_of(scene)->views - scene_stats_of(scene)->test_views;
+    return scene->stats.views - scene->stats.test_views;
 }
 
 /* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and no more than the block's share of all
@@ -282,7 +282,7 @@ done:
 
 static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *o)
 {
-    const struct scene_stats *stats  = scene_stats_of(scene);
+    const struct scene_stats *stats  = &scene->stats;
     const size_t              points = stats->points, views = (size_t)(stats->views - stats->test_views);
     if (!scene_colmap(scene))
         return oxl_fail(ctx, OXL_ERR_USAGE,
@@ -300,7 +300,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
 static oxl_partition_options partition_resolve_options(const oxl_scene *scene, const oxl_partition_options *options)
 {
     oxl_partition_options o = options ? *options : oxl_partition_options_default();
-    if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene_stats_of(scene)->points + (size_t)o.blocks - 1) / (size_t)o.blocks);
+    if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene->stats.points + (size_t)o.blocks - 1) / (size_t)o.blocks);
     if (o.block_points < 1) o.block_points = INT_MAX;
     return o;
 }
@@ -322,7 +322,7 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
     if (rc != OXL_OK) goto done;
     partition_set_frame(scene, &o, &axes, out);
     b.visibility = out->plan->visibility;
-    if (!(o.kind == OXL_PARTITION_NONE || scene_stats_of(scene)->points <= (size_t)o.block_points))
+    if (!(o.kind == OXL_PARTITION_NONE || scene->stats.points <= (size_t)o.block_points))
         partition_log_frame(ctx, &o, out, axes.share);
     rc = partition_build(&b, out);
 done:

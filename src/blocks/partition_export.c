@@ -369,8 +369,8 @@ static oxl_result exporter_batch(const struct exporter *e, int first, int count)
     for (int i = 0; i < count && files; i++)
         for (int k = 0; k < EXPORT_FILES; k++) rc = os_writer_close(e->ctx, &files[i].writer[k], rc);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        exporter_link(e, first + i, "images", scene_images_folder(e->p->plan->scene));
-        exporter_link(e, first + i, "masks", scene_masks_folder(e->p->plan->scene));
+        exporter_link(e, first + i, "images", e->p->plan->scene->images);
+        exporter_link(e, first + i, "masks", e->p->plan->scene->masks);
     }
     oxl_free(e->ctx, files);
     return rc;

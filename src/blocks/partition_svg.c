@@ -346,7 +346,7 @@ static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int ind
 
 static void svg_draw_title(struct svg *s)
 {
-    const struct scene_stats *stats = scene_stats_of(s->p->plan->scene);
+    const struct scene_stats *stats = &s->p->plan->scene->stats;
     const double             *e     = s->p->extent;
     svg_text(&s->t, "title", SVG_EDGE, 46, "%d block%s", s->p->block_count, s->p->block_count == 1 ? "" : "s");
     svg_text(&s->t, "sub", SVG_EDGE, 70,

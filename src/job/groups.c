@@ -296,8 +296,8 @@ static oxl_result groups_store(struct groups *g, const oxl_model all[3])
         old[b] = g->version[b];
         rc     = groups_store_block(g, b, version, all, at);
     }
-    if (rc == OXL_OK && imaging_is_needed(scene_imaging(g->job->scene))) {
-        rc = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene, scene_imaging(g->job->scene));
+    if (rc == OXL_OK && imaging_is_needed(&g->job->scene->imaging)) {
+        rc       = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene, &g->job->scene->imaging);
         g->gains = version;
     }
     g->done = version;
@@ -376,15 +376,15 @@ static oxl_result groups_task(struct groups *g, int from, int until)
 static oxl_result groups_read_gains(const struct groups *g)
 {
     const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
-    imaging_free(g->job->ctx, scene_imaging(g->job->scene));
-    if (g->gains == 0 || !os_is_file(path)) return job_join_gains(g->job, scene_imaging(g->job->scene));
-    return imaging_read(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
+    imaging_free(g->job->ctx, &g->job->scene->imaging);
+    if (g->gains == 0 || !os_is_file(path)) return job_join_gains(g->job, &g->job->scene->imaging);
+    return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
 /* A block's model with the water in its colours, for viewers; not refined. */
 static oxl_result groups_bake(const struct groups *g, int block)
 {
-    const struct imaging *imaging = scene_imaging(g->job->scene);
+    const struct imaging *imaging = &g->job->scene->imaging;
     oxl_model             model   = {0};
     oxl_result            rc      = oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
@@ -424,7 +424,7 @@ static oxl_result groups_finish(struct groups *g)
     const int           blocks = g->job->partition.block_count;
     struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
     oxl_result          rc     = groups_merge(g, 0);
-    if (rc == OXL_OK && imaging_alters_colours(scene_imaging(g->job->scene))) rc = groups_merge(g, 1);
+    if (rc == OXL_OK && imaging_alters_colours(&g->job->scene->imaging)) rc = groups_merge(g, 1);
     if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
     if (rc == OXL_OK) groups_remove(g, -1, g->gains);

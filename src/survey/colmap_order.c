@@ -119,3 +119,8 @@ OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c)
     if (c->camera_count) qsort(c->camera, c->camera_count, sizeof *c->camera, order_compare);
     return c->image_count ? order_images(ctx, c) : OXL_OK;
 }
+
+OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id)
+{
+    return c->camera_count ? bsearch(&id, c->camera, c->camera_count, sizeof *c->camera, order_compare) : NULL;
+}
