@@ -45,7 +45,7 @@ typedef struct oxl_job_options {
     const char           *preset;         /* preset of the defaults, recorded in run.json */
     int                   renders;        /* 1: write renders of the held-out views to OUT/renders */
     size_t                ram;            /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
-    int                   iterations_for; /* images: of more, train.iterations grow in proportion; 0: never */
+    int                   iterations_for; /* images: of more, train.iterations grow, of few they are limited; 0: neither */
     int                   block;          /* train only this block and do not merge; -1: all */
     int                   keep_decoded;   /* 1: decoded images stay in OUT/blocks/decoded for the next run */
     int                   restart;        /* 1: discard unfinished work with other options in OUT */

@@ -21,14 +21,25 @@ TEST(budget_without_ram_changes_nothing)
     CHECK(o.train.sh_degree == before.train.sh_degree && o.scene.image_cache_bytes == before.scene.image_cache_bytes);
 }
 
-TEST(budget_takes_the_cache_then_trials_then_gaussians)
+/* Memory for all Gaussians of a run with SH degree 3. */
+static double budget_test_degree_3(const oxl_job_options *o, const struct cost_load *load, int gaussians)
 {
-    const struct cost_load load = budget_test_load();
-    const oxl_job_options  free = budget_test_options(0);
-    oxl_job_options        o    = budget_test_options(20e9);
-    const double           most = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
+    oxl_job_options of = *o;
+    of.train.sh_degree = 3;
+    of.train.dog       = OXL_DOG_OFF;
+    return cost_memory(&of, load, gaussians);
+}
+
+TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
+{
+    const struct cost_load load    = budget_test_load();
+    const oxl_job_options  free    = budget_test_options(0);
+    oxl_job_options        o       = budget_test_options(20e9);
+    const double           most    = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
+    const int              cap     = (int)schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train);
+    int                    seen[5] = {0}; /* by SH degree from -1, undecided */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
-    CHECK((size_t)o.train.max_gaussians == schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train));
+    CHECK(o.train.max_gaussians == cap);
     o = budget_test_options(3e9);
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)3e8);
     CHECK(o.train.max_gaussians >= most);
@@ -36,8 +47,13 @@ TEST(budget_takes_the_cache_then_trials_then_gaussians)
         o = budget_test_options(ram);
         if (!budget_fit(test_ctx, &load, &o)) continue;
         CHECK(cost_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
-        CHECK(o.train.sh_degree == 3 || o.train.max_gaussians >= most); /* trials go before Gaussians do */
+        seen[1 + o.train.sh_degree]++;
+        CHECK(o.train.sh_degree < 0 || (o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, cap) > 0.9 * ram));
     }
+    CHECK(seen[1 + 3] && seen[1 + 1]);
+    o                 = budget_test_options(5e8);
+    o.train.sh_degree = 2;
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == 2); /* as asked */
 }
 
 TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
@@ -67,15 +83,16 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
 }
 
-TEST(budget_of_steps_grows_with_the_images_beyond_those_that_the_preset_is_for_unless_iterations_are_given)
+TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_iterations_are_given)
 {
     const oxl_option *iterations = oxl_option_find("iterations");
     oxl_job_options   o          = oxl_job_options_default(OXL_PRESET_DRAFT);
-    CHECK(cost_iterations(&o, 170) == 2000 && cost_iterations(&o, 340) == 4000 && cost_iterations(&o, 0) == 2000);
+    CHECK(cost_iterations(&o, 170) == 2000 && cost_iterations(&o, 340) == 4000);
+    CHECK(cost_iterations(&o, 3) == 2000 && cost_iterations(&o, 2) == 1400 && cost_iterations(&o, 0) == 700);
     CHECK_OK(oxl_option_set(iterations, &o, "2000", NULL, 0));
-    CHECK(cost_iterations(&o, 340) == 2000);
+    CHECK(cost_iterations(&o, 340) == 2000 && cost_iterations(&o, 2) == 2000);
     o = oxl_job_options_default(OXL_PRESET_PAPER);
-    CHECK(cost_iterations(&o, 1000000) == o.train.iterations);
+    CHECK(cost_iterations(&o, 2239) == 40000 && cost_iterations(&o, 5600) == 80000 && cost_iterations(&o, 18) == 12600);
 }
 
 TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_finished)

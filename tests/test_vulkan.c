@@ -517,6 +517,104 @@ static void vulkan_check_portability(oxl_context *device)
     oxl_free(device, extensions.there);
 }
 
+static const struct vulkan *vulkan_behind; /* the device that both of vulkan_play_two are */
+static int                  vulkan_real_ones;
+static char                 vulkan_heard[400];
+#define VULKAN_BROKEN ((VkPhysicalDevice)(uintptr_t)16)
+
+static void vulkan_hear_devices(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    if (level == OXL_LOG_WARNING) snprintf(vulkan_heard, sizeof vulkan_heard, "%s", text);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_two(VkInstance instance, uint32_t *count, VkPhysicalDevice *out)
+{
+    (void)instance;
+    out[0] = VULKAN_BROKEN, out[1] = vulkan_behind->physical;
+    *count = 1 + (uint32_t)vulkan_real_ones;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_properties(VkPhysicalDevice device, VkPhysicalDeviceProperties *out)
+{
+    vulkan_behind->GetPhysicalDeviceProperties(vulkan_behind->physical, out);
+    if (device != VULKAN_BROKEN) return;
+    out->deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    strcpy(out->deviceName, "Broken GPU");
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_heaps(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties *out)
+{
+    (void)device;
+    vulkan_behind->GetPhysicalDeviceMemoryProperties(vulkan_behind->physical, out);
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_families(VkPhysicalDevice device, uint32_t *count, VkQueueFamilyProperties *out)
+{
+    (void)device;
+    vulkan_behind->GetPhysicalDeviceQueueFamilyProperties(vulkan_behind->physical, count, out);
+}
+
+static int vulkan_breaks_late; /* when its fences are made, not the device itself */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice device, const VkDeviceCreateInfo *info,
+                                                         const VkAllocationCallbacks *a, VkDevice *out)
+{
+    if (device == VULKAN_BROKEN && !vulkan_breaks_late) return VK_ERROR_INITIALIZATION_FAILED;
+    vulkan_breaks_late = device == VULKAN_BROKEN;
+    return vulkan_behind->CreateDevice(vulkan_behind->physical, info, a, out);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_fence(VkDevice device, const VkFenceCreateInfo *info,
+                                                        const VkAllocationCallbacks *a, VkFence *out)
+{
+    (void)device, (void)info, (void)a, (void)out;
+    return VK_ERROR_OUT_OF_HOST_MEMORY;
+}
+
+static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_play_lookup(VkDevice device, const char *name)
+{
+    if (vulkan_breaks_late && strcmp(name, "vkCreateFence") == 0) return (PFN_vkVoidFunction)vulkan_play_fence;
+    return vulkan_behind->GetDeviceProcAddr(device, name);
+}
+
+/* The best device cannot be opened: the next one is, and what is said names both and why. The last one's error stays; of a device that
+ * is named there is no next. */
+static void vulkan_check_next_device(oxl_context *device)
+{
+    struct vulkan v = *device->vulkan;
+    vulkan_behind   = device->vulkan;
+    memset((char *)&v + offsetof(struct vulkan, physical), 0, sizeof v - offsetof(struct vulkan, physical));
+    v.EnumeratePhysicalDevices               = vulkan_play_two;
+    v.GetPhysicalDeviceProperties            = vulkan_play_properties;
+    v.GetPhysicalDeviceMemoryProperties      = vulkan_play_heaps;
+    v.GetPhysicalDeviceQueueFamilyProperties = vulkan_play_families;
+    v.EnumerateDeviceExtensionProperties     = vulkan_play_device_list;
+    v.properties2                            = 0;
+    v.CreateDevice                           = vulkan_play_device;
+    v.GetDeviceProcAddr                      = vulkan_play_lookup;
+    device->options.log                      = vulkan_hear_devices;
+    vulkan_real_ones                         = 1;
+    for (int late = 0; late < 2; late++) {
+        vulkan_breaks_late = late;
+        CHECK(vulkan_open_best(&v, -1, 1) == OXL_OK);
+        CHECK(v.physical == vulkan_behind->physical && v.mapped && v.staging.handle && v.frame[1].fence);
+        CHECK_TEXT(vulkan_heard, late ? "Broken GPU, a fence: no host memory" : "Broken GPU, a device: it could not be started");
+        CHECK_TEXT(vulkan_heard, ": trying ");
+        CHECK_TEXT(vulkan_heard, vulkan_behind->properties.deviceName);
+        vulkan_close_device(&v);
+        CHECK(!v.device && !v.staging.handle);
+    }
+    vulkan_breaks_late = 0;
+    CHECK(vulkan_open_best(&v, 0, 1) == OXL_ERR_FAILED && !v.device);
+    vulkan_close_device(&v);
+    vulkan_real_ones = 0;
+    CHECK(vulkan_open_best(&v, -1, 1) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(device), "Broken GPU, a device: it could not be started");
+    device->options.log = vulkan_test_log;
+}
+
 /* 16384 bytes is what Vulkan 1.0 promises of any device. */
 static void vulkan_check_shared(oxl_context *device)
 {
@@ -1021,8 +1119,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint3
                                                           uint64_t timeout)
 {
     (void)device, (void)count, (void)fence, (void)all, (void)timeout;
-    vulkan_lost_calls++;
-    return VK_TIMEOUT;
+    return ++vulkan_lost_calls < 100 ? VK_TIMEOUT : VK_ERROR_DEVICE_LOST; /* who would wait for ever fails here, and ends */
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
@@ -1312,6 +1409,64 @@ static void vulkan_check_short_end(oxl_context *device)
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
     oxl_free(test_ctx, rgb);
+    vulkan_close(v);
+    device->vulkan = NULL;
+}
+
+static PFN_vkQueueSubmit vulkan_fenced_submit;
+static int               vulkan_unfenced; /* submissions without a fence behind them */
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_fence(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+{
+    vulkan_unfenced = fence == VK_NULL_HANDLE ? vulkan_unfenced + 1 : 0;
+    return vulkan_fenced_submit(queue, count, info, fence);
+}
+
+/* A command buffer that is lost, with others of its frame under way: they are waited for, and no smaller buffer makes up for it. */
+static void vulkan_check_lost_commands(oxl_context *device)
+{
+    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    const uint32_t           word    = 0;
+    struct vulkan           *v       = device->vulkan;
+    struct vulkan_buffer     b       = {0};
+    struct vulkan_renderer  *d;
+    struct renderer         *r;
+    oxl_model                m;
+    vulkan_scene(300, 1, 0, &m);
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    CHECK(vulkan_finish(v) == OXL_OK);
+    vulkan_real_end = v->EndCommandBuffer, v->EndCommandBuffer = vulkan_play_short_end;
+    vulkan_fenced_submit = v->QueueSubmit, v->QueueSubmit = vulkan_note_fence;
+    vulkan_unfenced = vulkan_ends_short = 0;
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_flush(v);
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    CHECK(vulkan_unfenced == 1);
+    vulkan_ends_short = 1;
+    CHECK(vulkan_finish(v) == OXL_ERR_MEMORY && !v->lost && vulkan_unfenced == 0);
+    CHECK(vulkan_frame(v)->command_at == 0 && !vulkan_frame(v)->under_way);
+    vulkan_enter(v);
+    CHECK(v->rc == OXL_OK);
+    vulkan_reserve(v, &b, 256, 4, "numbers");
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_ends_short = 1;
+    vulkan_reserve(v, &b, 512, 4, "numbers");
+    CHECK(v->rc == OXL_ERR_MEMORY && b.size == 1280);
+    vulkan_enter(v);
+    d = r->device;
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_ends_short = 1;
+    d->pairs *= 8;
+    vulkan_make_pair_room(d, 0);
+    CHECK(v->rc == OXL_ERR_MEMORY && !d->tight && !d->pair_key[0].handle && !v->lost);
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_ends_short = 2; /* nor can the fence be had */
+    CHECK(vulkan_finish(v) == OXL_ERR_FAILED && v->lost);
+    renderer_free(device, r);
+    oxl_model_free(test_ctx, &m);
     vulkan_close(v);
     device->vulkan = NULL;
 }
@@ -1650,6 +1805,59 @@ static int vulkan_kind_of(struct vulkan *v, VkDeviceSize size, uint32_t full, in
     return vulkan_kind_last;
 }
 
+static int vulkan_rooms_made;
+
+/* Images leave kind 1. */
+static size_t vulkan_play_room(struct vulkan *v, uint32_t but)
+{
+    (void)v, (void)but;
+    vulkan_rooms_made++;
+    vulkan_full_kinds &= ~2u;
+    return 1;
+}
+
+/* The device is lost when it is waited for. */
+static size_t vulkan_play_room_lost(struct vulkan *v, uint32_t but)
+{
+    (void)but;
+    vulkan_give_up(v, VK_ERROR_DEVICE_LOST);
+    return 0;
+}
+
+/* Of kinds 0 and 1, near, and 2 and 3, the host's: images leave when no near kind has room, within its budget. A device that shares the
+ * host's memory has all near. */
+static void vulkan_check_near_kinds(struct vulkan *v)
+{
+    static const struct {
+        VkPhysicalDeviceType type;
+        uint32_t             full;
+        int                  kind, rooms;
+    } want[] = {{VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 1, 1, 0},
+                {VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 3, 1, 1},
+                {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 3, 2, 0},
+                {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 15, 1, 1}};
+    struct vulkan_kinds kinds;
+    VkDeviceMemory      none = VK_NULL_HANDLE;
+    v->make_room             = vulkan_play_room;
+    for (size_t i = 0; i < OXL_COUNT(want); i++) {
+        vulkan_rooms_made        = 0;
+        v->properties.deviceType = want[i].type;
+        CHECK(vulkan_kind_of(v, 1 << 20, want[i].full, 0) == want[i].kind && vulkan_rooms_made == want[i].rooms);
+    }
+    v->budgets = 1, vulkan_budget = 1 << 19, vulkan_usage = 0; /* of heap 0; of heap 1 twice as much */
+    vulkan_rooms_made = 0;
+    CHECK(vulkan_kind_of(v, 1 << 20, 0, 0) == 1 && vulkan_rooms_made == 0);
+    v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    v->said_beyond           = 1;
+    CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) == 0 && vulkan_rooms_made == 1);
+    v->budgets         = 0;
+    v->make_room       = vulkan_play_room_lost;
+    vulkan_full_kinds  = 3;
+    vulkan_kinds_tried = 0;
+    kinds              = vulkan_memory_kinds(v, 31, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    CHECK(vulkan_allocate(v, 256, &kinds, &none) == VK_ERROR_DEVICE_LOST && v->lost && vulkan_kinds_tried == 3);
+}
+
 /* RADV's layout on small APUs: a heap of 16 MiB comes first, and its budget has underflowed. What does not fit is not asked for; what
  * finds no memory is asked of the next kind; the last is AMD's coherent memory, which wants a feature. */
 static void vulkan_check_small_heap(struct vulkan *device)
@@ -1680,6 +1888,7 @@ static void vulkan_check_small_heap(struct vulkan *device)
     v.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = SIZE_MAX / 2 - 100, vulkan_usage = 64; /* of heap 1: 2^64 - 202 */
     CHECK(vulkan_memory_left(&v, 1) == large - 128);
+    vulkan_check_near_kinds(&v);
 }
 
 /* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the largest of the device's own. */
@@ -1782,6 +1991,27 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const
     return VK_ERROR_OUT_OF_DEVICE_MEMORY;
 }
 
+/* Rows that move, or another model, want other memory: whether it is short is found anew. */
+static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral *d)
+{
+    struct vulkan_renderer  *r       = d->r->device;
+    const oxl_render_options options = oxl_render_options_default();
+    uint32_t                 from[300];
+    struct renderer_move     move  = {.from = from, .count = 299, .sh_degree = d->run.model.sh_degree};
+    int                      moved = 0;
+    oxl_model                m;
+    for (uint32_t i = 0; i < 299; i++) from[i] = i;
+    CHECK(r->tight && r->count == 300);
+    vulkan_largest = SIZE_MAX;
+    CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
+    CHECK(moved && !r->tight);
+    r->tight = 1;
+    vulkan_scene(200, 1, 0, &m);
+    CHECK_OK(renderer_forward(device, d->r, &m, &d->camera, &options));
+    CHECK(!r->tight);
+    oxl_model_free(test_ctx, &m);
+}
+
 /* There is memory for the pairs that there are, not for the room that deferred steps would like: they get along with it, one after the other,
  * and do what they do. */
 static void vulkan_check_tight(oxl_context *device)
@@ -1816,6 +2046,7 @@ static void vulkan_check_tight(oxl_context *device)
         CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
     }
     vulkan_check_same_run(&d[0], &d[1]);
+    vulkan_check_tight_ends(device, &d[1]);
     vulkan_largest = 1 << 16;
     vulkan_reserve(v, &b, 1 << 14, 4, "numbers"); /* without the quarter more */
     CHECK(v->rc == OXL_OK && b.size == 1 << 16 && vulkan_refusals > 0);
@@ -1913,8 +2144,8 @@ static void vulkan_hear_cpu(void *user, oxl_log_level level, const char *text)
     vulkan_said_cpu += level == OXL_LOG_WARNING && strstr(text, ": continuing on the CPU") != NULL;
 }
 
-/* --backend auto: the device is lost in the last submission of a gradient; the CPU computes it, and renders from then on. With --backend
- * vulkan that is an error, whatever has been said since. */
+/* --backend auto: the device is lost in the last submission of a gradient; the CPU computes it, and renders from then on, which is said
+ * once. With --backend vulkan that is an error, whatever has been said since. */
 static void vulkan_check_draws_without_device(oxl_context *device, const oxl_model *m, const struct vulkan_output cpu[2])
 {
     static struct vulkan_output none;
@@ -1924,10 +2155,10 @@ static void vulkan_check_draws_without_device(oxl_context *device, const oxl_mod
     vulkan_submits_left = (int)(v->submissions - before) - 1;
     vulkan_real_submit  = v->QueueSubmit;
     v->QueueSubmit      = vulkan_play_late_loss;
-    vulkan_said_cpu     = 0;
+    vulkan_said_cpu = device->said_cpu = 0;
     CHECK(vulkan_submits_left > 3 && vulkan_gives(device, m, 1, &cpu[1]));
     CHECK(v->lost == VK_ERROR_DEVICE_LOST && vulkan_said_cpu == 1);
-    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_said_cpu == 3);
+    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_said_cpu == 1);
     device->options.backend = OXL_BACKEND_VULKAN;
     for (int gradient = 0; gradient < 2; gradient++) {
         oxl_fail(device, OXL_ERR_INPUT, "another error");
@@ -1961,10 +2192,10 @@ static void vulkan_check_draws_fall_back(oxl_context *device)
         CHECK(!none.image.rgb && none.gradient.count == 0);
         device->options.backend = OXL_BACKEND_AUTO;
         device->drew            = 0;
-        vulkan_said_cpu         = 0;
+        vulkan_said_cpu = device->said_cpu = 0;
         for (int k = 0; k < all; k++) {
             vulkan_play_full(v, k);
-            CHECK(vulkan_gives(device, &m, gradient, &cpu[gradient]) && vulkan_said_cpu == k + 1);
+            CHECK(vulkan_gives(device, &m, gradient, &cpu[gradient]) && vulkan_said_cpu == 1);
             if (k == 0) CHECK(strcmp(oxl_backend_name(device), "cpu") == 0);
         }
         v->AllocateMemory = vulkan_real_allocate;
@@ -2409,7 +2640,7 @@ static void vulkan_check_model_now(oxl_context *device)
 
 /* ---------------------------------------------------------------- a run */
 
-/* Everything that a run does between steps: densification, bands, pruning, second lobes. */
+/* Everything that a run does between steps: densification, higher SH degrees, pruning, second lobes. */
 static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
 {
     oxl_scene        *scene   = vulkan_survey(ctx, 0);
@@ -2455,7 +2686,7 @@ static void vulkan_two_steps(struct train *t)
     }
 }
 
-/* Pruning, then more bands; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took; moment: of
+/* Pruning, then a higher SH degree; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took; moment: of
  * the opacities, as a checkpoint right behind the pruning has it. */
 static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
 {
@@ -2691,6 +2922,41 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
     oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
     return allocations - vulkan_allocations_left;
+}
+
+static int vulkan_refusals_made;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_refusal(VkDevice device, VkPipelineCache cache, uint32_t count,
+                                                          const VkComputePipelineCreateInfo *info, const VkAllocationCallbacks *a,
+                                                          VkPipeline *out)
+{
+    vulkan_refusals_made += info->layout == *vulkan_refused;
+    return vulkan_play_refusal(device, cache, count, info, a, out);
+}
+
+/* A shader that is refused is no lack of memory: it is asked for once, and what the pairs had is there for others. */
+static void vulkan_check_refused_shader(oxl_context *device)
+{
+    static struct vulkan_deferral d;
+    struct vulkan                *v       = device->vulkan;
+    const oxl_render_options      options = oxl_render_options_default();
+    struct vulkan_renderer       *r;
+    vulkan_deferral_begin(device, &d);
+    r = d.r->device;
+    renderer_expect_steps(d.r);
+    CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
+    CHECK(r->pair_key[0].handle && r->sums_a.handle && vulkan_finish(v) == OXL_OK);
+    vulkan_refused       = &v->pipeline[PASS_STEP].layout;
+    vulkan_refusals_made = 0;
+    v->DestroyPipeline(v->device, v->pipeline[PASS_STEP].variant[0], NULL);
+    v->pipeline[PASS_STEP].variant[0] = VK_NULL_HANDLE;
+    vulkan_real_compile               = v->CreateComputePipelines;
+    v->CreateComputePipelines         = vulkan_note_refusal;
+    CHECK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options) == OXL_ERR_MEMORY);
+    CHECK(vulkan_refusals_made == 1 && !r->tight && !r->pair_key[0].handle && !r->sums_a.handle);
+    v->CreateComputePipelines = vulkan_real_compile;
+    CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
+    vulkan_deferral_end(device, &d);
 }
 
 /* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it; the image may be on the host. */
@@ -2973,6 +3239,11 @@ TEST(vulkan_uses_portability_drivers)
     ON_DEVICE(vulkan_check_portability);
 }
 
+TEST(vulkan_opens_the_next_device_where_the_best_cannot_be)
+{
+    ON_DEVICE(vulkan_check_next_device);
+}
+
 TEST(vulkan_gives_up_a_device_that_does_not_answer)
 {
     ON_DEVICE(vulkan_check_timeout);
@@ -3013,6 +3284,11 @@ TEST(vulkan_gives_up_a_device_without_memory_for_a_step_not_for_an_image)
     ON_DEVICE(vulkan_check_short_end);
 }
 
+TEST(vulkan_waits_for_what_is_under_way_when_a_command_is_lost)
+{
+    ON_DEVICE(vulkan_check_lost_commands);
+}
+
 TEST(vulkan_takes_no_image_or_model_for_copied_whose_copy_failed)
 {
     ON_DEVICE(vulkan_check_short_begin);
@@ -3028,7 +3304,7 @@ TEST(vulkan_keeps_uploads_when_an_error_follows)
     ON_DEVICE(vulkan_check_uploads);
 }
 
-TEST(vulkan_waits_for_a_cpu_without_a_limit)
+TEST(vulkan_waits_for_a_gpu_up_to_its_patience_and_for_a_cpu_without_a_limit)
 {
     ON_DEVICE(vulkan_check_patience);
 }
@@ -3203,7 +3479,7 @@ TEST(vulkan_training_repeats_steps_that_found_no_room)
     ON_DEVICE(vulkan_check_repeated);
 }
 
-TEST(vulkan_pruning_and_bands_move_rows_as_the_host_does)
+TEST(vulkan_pruning_and_a_higher_sh_degree_move_rows_as_the_host_does)
 {
     ON_DEVICE(vulkan_check_kept_rows);
 }
@@ -3231,6 +3507,11 @@ TEST(vulkan_leaves_lamp_and_water_to_the_cpu_and_says_so)
 TEST(vulkan_leaves_parts_of_views_to_the_cpu)
 {
     ON_DEVICE(vulkan_check_windows);
+}
+
+TEST(vulkan_asks_once_for_a_shader_that_is_refused)
+{
+    ON_DEVICE(vulkan_check_refused_shader);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)

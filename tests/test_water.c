@@ -908,7 +908,7 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
     size_t             kept = 0;
     photometry_test_make("depth_tracks", "3C");
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
-    CHECK_OK(track_depth_begin(test_ctx, &d, scene));
+    CHECK_OK(track_depth_begin(test_ctx, &d, scene, NULL));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const oxl_view *view = oxl_scene_view(scene, v);
         const double    full = track_depth_of_step(&d, v, 7, 0, &count, point);
@@ -927,6 +927,28 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
         CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
     }
     track_depth_free(test_ctx, &d);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
+{
+    oxl_scene           *scene = NULL;
+    struct track_depth   d     = {0};
+    struct depth_point   point[DEPTH_POINTS];
+    struct image_window *window;
+    int                  count, views;
+    photometry_test_make("depth_windows", "3C");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
+    views  = oxl_scene_view_count(scene);
+    window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
+    for (int v = 0; v < views; v += 2) window[v] = (struct image_window){.width = 8, .height = 8};
+    CHECK_OK(track_depth_begin(test_ctx, &d, scene, window));
+    for (int v = 0; v < views; v++) {
+        track_depth_of_step(&d, v, 7, 0, &count, point);
+        CHECK((count > 0) == (v % 2 == 0 && !oxl_scene_view(scene, v)->is_test));
+    }
+    track_depth_free(test_ctx, &d);
+    oxl_free(test_ctx, window);
     oxl_scene_free(test_ctx, scene);
 }
 

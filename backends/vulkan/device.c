@@ -222,11 +222,13 @@ static int vulkan_fits(const VkPhysicalDeviceLimits *l)
            l->maxStorageBufferRange >= sizeof(float) * OXL_PLANES * VULKAN_GROUP;
 }
 
-static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
+/* The device of this number, or (wanted -1) the best that was not tried, by bits. None is left: the last one's error stays. */
+static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any, uint32_t *tried)
 {
     VkPhysicalDevice device[VULKAN_DEVICES];
     const uint32_t   count = vulkan_devices(v, device);
     int              best  = -1;
+    uint32_t         at    = 0;
     if (count == 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here\nfix: --backend cpu");
     if (wanted >= (int)count)
         return oxl_fail(v->ctx, OXL_ERR_USAGE, "device %d of %u\nfix: oceanxl info --devices has the list, from 0", wanted,
@@ -236,13 +238,19 @@ static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
         int                        rank;
         v->GetPhysicalDeviceProperties(device[i], &p);
         rank = vulkan_rank(p.deviceType) + (vulkan_fits(&p.limits) ? 8 : 0);
-        if (wanted >= 0 ? (int)i != wanted : rank <= best) continue;
+        if ((*tried >> i & 1) || (wanted >= 0 ? (int)i != wanted : rank <= best)) continue;
         if (wanted < 0 && !any && p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU) continue;
         best          = rank;
+        at            = i;
         v->physical   = device[i];
         v->properties = p;
     }
+    if (best < 0 && *tried) return v->ctx->failed;
     if (best < 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here but the CPU");
+    if (*tried)
+        oxl_log(v->ctx, OXL_LOG_WARNING, "%.*s: trying %s", (int)strcspn(v->ctx->error, "\n"), v->ctx->error,
+                v->properties.deviceName);
+    *tried |= 1u << at;
     v->GetPhysicalDeviceMemoryProperties(v->physical, &v->memory);
     return OXL_OK;
 }
@@ -321,7 +329,7 @@ static oxl_result vulkan_create_device(struct vulkan *v)
     queue.queueFamilyIndex = v->family;
     vulkan_device_extensions(v, &extensions);
     info.enabledExtensionCount = extensions.enabled;
-    vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->properties.deviceName);
+    vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), "a device");
     oxl_free(v->ctx, extensions.there);
     if (v->rc != OXL_OK) return v->rc;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetDeviceProcAddr(v->device, "vk" #name);
@@ -350,42 +358,26 @@ static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
 
 /* ---------------------------------------------------------------- opening and closing */
 
-OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
+/* The one that was chosen. */
+static oxl_result vulkan_open_device(struct vulkan *v)
 {
-    struct vulkan *v      = oxl_calloc(ctx, 1, sizeof *v);
-    void          *mapped = NULL;
-    oxl_result     rc;
-    *out = NULL;
-    if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
-    v->ctx = ctx;
-    rc     = vulkan_start(v);
-    if (rc == OXL_OK) rc = vulkan_choose(v, device, any);
-    if (rc == OXL_OK) rc = vulkan_check(v);
+    void      *mapped = NULL;
+    oxl_result rc     = vulkan_check(v);
     if (rc == OXL_OK) rc = vulkan_create_device(v);
     if (rc == OXL_OK) v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
-    if (rc == OXL_OK) {
-        vulkan_create(v, &v->staging, VULKAN_MARKS + VULKAN_FRAMES * sizeof(uint32_t), 1);
-        vulkan_create(v, &v->nothing, 256, 0);
-        if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
-        v->mapped          = mapped;
-        v->image_bytes_max = vulkan_memory_left(v, v->kind) / VULKAN_IMAGE_SHARE;
-        rc                 = v->rc;
-    }
-    if (rc == OXL_OK) *out = v;
-    else vulkan_close(v);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    vulkan_create(v, &v->staging, VULKAN_MARKS + VULKAN_FRAMES * sizeof(uint32_t), 1);
+    vulkan_create(v, &v->nothing, 256, 0);
+    if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
+    v->mapped          = mapped;
+    v->image_bytes_max = vulkan_memory_left(v, v->kind) / VULKAN_IMAGE_SHARE;
+    return v->rc;
 }
 
-OXL_INTERNAL void vulkan_close(struct vulkan *v)
+/* Another may be opened then. */
+static void vulkan_close_device(struct vulkan *v)
 {
-    if (!v) return;
-    vulkan_finish(v);
-    if (v->lost) { /* may neither be waited for nor destroyed: vulkan_give_up */
-        vulkan_stop_listening(v);
-        oxl_free(v->ctx, v);
-        return;
-    }
     if (v->device && v->DestroyDevice) {
         for (int pass = 0; pass < PASS_COUNT; pass++) {
             struct vulkan_pipeline *p = &v->pipeline[pass];
@@ -403,7 +395,46 @@ OXL_INTERNAL void vulkan_close(struct vulkan *v)
         }
         v->DestroyDevice(v->device, NULL);
     }
-    vulkan_stop(v);
+    memset((char *)v + offsetof(struct vulkan, physical), 0, sizeof *v - offsetof(struct vulkan, physical));
+}
+
+/* The best that can be opened; to one that is named there is no other. */
+static oxl_result vulkan_open_best(struct vulkan *v, int wanted, int any)
+{
+    uint32_t   tried = 0;
+    oxl_result rc    = vulkan_choose(v, wanted, any, &tried);
+    while (rc == OXL_OK) {
+        rc = vulkan_open_device(v);
+        if (rc == OXL_OK) return rc;
+        vulkan_close_device(v);
+        rc = vulkan_choose(v, wanted, any, &tried);
+    }
+    return rc;
+}
+
+OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
+{
+    struct vulkan *v = oxl_calloc(ctx, 1, sizeof *v);
+    oxl_result     rc;
+    *out = NULL;
+    if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
+    v->ctx = ctx;
+    rc     = vulkan_start(v);
+    if (rc == OXL_OK) rc = vulkan_open_best(v, device, any);
+    if (rc == OXL_OK) *out = v;
+    else vulkan_close(v);
+    return rc;
+}
+
+OXL_INTERNAL void vulkan_close(struct vulkan *v)
+{
+    if (!v) return;
+    vulkan_finish(v);
+    if (v->lost) vulkan_stop_listening(v); /* may neither be waited for nor destroyed: vulkan_give_up */
+    else {
+        vulkan_close_device(v);
+        vulkan_stop(v);
+    }
     oxl_free(v->ctx, v);
 }
 

@@ -1,7 +1,8 @@
 /* memory.c - buffers on the device, and how much memory there is for them.
  *
- * Where an allocation would exceed the memory budget, or fails, images that are kept on the device make room first (vulkan.make_room); what
- * still fails is OXL_ERR_MEMORY, and with --backend auto the CPU takes over (src/render/renderer.c).
+ * Where an allocation would exceed the memory budgets, or fails, of every kind of memory that is near, images that are kept on the device
+ * make room (vulkan.make_room); then kinds that are far, and those beyond their budgets. What still fails is OXL_ERR_MEMORY, and with
+ * --backend auto the CPU takes over (src/render/renderer.c).
  */
 #include "state.h"
 
@@ -20,8 +21,9 @@ OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
     return (size_t)(budget.heapBudget[heap] - budget.heapUsage[heap]);
 }
 
+/* The first `close_by` are as good as the first one: of a discrete GPU its own; of others, which share the host's memory, all. */
 struct vulkan_kinds {
-    uint32_t kind[VK_MAX_MEMORY_TYPES], count;
+    uint32_t kind[VK_MAX_MEMORY_TYPES], count, close_by;
 };
 
 /* The kinds of memory with all that is needed, those that are also `preferred` first. None with a property that is not named here: others,
@@ -31,13 +33,16 @@ static struct vulkan_kinds vulkan_memory_kinds(const struct vulkan *v, uint32_t 
 {
     const VkMemoryPropertyFlags known = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT | VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT |
                                         VK_MEMORY_PROPERTY_HOST_COHERENT_BIT | VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
-    struct vulkan_kinds out = {.count = 0};
-    for (int strict = 1; strict >= 0; strict--)
+    const int           apart = v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    struct vulkan_kinds out   = {.count = 0};
+    for (int strict = 1; strict >= 0; strict--) {
         for (uint32_t i = 0; i < v->memory.memoryTypeCount; i++) {
             const VkMemoryPropertyFlags has = v->memory.memoryTypes[i].propertyFlags;
             if (!(allowed >> i & 1) || (has & needed) != needed || (has & ~known)) continue;
             if (((has & preferred) == preferred) == strict) out.kind[out.count++] = i;
         }
+        if (out.close_by == 0 || !apart) out.close_by = out.count;
+    }
     return out;
 }
 
@@ -75,29 +80,40 @@ static void vulkan_say_beyond(struct vulkan *v, VkDeviceSize size)
     v->said_beyond = 1;
 }
 
-/* Where there is none left, images that are kept on the device make room; also before a driver would move other memory off the device. */
-static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *info, VkDeviceMemory *out)
+/* A driver would move other memory off the device. */
+static int vulkan_is_beyond(const struct vulkan *v, uint32_t kind, VkDeviceSize size)
 {
-    const int own   = (v->memory.memoryTypes[info->memoryTypeIndex].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
-    const int tells = own && v->budgets;
-    VkResult  result;
-    if (tells && v->make_room && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) v->make_room(v, 0);
-    if (tells && info->allocationSize > vulkan_memory_left(v, info->memoryTypeIndex)) vulkan_say_beyond(v, info->allocationSize);
-    result = v->AllocateMemory(v->device, info, NULL, out);
-    if (vulkan_is_short(result) && v->make_room && v->make_room(v, 0) > 0) result = v->AllocateMemory(v->device, info, NULL, out);
-    return result;
+    const int own = (v->memory.memoryTypes[kind].propertyFlags & VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT) != 0;
+    return own && v->budgets && size > vulkan_memory_left(v, kind);
 }
 
-/* Of the first kind that has room for it. A heap may be small (16 MiB of what the host sees, before gigabytes), and more than a heap must not be asked of it. */
-static VkResult vulkan_allocate_some(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, VkDeviceMemory *out)
+/* Of the first of `count` kinds that has room for it. A heap may be small (16 MiB of what the host sees, before gigabytes), and more than
+ * a heap must not be asked of it. beyond: what its budget has not may be asked of it. */
+static VkResult vulkan_allocate_of(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, uint32_t count,
+                                   int beyond, VkDeviceMemory *out)
 {
     VkMemoryAllocateInfo info   = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .allocationSize = size};
     VkResult             result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
-    for (uint32_t i = 0; i < from->count && result == VK_ERROR_OUT_OF_DEVICE_MEMORY; i++) {
+    for (uint32_t i = 0; i < count && result == VK_ERROR_OUT_OF_DEVICE_MEMORY; i++) {
         info.memoryTypeIndex = from->kind[i];
-        if (vulkan_heap_size(v, from->kind[i]) >= size) result = vulkan_allocate(v, &info, out);
+        if (vulkan_heap_size(v, from->kind[i]) < size) continue;
+        if (vulkan_is_beyond(v, from->kind[i], size)) {
+            if (!beyond) continue;
+            vulkan_say_beyond(v, size);
+        }
+        result = v->AllocateMemory(v->device, &info, NULL, out);
     }
     return result;
+}
+
+/* Images that are kept on the device leave it before memory far from it is used, not while there is other memory near it. */
+static VkResult vulkan_allocate(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, VkDeviceMemory *out)
+{
+    VkResult result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
+    if (vulkan_is_short(result) && v->make_room && v->make_room(v, 0) > 0)
+        result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
+    if (v->lost) return v->lost; /* while images were waited for */
+    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY ? vulkan_allocate_of(v, size, from, from->count, 1, out) : result;
 }
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host)
@@ -115,7 +131,7 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
                                 for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     if (!for_host && kinds.count > 0) v->kind = vulkan_main_kind(v, &kinds);
     if (kinds.count == 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
-    else if (vulkan_ok(v, vulkan_allocate_some(v, needs.size, &kinds, &b->memory), "memory for a buffer"))
+    else if (vulkan_ok(v, vulkan_allocate(v, needs.size, &kinds, &b->memory), "memory for a buffer"))
         vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");
     if (v->rc == OXL_OK) b->size = size;
     else vulkan_release(v, b);
@@ -145,7 +161,5 @@ OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size
     const size_t more = OXL_MIN(count + count / 4, v->range / element);
     if (v->rc != OXL_OK || b->size >= OXL_MAX(count, (size_t)1) * element) return;
     vulkan_reserve_exactly(v, b, OXL_MAX(count, more), element, what);
-    if (v->rc != OXL_ERR_MEMORY || more <= count) return;
-    v->rc = OXL_OK;
-    vulkan_reserve_exactly(v, b, count, element, what);
+    if (more > count && vulkan_may_retry(v)) vulkan_reserve_exactly(v, b, count, element, what);
 }

@@ -75,15 +75,23 @@ OXL_INTERNAL int vulkan_is_short(VkResult result)
 /* Keeps the first failure. 1: all is well. */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
 {
+    const char *name = v->properties.deviceName[0] ? v->properties.deviceName : "Vulkan";
     if (result == VK_SUCCESS) return v->rc == OXL_OK;
     if (v->rc == OXL_OK && vulkan_is_short(result))
         v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
-                         "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
+                         "%s, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", name, what,
                          vulkan_word(result), (int)result);
     if (v->rc == OXL_OK)
         v->rc =
-            oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what, vulkan_word(result), (int)result);
+            oxl_fail(v->ctx, OXL_ERR_FAILED, "%s, %s: %s (%d)\nfix: --backend cpu", name, what, vulkan_word(result), (int)result);
     return 0;
+}
+
+OXL_INTERNAL int vulkan_may_retry(struct vulkan *v)
+{
+    if (v->rc != OXL_ERR_MEMORY || v->stays || v->lost) return 0;
+    v->rc = OXL_OK;
+    return 1;
 }
 
 /* ---------------------------------------------------------------- recording and submitting */
@@ -230,13 +238,14 @@ static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
     vulkan_clear_frame(v, f);
 }
 
-/* A command buffer that could not be ended is lost. Where the host relies on nothing in it, that is a lack of memory like others; the next one is
- * used, since only the whole pool is reset. */
+/* A command buffer that could not be ended is lost. Where the host relies on nothing in it, that is a lack of memory like others, but for
+ * what comes behind it (vulkan.stays); the next one is used, since only the whole pool is reset. */
 static int vulkan_fail_end(struct vulkan *v, VkResult result)
 {
     const int last = vulkan_frame(v)->command_at + 1 == VULKAN_COMMANDS;
     if (!vulkan_is_short(result) || v->relied_on || v->clock || last) return vulkan_give_up(v, result);
     vulkan_frame(v)->command_at++;
+    v->stays = 1;
     return vulkan_ok(v, result, "recording");
 }
 
@@ -272,13 +281,27 @@ static void vulkan_submit_frame(struct vulkan *v)
     v->marked = 0;
 }
 
+/* Where the frame's last command buffer could not be ended, an empty one takes the fence: those before it are under way. */
+static void vulkan_fence_frame(struct vulkan *v)
+{
+    oxl_result failed;
+    vulkan_submit_frame(v);
+    failed = v->rc;
+    if (failed == OXL_OK || v->lost) return;
+    v->rc = OXL_OK;
+    vulkan_submit_frame(v);
+    if (v->lost) return;
+    if (v->rc == OXL_OK) v->rc = failed;
+    else vulkan_give_up(v, VK_ERROR_OUT_OF_HOST_MEMORY);
+}
+
 /* What was recorded before a failure is complete, and counts as done: it is submitted all the same. */
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
 {
     const oxl_result before = v->rc;
     if (v->lost) return v->rc;
     v->rc = OXL_OK;
-    vulkan_submit_frame(v);
+    vulkan_fence_frame(v);
     for (int k = 0, waits = 0; k < VULKAN_FRAMES; k++) {
         struct vulkan_frame *f = &v->frame[(v->at + 1 + k) % VULKAN_FRAMES];
         v->waits += f->under_way && waits++ == 0;
@@ -313,6 +336,7 @@ OXL_INTERNAL void vulkan_enter(struct vulkan *v)
     if (v->rc == OXL_OK) return;
     v->reads = 0;
     vulkan_finish(v);
+    v->stays = 0;
     if (v->lost) vulkan_say_lost(v);
     else v->rc = OXL_OK;
 }
@@ -426,7 +450,7 @@ static void vulkan_make_layout(struct vulkan *v, enum vulkan_pass pass)
                                                .pPushConstantRanges    = &push};
     for (uint32_t i = 0; i < VULKAN_PASSES[pass].bindings; i++)
         binding[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL};
-    if (vulkan_ok(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), "a layout"))
+    if (p->set || vulkan_ok(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), "a layout"))
         vulkan_ok(v, v->CreatePipelineLayout(v->device, &layout, NULL, &p->layout), "a layout");
 }
 
@@ -457,7 +481,9 @@ OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32
 {
     if (v->rc != OXL_OK || v->pipeline[pass].variant[variant]) return;
     vulkan_make_variant(v, pass, variant);
-    if (v->rc != OXL_OK) v->rc = OXL_ERR_MEMORY;
+    if (v->rc == OXL_OK) return;
+    v->stays = v->rc != OXL_ERR_MEMORY;
+    v->rc    = OXL_ERR_MEMORY;
 }
 
 /* Shaders are compiled as if no two bindings shared memory, so one buffer must not be bound twice. */

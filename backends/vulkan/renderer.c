@@ -81,7 +81,7 @@ static void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32
     push[0] = (uint32_t)(slab * r->stride);
     push[1] = (uint32_t)vulkan_slab_rows(r, slab, r->count);
     push[2] = r->stride;
-    push[3] = (uint32_t)r->bands;
+    push[3] = (uint32_t)r->drawn_sh_degree;
     push[4] = (uint32_t)r->lobes;
     push[5] = r->lobe_plane;
 }
@@ -138,8 +138,8 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
 }
 
 /* Calls draw(r, part, argument) for the whole image, or for the tiles whose first pair is in a part of the pairs, each part a
- * submission of its own: an operating system resets a GPU that is busy for longer than 2 s with one (Windows' default). The shader looks whether
- * a tile is in the part, so the host need not know the tiles' pairs. docs/log/SPEED.md has the estimates. */
+ * submission of its own: an operating system resets a GPU that is busy for longer than 2 s with one (Windows' default). The shader looks
+ * whether a tile is in the part, so the host need not know the tiles' pairs. docs/log/SPEED.md has the estimates. */
 static void vulkan_in_parts(struct vulkan_renderer *r,
                             void (*draw)(struct vulkan_renderer *r, const uint32_t part[2], uint32_t argument), uint32_t argument)
 {
@@ -233,26 +233,32 @@ static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
     if (steps) vulkan_reserve_step(r);
 }
 
-/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs. */
-static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
+static void vulkan_release_pairs(struct vulkan_renderer *r)
 {
     struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1], &r->staged,
                                        &r->sums_a,      &r->sums_b,      &r->sums_c,        &r->sums_d,        &r->sums_e};
-    struct vulkan        *v         = r->v;
-    const int             counted   = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
-    const size_t          found     = r->pairs;
+    vulkan_finish(r->v);
+    for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(r->v, by_pair[i]);
+}
+
+/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs;
+ * after a failure, for others. */
+static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
+{
+    struct vulkan *v       = r->v;
+    const int      counted = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
+    const size_t   found   = r->pairs;
     if (v->rc != OXL_OK) return;
     if (counted && r->deferred) r->pairs = OXL_MAX(r->pairs, r->most_pairs);
     vulkan_reserve_view(r, steps);
-    if (v->rc != OXL_ERR_MEMORY || !counted || (r->tight && r->pairs == found)) return;
-    vulkan_finish(v);
-    if (v->lost) return;
-    for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(v, by_pair[i]);
-    v->rc    = OXL_OK;
+    if (v->rc == OXL_OK) return;
+    vulkan_release_pairs(r);
+    if (!counted || (r->tight && r->pairs == found) || !vulkan_may_retry(v)) return;
     r->tight = 1;
     r->room  = 0;
     r->pairs = found;
     vulkan_reserve_view(r, steps);
+    if (v->rc != OXL_OK) vulkan_release_pairs(r);
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
@@ -265,7 +271,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     }
     vulkan_enter(r->v);
     vulkan_take_model(r, model);
-    r->bands = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree : options->sh_degree;
+    r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree : options->sh_degree;
     vulkan_take_view(r, camera, options);
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
@@ -373,7 +379,8 @@ static oxl_result vulkan_backward(void *device, const float *drgb)
 static void vulkan_download_plane(struct vulkan_renderer *r, size_t slab, uint32_t plane, const uint32_t *seen, float *out)
 {
     const size_t rows = vulkan_slab_rows(r, slab, plane < r->lobe_plane ? r->count : r->lobes), first = slab * r->stride;
-    const int    past = plane < r->lobe_plane && plane >= (uint32_t)(OXL_SH + 3 * (r->bands + 1) * (r->bands + 1));
+    const int    past =
+        plane < r->lobe_plane && plane >= (uint32_t)(OXL_SH + 3 * (r->drawn_sh_degree + 1) * (r->drawn_sh_degree + 1));
     if (rows == 0 || past) return;
     vulkan_download(r->v, &r->slab[slab].gradient, (size_t)plane * r->stride * sizeof(float), out + first, rows * sizeof(float));
     for (size_t i = first; i < first + rows && r->v->rc == OXL_OK; i++)
@@ -447,8 +454,8 @@ static oxl_result vulkan_fail_other_model(struct vulkan_renderer *r)
     return oxl_fail(r->v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
 }
 
-/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. Where a slab was
- * stepped and the next one cannot be, the device is given up: who repeated the step would step the first one twice. */
+/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. Where a slab
+ * was stepped and the next one cannot be, the device is given up: who repeated the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
 {
     const uint32_t none[3] = {0, UINT32_MAX, 0};

@@ -3,7 +3,8 @@
  * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds maxStorageBufferRange, however many
  * Gaussians there are. What is indexed by any row has at most 16 bytes a row or pair.
  *
- * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has downloaded it for a host that changes it.
+ * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has downloaded it for a host that changes
+ * it.
  */
 #include "resident.h"
 
@@ -153,6 +154,7 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
     r->model_here = r->moments_here = r->stepped = 0;
     r->room                                      = 0;
+    r->tight                                     = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_rows(r);
     if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, r->planes, 1);
@@ -265,6 +267,7 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
         return v->rc == OXL_ERR_MEMORY ? OXL_OK : v->rc;
     }
     r->room    = 0;
+    r->tight   = 0;
     r->stepped = 1; /* the host has not got all of it */
     return OXL_OK;
 }

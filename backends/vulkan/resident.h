@@ -49,7 +49,7 @@ struct vulkan_renderer {
     oxl_model                    *model, *first, *second; /* the host's; the last two since a step */
     const float                  *plane;                  /* the host's first one: another is another model */
     size_t                        count, lobes;
-    int                           sh_degree, bands; /* carried; evaluated */
+    int                           sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
     int                           model_here, moments_here, stepped;
     struct renderer_sums          sums;
     int                           observed;        /* there are statistics here that the host has not got */
@@ -72,7 +72,7 @@ struct vulkan_renderer {
     size_t               tiles, pairs; /* pairs: at most, when deferred */
     size_t               room;         /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
     size_t               most_pairs;   /* of the views so far, as deferred steps reported them */
-    int                  tight;        /* memory was short: there is room for as many pairs as were found, and no more */
+    int                  tight; /* memory was short for this model: there is room for as many pairs as were found, and no more */
     float                ssim_weight, gain[3];
     int                  exposed;  /* 1: the loss is that of the rendered image times `gain` */
     int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */

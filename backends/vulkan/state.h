@@ -128,19 +128,21 @@ struct vulkan_renderer;
 struct vulkan {
     oxl_context            *ctx;
     struct vulkan_renderer *renderers; /* a list of all that are there */
-    /* Releases what can be had again; how many buffers. but: what this frame names stays, and all others have ended; 0: all, after a wait. NULL: nothing */
+    /* Releases what can be had again; how many buffers. but: what this frame names stays, and all others have ended; 0: all, after a
+     * wait. NULL: nothing */
     size_t (*make_room)(struct vulkan *v, uint32_t but);
     void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
     VULKAN_OF_DEVICE(VULKAN_DECLARE)
-    PFN_vkGetInstanceProcAddr        GetInstanceProcAddr;
-    VkInstance                       instance;
-    VkDebugUtilsMessengerEXT         messenger;
-    int                              properties2; /* VK_KHR_get_physical_device_properties2 is on: what the next two depend on */
-    int                              budgets;     /* VK_EXT_memory_budget is on */
-    int                              validates, complaints; /* whether the validation layer is on; its messages so far */
-    VkPhysicalDevice                 physical;
+    PFN_vkGetInstanceProcAddr GetInstanceProcAddr;
+    VkInstance                instance;
+    VkDebugUtilsMessengerEXT  messenger;
+    int              properties2; /* VK_KHR_get_physical_device_properties2 is on: portability and budgets depend on it */
+    int              validates, complaints; /* whether the validation layer is on; its messages so far */
+    /* from here on of the device: vulkan_close_device clears it */
+    VkPhysicalDevice physical;
+    int              budgets; /* VK_EXT_memory_budget is on */
     VkPhysicalDeviceProperties       properties;
     char                             name_and_cpu[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE + 8];
     VkPhysicalDeviceMemoryProperties memory;
@@ -171,8 +173,9 @@ struct vulkan {
     double      pass_seconds[PASS_COUNT];
     int         pass_runs[PASS_COUNT];
     oxl_result  rc;
-    uint64_t    patience;        /* ns: of a wait, for each submission */
-    size_t      range;           /* bytes: the largest array */
+    int         stays;    /* the failure: what was recorded is lost, or a shader is refused, and a smaller buffer mends nothing */
+    uint64_t    patience; /* ns: of a wait, for each submission */
+    size_t      range;    /* bytes: the largest array */
     size_t      image_bytes_max; /* bytes of images that a renderer may keep */
     uint32_t    slab_rows;       /* at most */
     uint32_t    groups_max;      /* in one dimension of a dispatch */
@@ -185,6 +188,7 @@ struct vulkan {
 OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int         vulkan_is_short(VkResult result);                       /* of memory */
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
+OXL_INTERNAL int vulkan_may_retry(struct vulkan *v); /* 1: a smaller buffer may do, and the failure is forgotten */
 
 OXL_INTERNAL int        vulkan_give_up(struct vulkan *v, VkResult result); /* no call to the device from now on; 0 */
 OXL_INTERNAL int        vulkan_record(struct vulkan *v);                   /* 1: commands may be recorded */
@@ -202,7 +206,8 @@ OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to
 /* From the beginning of a buffer to `offset` of another. */
 OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from, const struct vulkan_buffer *to, size_t offset,
                               size_t size);
-/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */
+/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in
+ * between. */
 OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
 OXL_INTERNAL void vulkan_collect(struct vulkan *v);
 OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
@@ -216,7 +221,8 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host);
 OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b);
-/* vulkan_reserve_exactly: for what does not grow. At least so many elements; the contents are lost when it grows. what: names them in an error. */
+/* vulkan_reserve_exactly: for what does not grow. At least so many elements; the contents are lost when it grows. what: names them in an
+ * error. */
 OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what);
 OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
                                          const char *what);

@@ -1,7 +1,7 @@
 /* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of cost.c.
  *
  * Reduced are first the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
- * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
+ * stay as they are), then the SH degree, then the number of Gaussians that is expected, then the size of the blocks.
  * Without --ram, a run that exceeds the memory available here is planned as with --ram of that much; partition.txt keeps the number.
  *
  * Invariant: what follows from partition.txt depends on the survey and the options alone, not on what this machine has or had free.
@@ -12,6 +12,7 @@
 #define BUDGET_CACHE  0.1  /* of the budget at most goes to images: others are read from files (docs/SCALE.md) */
 #define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
+#define BUDGET_SH     1    /* SH degree where memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md) */
 
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
 {
@@ -53,11 +54,17 @@ OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options
 
 OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
 {
-    double gaussians;
+    const double most     = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    const int    is_given = o->train.sh_degree >= 0;
+    double       gaussians;
     if (o->ram == 0) return 1;
     o->scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_disable_trials(o);
-    gaussians = budget_gaussians(o, load, (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train));
+    gaussians = budget_gaussians(o, load, most);
+    if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(most)) {
+        o->train.sh_degree = BUDGET_SH;
+        gaussians          = budget_gaussians(o, load, most);
+    }
     o->train.max_gaussians = (int)gaussians;
     return gaussians >= 1;
 }

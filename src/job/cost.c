@@ -17,12 +17,16 @@
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
 #define COST_PROGRAM_BYTES   1.2e7  /* 9 to 10 MB were seen */
 #define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
-#define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
+#define COST_STEPS_PER_IMAGE \
+    700                 /* at most, of a preset's: beyond it a model learns its training views by heart (docs/TRADEOFF.md) */
+#define COST_WITHIN 3.0 /* factor of uncertainty of times computed from counts */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 {
-    const double more = o->iterations_for > 0 ? (double)images / o->iterations_for : 1;
-    return (int)OXL_MIN(OXL_MAX(more, 1) * o->train.iterations, INT_MAX);
+    const double more = OXL_MAX(1, (double)images / OXL_MAX(1, o->iterations_for));
+    const double most = (double)COST_STEPS_PER_IMAGE * OXL_MAX(1, images);
+    if (o->iterations_for == 0) return o->train.iterations;
+    return (int)OXL_MIN(OXL_MIN(more * o->train.iterations, most), INT_MAX);
 }
 
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)

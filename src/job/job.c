@@ -239,7 +239,7 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     *o = job->options;
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
-        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes, undecided",
+        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",
                 (double)o->ram / 1e6, o->train.sh_degree);
     cost                    = cost_estimate(job->ctx, o, &load);
     task->train             = o->train;
@@ -308,7 +308,8 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .started    = os_seconds(),
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
-    ctx->notes = &job->notes;
+    ctx->notes    = &job->notes;
+    ctx->said_cpu = 0; /* each run's notes tell */
     manifest_describe(&job->line, scene, &job->options);
 }
 

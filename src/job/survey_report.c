@@ -98,6 +98,7 @@ static void survey_write_iterations(const oxl_job_options *o, int iterations, ox
     survey_write(s, "iterations   %d", iterations);
     if (iterations > o->train.iterations)
         survey_write(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
+    else if (iterations < o->train.iterations) survey_write(s, " instead of %d, for %d images", o->train.iterations, images);
     else if (o->iterations_for > 0) survey_write(s, ": up to %d images", o->iterations_for);
     survey_write(s, "\n");
 }

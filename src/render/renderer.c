@@ -11,9 +11,12 @@ oxl_render_options oxl_render_options_default(void)
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
+/* Once of each kind of failure: a device that is lost, or too small, is so for all images that follow. */
 OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 {
-    oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
+    const int kind = 1 << ctx->failed;
+    if (!(ctx->said_cpu & kind)) oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
+    ctx->said_cpu |= kind;
     return OXL_OK;
 }
 

@@ -226,7 +226,8 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
     struct depth_point         point[DEPTH_POINTS];
     int                        count = 0;
     double                     weight;
-    oxl_result                 rc = t->track_depth.started ? OXL_OK : track_depth_begin(t->ctx, &t->track_depth, t->scene);
+    oxl_result                 rc = OXL_OK;
+    if (!t->track_depth.started) rc = track_depth_begin(t->ctx, &t->track_depth, t->scene, t->output ? t->output->window : NULL);
     if (rc != OXL_OK) return rc;
     weight = track_depth_of_step(&t->track_depth, view, t->step, progress, &count, point);
     for (int i = 0; i < count; i++) {

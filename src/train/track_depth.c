@@ -58,7 +58,8 @@ static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, 
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene)
+OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
+                                          const struct image_window *window)
 {
     const struct colmap *c     = scene_colmap(scene);
     const int            views = oxl_scene_view_count(scene);
@@ -72,7 +73,8 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     if (rc == OXL_OK) {
         for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
         for (int v = 0; v < views; v++)
-            if (!oxl_scene_view(scene, v)->is_test) view_of[scene_source_image(scene, v) - c->image] = v;
+            if (!oxl_scene_view(scene, v)->is_test && (!window || window[v].width > 0))
+                view_of[scene_source_image(scene, v) - c->image] = v;
         track_depth_add_all(d, scene, view_of); /* counts */
         rc = track_depth_allocate(ctx, d, views);
     }

@@ -239,9 +239,10 @@ struct track_depth {
     struct track_depth_view *view; /* (views); NULL: no tracks */
     struct depth_point      *all;
 };
-OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene);
-/* Memory for a survey of so many observations. */
-OXL_INTERNAL double     track_depth_bytes(double observations, int views);
+/* window (views): only of views that have one; NULL: of all training views. */
+OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
+                                          const struct image_window *window);
+OXL_INTERNAL double     track_depth_bytes(double observations, int views); /* of a survey, at most */
 OXL_INTERNAL void       track_depth_free(oxl_context *ctx, struct track_depth *d);
 /* Some points of the step's view; returns the weight of each in the loss. */
 OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int view, int step, double progress, int *count,

@@ -150,9 +150,9 @@ vec3 colour_direction(uint i, out float inverse)
 
 vec3 colour_of(uint i, uint degree, float basis[16])
 {
-    vec3 sum   = vec3(0.5);
-    uint bands = (degree + 1u) * (degree + 1u);
-    for (uint k = 0u; k < bands; k++)
+    vec3 sum          = vec3(0.5);
+    uint coefficients = (degree + 1u) * (degree + 1u);
+    for (uint k = 0u; k < coefficients; k++)
         sum += basis[k] * vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i));
     return vec3(is_nan(sum.x) ? 0.0 : sum.x, is_nan(sum.y) ? 0.0 : sum.y, is_nan(sum.z) ? 0.0 : sum.z); /* as the CPU's clamp */
 }

@@ -1,5 +1,6 @@
-/* move.comp - rows of the model and its moments to their new places, when density control, pruning or more bands change the model: an invocation
- * a row of a new slab, for one of the old slabs. The planes that the host sends itself, below `kept`, are left out of the model.
+/* move.comp - rows of the model and its moments to their new places, when density control, pruning or a higher SH degree change the
+ * model: an invocation a row of a new slab, for one of the old slabs. The planes that the host sends itself, below `kept`, are left
+ * out of the model.
  */
 #version 450
 #include "common.glsl"

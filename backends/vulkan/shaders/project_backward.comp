@@ -143,14 +143,14 @@ Light colour_backward(uint i, vec3 light)
 {
     Light o;
     float v[16], inverse;
-    vec3  way   = colour_direction(i, inverse);
-    uint  bands = (push.degree + 1u) * (push.degree + 1u);
+    vec3  way          = colour_direction(i, inverse);
+    uint  coefficients = (push.degree + 1u) * (push.degree + 1u);
     colour_basis(push.degree, way, o.basis);
     vec3 value = colour_of(i, push.degree, o.basis);
     o.d        = vec3(value.x > 0.0 ? light.x : 0.0, value.y > 0.0 ? light.y : 0.0, value.z > 0.0 ? light.z : 0.0);
     o.dmean    = vec3(0.0);
     if (push.degree == 0u) return o;
-    for (uint k = 0u; k < bands; k++) v[k] = dot(vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i)), o.d);
+    for (uint k = 0u; k < coefficients; k++) v[k] = dot(vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i)), o.d);
     vec3 dway = basis_backward(push.degree, way, v);
     o.dmean   = (dway - dot(dway, way) * way) * inverse;
     return o;
@@ -231,10 +231,10 @@ bool vec3_is_finite(vec3 v) { return is_finite(v.x) && is_finite(v.y) && is_fini
 
 bool row_is_finite(uint i, bool lobed, Pull p, float opacity, Light light, LobeGradient lobe)
 {
-    uint bands = (push.degree + 1u) * (push.degree + 1u);
-    bool good  = vec3_is_finite(p.mean) && vec3_is_finite(p.log_scale) && vec3_is_finite(p.q.xyz) && is_finite(p.q.w) && is_finite(opacity);
-    for (uint k = 0u; k < SH + 3u * bands; k++) good = good && is_finite(at(k, i));
-    for (uint k = 0u; k < bands; k++) good = good && vec3_is_finite(light.basis[k] * light.d);
+    uint coefficients = (push.degree + 1u) * (push.degree + 1u);
+    bool good         = vec3_is_finite(p.mean) && vec3_is_finite(p.log_scale) && vec3_is_finite(p.q.xyz) && is_finite(p.q.w) && is_finite(opacity);
+    for (uint k = 0u; k < SH + 3u * coefficients; k++) good = good && is_finite(at(k, i));
+    for (uint k = 0u; k < coefficients; k++) good = good && vec3_is_finite(light.basis[k] * light.d);
     if (!lobed) return good;
     for (uint k = 0u; k < 4u; k++) good = good && is_finite(at(push.lobe_plane + k, i));
     return good && is_finite(lobe.opacity) && vec3_is_finite(lobe.log_scale);
