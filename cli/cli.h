@@ -19,7 +19,38 @@ int        info_copy_imaging(const char *from, const char *to);
 
 void blocks_print(FILE *to, const oxl_partition_report *report);
 
-/* ---------------------------------------------------------------- json.c: a cursor over what the library writes as JSON */
+/* ---------------------------------------------------------------- output.c: text and files independent of the locale */
+
+struct output {  /* text in memory; once it is opened as a file, what is not written yet */
+    char  *data; /* terminated; free() it */
+    size_t used, capacity;
+    int    failed; /* an allocation or a write */
+    FILE  *file;   /* atomic: renamed to its name on close */
+    char   path[1024], temporary[1040];
+};
+/* The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half up; nothing if not finite or, with its
+ * decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within quotes; %J: likewise the value of a member of
+ * JSON, or "unknown". %S of NULL is nothing. */
+void  output_add(struct output *t, const char *format, ...);
+void  output_bytes(struct output *t, const void *data, size_t size);
+void  output_open(struct output *t, const char *path);                 /* t is empty, or its text is the beginning */
+int   output_close(struct output *t);                                  /* 1: written, whole; t is empty then */
+int   output_save(struct output *t, const char *path);                 /* open and close */
+char *output_read(const char *folder, const char *name, size_t *size); /* in fresh memory, or NULL; size may be NULL */
+/* float32 little endian, rows from the bottom: Debevec's portable float map. */
+int   output_write_pfm(const char *path, const float *value, int width, int height);
+
+/* The same for one number, and figures for people; return out. */
+const char *output_fixed(char out[32], double value, int decimals);
+const char *output_count(char out[40], double value);   /* 22 400 */
+const char *output_size(char out[40], double value);    /* bytes: 5.7 MB */
+const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h */
+#define OUTPUT_FIXED(value, decimals) output_fixed((char[32]){0}, value, decimals)
+#define OUTPUT_COUNT(value)           output_count((char[40]){0}, value)
+#define OUTPUT_SIZE(value)            output_size((char[40]){0}, value)
+#define OUTPUT_SECONDS(value)         output_seconds((char[40]){0}, value)
+
+double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
 
 #define json_member    oxl_json_member
 #define json_first     oxl_json_first
@@ -30,42 +61,8 @@ void blocks_print(FILE *to, const oxl_partition_report *report);
 void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
 char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
-/* ---------------------------------------------------------------- output.c: growing text, numbers independent of the locale */
-
-struct output {
-    char  *data; /* terminated; free() it */
-    size_t used, capacity;
-    int    failed; /* an allocation failed */
-};
-void output_add(struct output *t, const char *format, ...); /* without %f, which depends on the locale */
-
-/* The value with fixed decimals; "" if it is not finite. Returns out. */
-const char *output_fixed(char out[32], double value, int decimals);
-#define OUTPUT_FIXED(value, decimals) output_fixed((char[32]){0}, value, decimals)
-
-/* FOLDER/name as text in fresh memory, or NULL; size may be NULL. */
-char *output_read(const char *folder, const char *name, size_t *size);
-int   output_save(struct output *t, const char *path); /* 1: written, whole; t is empty then */
-
-double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
-
-/* ---------------------------------------------------------------- file.c: files of numbers, independent of the locale */
-
-struct output_file { /* atomic: renamed to its name on close */
-    FILE  *file;
-    char   path[1024], temporary[1040];
-    size_t used;
-    int    failed;
-    char   buffer[65536];
-};
-void output_file_open(struct output_file *f, const char *path);
-void output_file_bytes(struct output_file *f, const void *data, size_t size);
-void output_file_text(struct output_file *f, const char *text);
-void output_file_integer(struct output_file *f, uint64_t value);
-void output_file_fixed(struct output_file *f, double value, int decimals); /* |value| x 10^decimals < 9e18 */
-int  output_file_close(struct output_file *f);                             /* 1: success */
-/* float32 little endian, rows from the bottom: Debevec's portable float map. */
-int  output_write_pfm(const char *path, const float *value, int width, int height);
+/* The text into error; returns rc. */
+oxl_result cli_fail(char *error, size_t size, oxl_result rc, const char *format, ...);
 
 /* ---------------------------------------------------------------- frame.c: the axes right, up and above of a survey */
 

@@ -108,7 +108,7 @@ static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int c
     char          path[1100];
     FILE         *next = NULL;
     oxl_result    rc   = OXL_ERR_MEMORY;
-    for (int i = 0; i < count; i++) output_add(&list, "frame_%05d.png\n", i);
+    for (int i = 0; i < count; i++) output_add(&list, "frame_%.5d.png\n", i);
     if (!list.failed) rc = oxl_render_list(ctx, folder, list.data, 0);
     free(list.data);
     snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count);

@@ -55,16 +55,12 @@ static void ortho_camera(struct ortho *o, const oxl_scene *scene)
 
 static int ortho_world_file(const struct ortho *o, const char *folder, double unit)
 {
-    const double       line[6] = {o->pixel * unit, 0, 0, -o->pixel * unit, o->corner[0] * unit, o->corner[1] * unit};
-    struct output_file file;
-    char               path[1100];
+    const double  pixel = o->pixel * unit;
+    struct output t     = {0};
+    char          path[1100];
     snprintf(path, sizeof path, "%s/ortho.pgw", folder);
-    output_file_open(&file, path);
-    for (int i = 0; i < 6; i++) {
-        output_file_fixed(&file, line[i], 9);
-        output_file_text(&file, "\n");
-    }
-    return output_file_close(&file);
+    output_add(&t, "%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n", pixel, 0.0, 0.0, -pixel, o->corner[0] * unit, o->corner[1] * unit);
+    return output_save(&t, path);
 }
 
 /* Camera z to height above the frame's centre, in metres or units; NaN where nothing is rendered. In the world's frame: the world's z. */

@@ -1,4 +1,8 @@
-/* output.c - growing text; numbers independent of the locale. */
+/* output.c - text that grows in memory or goes to a file; its numbers do not depend on the locale. Strings of JSON.
+ *
+ * A load test writes gigabytes of digits; printf would take most of the time and may write decimal commas.
+ * Invariant: files are atomic; errors are kept and reported on close.
+ */
 #include "cli.h"
 
 #include <math.h>
@@ -6,42 +10,192 @@
 #include <stdlib.h>
 #include <string.h>
 
-void output_add(struct output *t, const char *format, ...)
+enum { OUTPUT_FLUSH = 1 << 16 }; /* bytes: a file is written in pieces of about so many */
+
+static void output_flush(struct output *t)
 {
-    va_list list;
-    int     size;
-    va_start(list, format);
-    size = vsnprintf(NULL, 0, format, list);
-    va_end(list);
-    if (size < 0) t->failed = 1;
-    if (!t->failed && t->used + (size_t)size + 1 > t->capacity) {
-        const size_t capacity = 2 * t->capacity + (size_t)size + 1024;
-        char        *data     = realloc(t->data, capacity);
-        if (data) t->data = data, t->capacity = capacity;
+    if (t->used > 0 && fwrite(t->data, 1, t->used, t->file) != t->used) t->failed = 1;
+    t->used = 0;
+}
+
+void output_bytes(struct output *t, const void *data, size_t size)
+{
+    if (t->file && t->used + size > OUTPUT_FLUSH) output_flush(t);
+    if (!t->failed && t->used + size + 1 > t->capacity) {
+        const size_t capacity = 2 * t->capacity + size + 1024;
+        char        *grown    = realloc(t->data, capacity);
+        if (grown) t->data = grown, t->capacity = capacity;
         else t->failed = 1;
     }
     if (t->failed) return;
-    va_start(list, format);
-    vsnprintf(t->data + t->used, t->capacity - t->used, format, list);
-    va_end(list);
-    t->used += (size_t)size;
+    memcpy(t->data + t->used, data, size);
+    t->used += size;
+    t->data[t->used] = 0;
+}
+
+/* ---------------------------------------------------------------- numbers */
+
+/* Writes at least `least` digits of value before `end`. Returns their start. */
+static char *output_digits(char *end, unsigned long long value, int least)
+{
+    char *at = end;
+    while (value > 0 || end - at < least) {
+        *--at = (char)('0' + value % 10);
+        value /= 10;
+    }
+    return at;
+}
+
+/* Before `end`, rounded half up. Returns its start: `end` if |value| x 10^decimals is not below 9e18. */
+static char *output_fixed_before(char *end, double value, int decimals)
+{
+    unsigned long long power = 1, scaled;
+    char              *at    = end;
+    for (int i = 0; i < decimals; i++) power *= 10;
+    if (!(fabs(value) * (double)power < 9e18)) return end;
+    scaled = (unsigned long long)(fabs(value) * (double)power + 0.5);
+    if (decimals > 0) {
+        at    = output_digits(at, scaled % power, decimals);
+        *--at = '.';
+    }
+    at = output_digits(at, scaled / power, 1);
+    if (value < 0 && scaled > 0) *--at = '-';
+    return at;
 }
 
 const char *output_fixed(char out[32], double value, int decimals)
 {
-    char   text[64];
-    size_t size = 0;
-    out[0]      = 0;
-    if (!isfinite(value) || fabs(value) >= 1e18) return out;
-    snprintf(text, sizeof text, "%.*f", decimals, value);
-    for (const char *p = text; *p; p++) {
-        if (strchr("-0123456789", *p)) out[size++] = *p;
-        else if (size > 0 && out[size - 1] != '.') out[size++] = '.'; /* the locale's decimal point can have several bytes */
+    char        digits[32], *end = digits + sizeof digits - 1;
+    const char *at = output_fixed_before(end, value, decimals);
+    *end           = 0;
+    return memcpy(out, at, (size_t)(end - at) + 1);
+}
+
+/* ---------------------------------------------------------------- formats */
+
+/* Without the control characters that XML does not have. */
+static void output_escaped(struct output *t, const char *text, size_t size)
+{
+    static const char        special[] = "&<>\"'";
+    static const char *const escape[]  = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
+    for (size_t i = 0; i < size; i++) {
+        const char *found = strchr(special, text[i]);
+        if (found) output_add(t, "%s", escape[found - special]);
+        else if ((unsigned char)text[i] >= ' ' || strchr("\t\n\r", text[i])) output_bytes(t, text + i, 1);
     }
-    out[size] = 0;
-    if (out[0] == '-' && strspn(out, "-0.") == size) memmove(out, out + 1, size); /* -0.00 */
+}
+
+static void output_json(struct output *t, const char *value)
+{
+    char *text = json_string(value);
+    if (text) output_escaped(t, text, strlen(text));
+    else if (value && strncmp(value, "null", 4) != 0) output_escaped(t, value, (size_t)(oxl_json_end(value) - value));
+    else output_add(t, "unknown");
+    free(text);
+}
+
+/* The conversion at `at`, a percent sign. Returns what follows it. */
+static const char *output_convert(struct output *t, const char *at, va_list *list)
+{
+    char        digits[32], *last = digits + sizeof digits;
+    const char *text, *end        = last;
+    const int   left  = at[1] == '-';
+    int         width = 0, precision = -1, number;
+    at += 1 + left;
+    if (*at == '*') {
+        width = va_arg(*list, int);
+        at++;
+    }
+    if (*at == '.') {
+        precision = at[1] == '*' ? va_arg(*list, int) : at[1] - '0';
+        at += 2;
+    }
+    switch (*at) {
+    case 'd':
+        number = va_arg(*list, int);
+        text = last = output_digits(last, number < 0 ? 0ull - (unsigned long long)number : (unsigned long long)number,
+                                    precision > 1 ? precision : 1);
+        if (number < 0) *--last = '-', text = last;
+        break;
+    case 'f': text = output_fixed_before(last, va_arg(*list, double), precision); break;
+    case 'z': text = output_digits(last, va_arg(*list, size_t), 1); break;
+    case 'l': text = output_digits(last, va_arg(*list, unsigned long long), 1); break;
+    case 's':
+        text = va_arg(*list, const char *);
+        end  = text + (precision >= 0 ? (size_t)precision : strlen(text));
+        break;
+    case 'S':
+        text = va_arg(*list, const char *);
+        if (text) output_escaped(t, text, strlen(text));
+        return at + 1;
+    case 'J': output_json(t, va_arg(*list, const char *)); return at + 1;
+    default: text = at, end = at + 1;
+    }
+    for (width -= (int)(end - text); width > 0 && !left; width--) output_bytes(t, " ", 1);
+    output_bytes(t, text, (size_t)(end - text));
+    for (; width > 0; width--) output_bytes(t, " ", 1);
+    return at + (*at == 'z' ? 2 : *at == 'l' ? 3 : 1);
+}
+
+void output_add(struct output *t, const char *format, ...)
+{
+    va_list list;
+    va_start(list, format);
+    while (*format) {
+        const size_t plain = strcspn(format, "%");
+        output_bytes(t, format, plain);
+        format += plain;
+        if (*format) format = output_convert(t, format, &list);
+    }
+    va_end(list);
+}
+
+/* Groups of three digits, with narrow spaces that do not break. */
+const char *output_count(char out[40], double value)
+{
+    char   digits[32];
+    size_t length, used = 0;
+    output_fixed(digits, floor(value + 0.5), 0);
+    length = strlen(digits);
+    for (size_t i = 0; i < length; i++) {
+        if (i > 0 && (length - i) % 3 == 0 && length > 4 && digits[i - 1] != '-') {
+            memcpy(out + used, "\xE2\x80\xAF", 3);
+            used += 3;
+        }
+        out[used++] = digits[i];
+    }
+    out[used] = 0;
+    return length ? out : memcpy(out, "-", 2);
+}
+
+const char *output_size(char out[40], double value)
+{
+    if (!(value >= 0)) return memcpy(out, "-", 2);
+    if (value < 1e6) snprintf(out, 40, "%s KB", OUTPUT_FIXED(value / 1e3, 1));
+    else if (value < 1e9) snprintf(out, 40, "%s MB", OUTPUT_FIXED(value / 1e6, 1));
+    else snprintf(out, 40, "%s GB", OUTPUT_FIXED(value / 1e9, 2));
     return out;
 }
+
+const char *output_seconds(char out[40], double value)
+{
+    if (!(value >= 0)) return memcpy(out, "-", 2);
+    if (value < 120) snprintf(out, 40, "%s s", OUTPUT_FIXED(value, value < 10 ? 1 : 0));
+    else if (value < 7200) snprintf(out, 40, "%s min", OUTPUT_FIXED(value / 60, 1));
+    else snprintf(out, 40, "%s h", OUTPUT_FIXED(value / 3600, 1));
+    return out;
+}
+
+double axis_step(double span)
+{
+    static const double factor[] = {1, 2, 5};
+    for (double power = 1e-6; power < 1e9; power *= 10)
+        for (int i = 0; i < 3; i++)
+            if (factor[i] * power * 5 >= span) return factor[i] * power;
+    return span;
+}
+
+/* ---------------------------------------------------------------- files */
 
 char *output_read(const char *folder, const char *name, size_t *size)
 {
@@ -62,25 +216,79 @@ char *output_read(const char *folder, const char *name, size_t *size)
     return text;
 }
 
-int output_save(struct output *t, const char *path)
+void output_open(struct output *t, const char *path)
 {
-    struct output_file f;
-    int                saved = !t->failed;
-    if (saved) {
-        output_file_open(&f, path);
-        output_file_bytes(&f, t->data, t->used);
-        saved = output_file_close(&f);
+    if (snprintf(t->path, sizeof t->path, "%s", path) >= (int)sizeof t->path) t->failed = 1;
+    snprintf(t->temporary, sizeof t->temporary, "%s.part", t->path);
+    t->file = t->failed ? NULL : fopen(t->temporary, "wb");
+    if (!t->file) t->failed = 1;
+}
+
+int output_close(struct output *t)
+{
+    int written = !t->failed;
+    if (t->file) {
+        output_flush(t);
+        written = fclose(t->file) == 0 && !t->failed;
+        if (written && rename(t->temporary, t->path) != 0) /* Windows replaces no file */
+            written = remove(t->path) == 0 && rename(t->temporary, t->path) == 0;
+        if (!written) remove(t->temporary);
     }
     free(t->data);
     *t = (struct output){0};
-    return saved;
+    return written;
 }
 
-double axis_step(double span)
+int output_save(struct output *t, const char *path)
 {
-    static const double factor[] = {1, 2, 5};
-    for (double power = 1e-6; power < 1e9; power *= 10)
-        for (int i = 0; i < 3; i++)
-            if (factor[i] * power * 5 >= span) return factor[i] * power;
-    return span;
+    if (!t->failed) output_open(t, path);
+    return output_close(t);
+}
+
+int output_write_pfm(const char *path, const float *value, int width, int height)
+{
+    struct output t = {0};
+    output_open(&t, path);
+    output_add(&t, "Pf\n%d %d\n-1.0\n", width, height);
+    for (int y = height - 1; y >= 0; y--)
+        for (int x = 0; x < width; x++) {
+            uint32_t      bits;
+            unsigned char bytes[4];
+            memcpy(&bits, value + (size_t)y * (size_t)width + (size_t)x, sizeof bits);
+            for (int k = 0; k < 4; k++) bytes[k] = (unsigned char)(bits >> 8 * k);
+            output_bytes(&t, bytes, 4);
+        }
+    return output_close(&t);
+}
+
+/* ---------------------------------------------------------------- strings of JSON */
+
+char *json_string(const char *value)
+{
+    const size_t room = oxl_json_room(value);
+    char        *out  = room ? malloc(room) : NULL;
+    if (out) oxl_json_text(value, out, room);
+    return out;
+}
+
+void json_print(FILE *to, const char *text)
+{
+    char character[8];
+    fputc('"', to);
+    while (*text) {
+        text += oxl_json_escape(text, character);
+        fputs(character, to);
+    }
+    fputc('"', to);
+}
+
+/* ---------------------------------------------------------------- errors */
+
+oxl_result cli_fail(char *error, size_t size, oxl_result rc, const char *format, ...)
+{
+    va_list list;
+    va_start(list, format);
+    vsnprintf(error, size, format, list);
+    va_end(list);
+    return rc;
 }

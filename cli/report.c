@@ -26,19 +26,17 @@ static double report_metric(const struct report *r, const char *name)
 static void report_tiles(struct report *r)
 {
     struct output *t = &r->page;
-    char           figure[64];
     output_add(t, "<div class=\"tiles\">\n");
-    snprintf(figure, sizeof figure, "%s dB", OUTPUT_FIXED(report_metric(r, "psnr"), 2));
     if (r->metrics) {
-        report_tile(t, figure, "mean PSNR");
+        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n", report_metric(r, "psnr"));
         report_tile(t, OUTPUT_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
-        report_tile(t, PAGE_COUNT(report_metric(r, "gaussians")), "Gaussians");
-        report_tile(t, PAGE_BYTES(report_metric(r, "bytes")), "model");
-        report_tile(t, PAGE_SECONDS(report_metric(r, "seconds")), "training time");
-        report_tile(t, PAGE_BYTES(report_metric(r, "peak_rss_bytes")), "peak memory");
+        report_tile(t, OUTPUT_COUNT(report_metric(r, "gaussians")), "Gaussians");
+        report_tile(t, OUTPUT_SIZE(report_metric(r, "bytes")), "model");
+        report_tile(t, OUTPUT_SECONDS(report_metric(r, "seconds")), "training time");
+        report_tile(t, OUTPUT_SIZE(report_metric(r, "peak_rss_bytes")), "peak memory");
     }
-    report_tile(t, PAGE_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "images");
-    report_tile(t, PAGE_COUNT(json_number(r->survey, "points")), "initial points");
+    report_tile(t, OUTPUT_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "images");
+    report_tile(t, OUTPUT_COUNT(json_number(r->survey, "points")), "initial points");
     output_add(t, "</div>\n");
 }
 
@@ -48,192 +46,139 @@ static void report_head(struct report *r)
     const int      finished = json_is_true(r->run, "finished");
     const char    *name     = r->scene ? r->scene : r->out;
     page_open(t, name);
-    output_add(t, "<header><span class=\"pale\">OceanXL report</span><h1>");
-    page_text(t, name);
-    output_add(t, "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
-               finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
-               PAGE_COUNT(json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
+    output_add(t,
+               "<header><span class=\"pale\">OceanXL report</span><h1>%S"
+               "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
+               name, finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
+               OUTPUT_COUNT(json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
     report_tiles(r);
 }
 
 /* ---------------------------------------------------------------- lines of the log */
 
-/* Calls visit(user, block, text) for each line of a level ("info", "warning"); block -1: of the whole job. */
-static void report_each_note(const struct report *r, const char *level, void (*visit)(void *user, int block, const char *text),
-                             void *user)
+struct report_list {
+    struct report *r;
+    const char    *tag;           /* of a line: "small", "li" */
+    int            folded, count; /* lines from the one on that only a click shows; so far */
+};
+
+/* block -1: of the whole job. */
+static void report_line(struct report_list *list, int block, const char *text)
 {
+    struct output *t = &list->r->page;
+    if (list->count++ == list->folded) output_add(t, "<details><summary>more</summary>");
+    if (list->count > REPORT_NOTES) return;
+    output_add(t, "<%s>", list->tag);
+    if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
+    output_add(t, "%S</%s>\n", text, list->tag);
+}
+
+/* Lines of a level ("info", "warning") that hold the words. */
+static void report_notes(struct report_list *list, const char *level, const char *words)
+{
+    struct report *r = list->r;
     for (int k = -1; k < r->parts; k++)
         for (const char *e = json_first(json_member(k < 0 ? r->run : r->block[k].json, "notes")); e; e = json_next(e)) {
             char *its = json_string(json_member(e, "level")), *text = json_string(json_member(e, "text"));
-            if (its && text && strcmp(its, level) == 0) visit(user, k, text);
+            if (its && text && strcmp(its, level) == 0 && strstr(text, words)) report_line(list, k, text);
             free(its);
             free(text);
         }
 }
 
-struct report_list {
-    struct report *r;
-    const char    *words; /* that a line must hold; NULL: any */
-    int            count;
-};
-
-static void report_item(void *user, int block, const char *text)
+static void report_list_end(struct report_list *list)
 {
-    struct report_list *list = user;
-    struct output      *t    = &list->r->page;
-    if (list->words && !strstr(text, list->words)) return;
-    if (list->count++ == REPORT_EVIDENCE) output_add(t, "<details><summary>more</summary>");
-    if (list->count > REPORT_NOTES) return;
-    output_add(t, "<small>");
-    if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
-    page_text(t, text);
-    output_add(t, "</small>");
-}
-
-/* Lines of the log that hold the words, as evidence. */
-static void report_evidence(struct report *r, const char *words)
-{
-    struct report_list list = {r, words, 0};
-    report_each_note(r, "info", report_item, &list);
-    if (list.count > REPORT_NOTES) output_add(&r->page, "<small>and %d more</small>", list.count - REPORT_NOTES);
-    if (list.count > REPORT_EVIDENCE) output_add(&r->page, "</details>");
+    struct output *t = &list->r->page;
+    if (list->count > REPORT_NOTES) output_add(t, "<%s>and %d more</%s>", list->tag, list->count - REPORT_NOTES, list->tag);
+    if (list->count > list->folded) output_add(t, "</details>");
 }
 
 /* ---------------------------------------------------------------- what went in */
-
-static void report_term(struct output *t, const char *term)
-{
-    output_add(t, "<dt>%s</dt><dd>", term);
-}
 
 static void report_survey(struct report *r)
 {
     struct output *t       = &r->page;
     const char    *origin  = json_first(json_member(r->run, "origin"));
-    char          *cameras = json_string(json_member(r->survey, "cameras_text"));
-    const double   missing = json_number(r->survey, "images_missing");
-    output_add(t, "<dl>\n");
-    report_term(t, "Images");
-    output_add(t, "%s training views, %s held-out views", PAGE_COUNT(json_number(r->survey, "train_views")),
-               PAGE_COUNT(json_number(r->survey, "test_views")));
-    if (missing > 0) output_add(t, "; <b class=\"warn\">%s missing</b>", PAGE_COUNT(missing));
-    if (json_number(r->survey, "masks") > 0) output_add(t, "; %s masks", PAGE_COUNT(json_number(r->survey, "masks")));
-    output_add(t, "</dd>\n");
-    report_term(t, "Cameras");
-    page_text(t, cameras ? cameras : "unknown");
-    output_add(t, "<small>trained at up to %s x %s px</small></dd>\n", PAGE_COUNT(json_number(r->survey, "width")),
-               PAGE_COUNT(json_number(r->survey, "height")));
-    report_term(t, "Points");
-    output_add(t, "%s, each in %s images on average<small>reprojection error %s px</small></dd>\n",
-               PAGE_COUNT(json_number(r->survey, "points")), OUTPUT_FIXED(json_number(r->survey, "mean_track"), 1),
-               OUTPUT_FIXED(json_number(r->survey, "mean_error"), 2));
-    report_term(t, "Origin");
-    output_add(t, "world = model + (");
+    const double   missing = json_number(r->survey, "images_missing"), masks = json_number(r->survey, "masks");
+    output_add(t, "<dl>\n<dt>Images</dt><dd>%s training views, %s held-out views",
+               OUTPUT_COUNT(json_number(r->survey, "train_views")), OUTPUT_COUNT(json_number(r->survey, "test_views")));
+    if (missing > 0) output_add(t, "; <b class=\"warn\">%s missing</b>", OUTPUT_COUNT(missing));
+    if (masks > 0) output_add(t, "; %s masks", OUTPUT_COUNT(masks));
+    output_add(t, "</dd>\n<dt>Cameras</dt><dd>%J<small>trained at up to %s x %s px</small></dd>\n",
+               json_member(r->survey, "cameras_text"), OUTPUT_COUNT(json_number(r->survey, "width")),
+               OUTPUT_COUNT(json_number(r->survey, "height")));
+    output_add(t, "<dt>Points</dt><dd>%s, each in %.1f images on average<small>reprojection error %.2f px</small></dd>\n",
+               OUTPUT_COUNT(json_number(r->survey, "points")), json_number(r->survey, "mean_track"),
+               json_number(r->survey, "mean_error"));
+    output_add(t, "<dt>Origin</dt><dd>world = model + (");
     for (int k = 0; k < 3 && origin; k++) {
-        output_add(t, "%s%s", k ? ", " : "", OUTPUT_FIXED(json_number_at(&origin), 6));
+        output_add(t, "%s%.6f", k ? ", " : "", json_number_at(&origin));
         origin += strspn(origin, ", \n");
     }
     output_add(t, ")<small>the origin is also a comment in scene.ply</small></dd>\n</dl>\n");
-    free(cameras);
 }
 
 /* ---------------------------------------------------------------- decisions */
 
-/* A member of run.json's "job" as text in fresh memory; NULL: not there, or null. */
-static char *report_value(const char *object, const char *name)
+/* Log lines that hold one of the words, as evidence. */
+static void report_evidence(struct report *r, const char *const *words, int count)
 {
-    const char  *value  = json_member(object, name);
-    const size_t length = value ? strcspn(value, ",} \n") : 0;
-    char        *text   = json_string(value);
-    if (text || !value || strncmp(value, "null", 4) == 0) return text;
-    text = calloc(length + 1, 1);
-    if (text) memcpy(text, value, length);
-    return text;
-}
-
-static void report_decision(struct report *r, const char *term, const char *chosen, const char *const *evidence, int count)
-{
-    report_term(&r->page, term);
-    page_text(&r->page, chosen);
-    for (int i = 0; i < count; i++) report_evidence(r, evidence[i]);
+    for (int i = 0; i < count; i++) {
+        struct report_list list = {r, "small", REPORT_EVIDENCE, 0};
+        report_notes(&list, "info", words[i]);
+        report_list_end(&list);
+    }
     output_add(&r->page, "</dd>\n");
-}
-
-/* An option of the job, and the log lines about its effect. */
-static void report_choice(struct report *r, const char *term, const char *member, const char *evidence)
-{
-    char *value = report_value(r->job, member);
-    report_decision(r, term, value ? value : "unknown", &evidence, 1);
-    free(value);
 }
 
 static void report_decisions(struct report *r)
 {
-    static const char *const partition[] = {"partition in ", "stay one block", " blocks of ",
-                                            "joined",        "see too little", "--ram "};
-    struct output           *t           = &r->page;
-    char                    *preset = json_string(json_member(r->run, "preset")), *split = report_value(r->job, "split");
-    char                     words[80];
+    static const char *const partition[]  = {"partition in ", "stay one block", " blocks of ",
+                                             "joined",        "see too little", "--ram "};
+    static const char *const choices[][3] = {{"SH degree (--sh-degree)", "sh_degree", "SH degree"},
+                                             {"Depth weights of densification (--ucd)", "ucd", "depth weights"},
+                                             {"Pruning (--keep)", "keep", "are dropped"},
+                                             {"Exposure (--exposure)", "exposure", "exposure o"},
+                                             {"Lamp (--lamp)", "lamp", "lamp o"},
+                                             {"Water (--medium)", "medium", "medium o"},
+                                             {"Second lobes (--dog)", "dog", "second lobe"}};
+    struct output           *t            = &r->page;
     page_section(t, "Decisions and evidence");
-    output_add(t, "<dl>\n");
-    report_term(t, "Preset");
-    page_text(t, preset ? preset : "");
-    output_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
-               OUTPUT_FIXED(json_number(r->job, "seed"), 0));
-    report_choice(r, "SH degree (--sh-degree)", "sh_degree", "SH degree");
-    snprintf(words, sizeof words, "%d, %s cuts", r->blocks, split ? split : "unknown");
-    report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
-    report_choice(r, "Depth weights of densification (--ucd)", "ucd", "depth weights");
-    report_choice(r, "Pruning (--keep)", "keep", "are dropped");
-    report_choice(r, "Exposure (--exposure)", "exposure", "exposure o");
-    report_choice(r, "Lamp (--lamp)", "lamp", "lamp o");
-    report_choice(r, "Water (--medium)", "medium", "medium o");
-    report_choice(r, "Second lobes (--dog)", "dog", "second lobe");
+    output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", json_member(r->run, "preset"),
+               OUTPUT_COUNT(json_number(r->job, "iterations")), json_number(r->job, "seed"));
+    output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
+    if (r->blocks > 1) output_add(t, ", %J cuts", json_member(r->job, "split"));
+    report_evidence(r, partition, 6);
+    for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) { /* an option, and the log lines about its effect */
+        output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], json_member(r->job, choices[i][1]));
+        report_evidence(r, &choices[i][2], 1);
+    }
     output_add(t, "</dl>\n</section>\n");
-    free(preset);
-    free(split);
 }
 
 /* ---------------------------------------------------------------- warnings */
 
-static void report_warning(void *user, int block, const char *text)
-{
-    struct report_list *list = user;
-    struct output      *t    = &list->r->page;
-    if (list->count++ >= REPORT_NOTES) return;
-    output_add(t, "%s<li>", list->count == 1 ? "<ul>\n" : "");
-    if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
-    page_text(t, text);
-    output_add(t, "</li>\n");
-}
-
-/* Derived from the figures. */
-static void report_figure_warnings(struct report *r, struct report_list *list)
-{
-    const double predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");
-    char         words[160];
-    if (!json_is_true(r->run, "finished"))
-        report_warning(list, -1, "the run is not finished; run the same command again to resume");
-    for (int k = 0; k < r->blocks && r->blocks > 1; k++)
-        if (!json_is_true(r->block[k].json, "finished")) report_warning(list, k, "not finished");
-    if (r->metrics && json_number(r->survey, "test_views") <= 0)
-        report_warning(list, -1,
-                       "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
-    if (peak > 1.5 * predicted) {
-        snprintf(words, sizeof words, "peak memory %s, predicted %s", PAGE_BYTES(peak), PAGE_BYTES(predicted));
-        report_warning(list, -1, words);
-    }
-}
-
 static void report_warnings(struct report *r)
 {
-    struct report_list list = {r, NULL, 0};
+    const double       predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");
+    struct report_list list = {r, "li", REPORT_NOTES, 0};
+    char               words[160];
     page_section(&r->page, "Warnings");
-    report_figure_warnings(r, &list);
-    report_each_note(r, "warning", report_warning, &list);
-    output_add(&r->page, list.count > 0 ? "</ul>\n" : "<p>None.</p>\n");
-    if (list.count > REPORT_NOTES) output_add(&r->page, "<p>And %d more.</p>\n", list.count - REPORT_NOTES);
-    output_add(&r->page, "</section>\n");
+    output_add(&r->page, "<ul>\n");
+    if (!json_is_true(r->run, "finished"))
+        report_line(&list, -1, "the run is not finished; run the same command again to resume");
+    for (int k = 0; k < r->blocks && r->blocks > 1; k++)
+        if (!json_is_true(r->block[k].json, "finished")) report_line(&list, k, "not finished");
+    if (r->metrics && json_number(r->survey, "test_views") <= 0)
+        report_line(&list, -1,
+                    "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
+    if (peak > 1.5 * predicted) {
+        snprintf(words, sizeof words, "peak memory %s, predicted %s", OUTPUT_SIZE(peak), OUTPUT_SIZE(predicted));
+        report_line(&list, -1, words);
+    }
+    report_notes(&list, "warning", "");
+    report_list_end(&list);
+    output_add(&r->page, "</ul>\n%s</section>\n", list.count > 0 ? "" : "<p>None.</p>\n");
 }
 
 /* ---------------------------------------------------------------- blocks, seams, sizes, times */
@@ -249,9 +194,9 @@ static void report_block_rows(struct report *r)
         output_add(
             t,
             "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
-            REPORT_PART(r, k), PAGE_COUNT(json_number(b, "iterations_done")), PAGE_COUNT(json_number(b, "gaussians")),
-            PAGE_SECONDS(json_number(b, "seconds")), PAGE_SECONDS(json_number(b, "predicted_seconds")),
-            PAGE_BYTES(json_number(b, "peak_rss_bytes")), PAGE_BYTES(json_number(b, "predicted_memory_bytes")));
+            REPORT_PART(r, k), OUTPUT_COUNT(json_number(b, "iterations_done")), OUTPUT_COUNT(json_number(b, "gaussians")),
+            OUTPUT_SECONDS(json_number(b, "seconds")), OUTPUT_SECONDS(json_number(b, "predicted_seconds")),
+            OUTPUT_SIZE(json_number(b, "peak_rss_bytes")), OUTPUT_SIZE(json_number(b, "predicted_memory_bytes")));
     }
     output_add(
         t,
@@ -265,10 +210,10 @@ static void report_seam(struct report *r)
     if (!isfinite(near_psnr) || !isfinite(elsewhere)) return;
     output_add(
         &r->page,
-        "<h3>Seams</h3>\n<p>PSNR within %s %% of a block's size from a border: <b>%s dB</b> (%s px); elsewhere: <b>%s dB</b>. ",
-        OUTPUT_FIXED(100 * json_number(seam, "width"), 0), OUTPUT_FIXED(near_psnr, 2),
-        PAGE_COUNT(json_number(seam, "near_pixels")), OUTPUT_FIXED(elsewhere, 2));
-    output_add(&r->page, "Difference: %s dB.</p>\n", OUTPUT_FIXED(near_psnr - elsewhere, 2));
+        "<h3>Seams</h3>\n<p>PSNR within %.0f %% of a block's size from a border: <b>%.2f dB</b> (%s px); elsewhere: <b>%.2f dB</b>. "
+        "Difference: %.2f dB.</p>\n",
+        100 * json_number(seam, "width"), near_psnr, OUTPUT_COUNT(json_number(seam, "near_pixels")), elsewhere,
+        near_psnr - elsewhere);
 }
 
 static void report_sizes(struct report *r)
@@ -284,56 +229,39 @@ static void report_sizes(struct report *r)
 /* A word for a POSIX shell: quoted where it has to be. */
 static void report_shell(struct output *t, const char *word)
 {
-    static const char plain[]   = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./,-+:@%";
-    char              letter[2] = {0};
-    if (word[0] && strspn(word, plain) == strlen(word)) {
-        page_text(t, word);
-        return;
-    }
-    page_text(t, "'");
-    for (; *word; word++) {
-        letter[0] = *word;
-        page_text(t, *word == '\'' ? "'\\''" : letter);
-    }
-    page_text(t, "'");
-}
-
-/* The option, unless it has the preset's default. */
-static void report_option(struct report *r, const oxl_option *o, const oxl_job_options *fresh)
-{
-    oxl_job_options job = *fresh;
-    char            member[40], usual[128], seen[128];
-    char           *text = report_value(r->job, oxl_option_member(o, member));
-    if (text && oxl_option_set(o, &job, text, NULL, 0) == OXL_OK &&
-        strcmp(oxl_option_get(o, &job, seen, sizeof seen), oxl_option_get(o, fresh, usual, sizeof usual)) != 0) {
-        output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
-        if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, o->kind == OXL_OPTION_TEXT ? text : seen);
-    }
-    free(text);
+    static const char plain[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./,-+:@%";
+    const char       *quote   = word[0] && strspn(word, plain) == strlen(word) ? "" : "'";
+    output_add(t, "%S", quote);
+    for (; *word; word++) output_add(t, "%S", *word == '\'' ? "'\\''" : (char[2]){*word, 0});
+    output_add(t, "%S", quote);
 }
 
 /* The command that gives the same bytes: every option that differs from the preset's. */
 static void report_command(struct report *r)
 {
-    char           *preset = json_string(json_member(r->run, "preset"));
-    oxl_job_options fresh  = oxl_job_options_default(OXL_PRESET_DRAFT);
-    oxl_option_set(oxl_option_at(0), &fresh, preset ? preset : "", NULL, 0);
+    oxl_job_options fresh = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_option_set(oxl_option_at(0), &fresh, r->options.preset ? r->options.preset : "", NULL, 0);
     fresh.seed = 1;
     output_add(&r->page, "oceanxl train ");
     report_shell(&r->page, r->scene ? r->scene : "SCENE");
     output_add(&r->page, " -o ");
     report_shell(&r->page, r->out);
     output_add(&r->page, " --preset %s", fresh.preset);
-    for (int i = 1; i < oxl_option_count(); i++) report_option(r, oxl_option_at(i), &fresh);
+    for (int i = 1; i < oxl_option_count(); i++) {
+        const oxl_option *o = oxl_option_at(i);
+        char              member[40], usual[4096], seen[4096];
+        if (!json_member(r->job, oxl_option_member(o, member))) continue;
+        if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen), oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
+            continue;
+        output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
+        if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, seen);
+    }
     output_add(&r->page, "\n");
-    free(preset);
 }
 
 static void report_reproduction(struct report *r)
 {
-    struct output *t           = &r->page;
-    char          *version     = json_string(json_member(r->run, "oceanxl"));
-    char          *instruction = json_string(json_member(r->run, "instructions"));
+    struct output *t = &r->page;
     page_section(t, "Reproduction");
     output_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
     report_command(r);
@@ -341,13 +269,10 @@ static void report_reproduction(struct report *r)
     report_shell(t, r->out);
     output_add(t, "/scene.ply ");
     report_shell(t, r->scene ? r->scene : "SCENE");
-    output_add(t, "\n</pre>\n<p><small>OceanXL ");
-    page_text(t, version ? version : "");
-    output_add(t, ", %s threads, instruction set ", PAGE_COUNT(json_number(r->run, "threads")));
-    page_text(t, instruction ? instruction : "");
-    output_add(t, ". All options are in run.json, line \"job\".</small></p>\n</section>\n");
-    free(version);
-    free(instruction);
+    output_add(t,
+               "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. "
+               "All options are in run.json, line \"job\".</small></p>\n</section>\n",
+               json_member(r->run, "oceanxl"), OUTPUT_COUNT(json_number(r->run, "threads")), json_member(r->run, "instructions"));
 }
 
 /* ---------------------------------------------------------------- the page */
@@ -366,37 +291,27 @@ static void report_compose(struct report *r)
     chart_section(r);
     report_sizes(r);
     report_reproduction(r);
-    page_close(&r->page, OXL_VERSION);
-}
-
-static oxl_result report_save(struct report *r, char *error, size_t error_size)
-{
-    char path[1024];
-    if (snprintf(path, sizeof path, "%s/report.html", r->out) >= (int)sizeof path) {
-        snprintf(error, error_size, "report: the folder's name is too long");
-        return OXL_ERR_USAGE;
-    }
-    if (output_save(&r->page, path)) return OXL_OK;
-    snprintf(error, error_size, "report: cannot write %s\nfix: check free disk space and permissions", path);
-    return OXL_ERR_IO;
+    output_add(&r->page,
+               "<footer>Written by OceanXL " OXL_VERSION ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
 oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size)
 {
     struct report r  = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
-    oxl_result    rc = OXL_OK;
+    oxl_result    rc = OXL_ERR_MEMORY;
+    char          path[1024];
     if (!json_member(r.run, "job")) {
-        snprintf(error, error_size, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
         free(r.run);
-        return OXL_ERR_INPUT;
+        return cli_fail(error, error_size, OXL_ERR_INPUT,
+                        "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
     }
     report_open(&r);
     if (!r.page.failed) report_compose(&r);
-    if (r.page.failed) {
-        snprintf(error, error_size, "report: out of memory for the page of %s", out);
-        rc = OXL_ERR_MEMORY;
-    }
-    if (rc == OXL_OK) rc = report_save(&r, error, error_size);
+    snprintf(path, sizeof path, "%s/report.html", out);
+    if (r.page.failed) cli_fail(error, error_size, rc, "report: out of memory for the page of %s", out);
+    else if (output_save(&r.page, path)) rc = OXL_OK;
+    else
+        rc = cli_fail(error, error_size, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions", path);
     report_close(&r);
     return rc;
 }

@@ -2,7 +2,7 @@
  *
  *     report.c         writes the page from top to bottom
  *     report_read.c    reads OUT
- *     report_page.c    the page's frame: style, escaping, base64, figures with units
+ *     report_page.c    the page's frame: style, base64, JPEG
  *     report_chart.c   curves over the iterations as inline SVG
  *     report_map.c     cameras and points from above
  *     report_views.c   views by PSNR; the worst beside their images, with an error map
@@ -36,6 +36,8 @@ struct report {
     char                *run, *scene;   /* run.json; the survey's folder as it was given */
     char                *metrics;       /* metrics.json, or NULL: not evaluated yet */
     const char          *job, *survey;  /* within run */
+    oxl_job_options      options;       /* as of run.json */
+    oxl_manifest        *manifest;      /* holds their strings; NULL: not read */
     int                  blocks, parts; /* parts: the blocks, and the coarse model if there is one */
     struct report_block *block;
     struct output        page;
@@ -52,18 +54,10 @@ const char *report_part(const struct report *r, int part, char out[40]);
 /* ---------------------------------------------------------------- report_page.c */
 
 void page_open(struct output *t, const char *title);
-void page_close(struct output *t, const char *version);
-void page_section(struct output *t, const char *title); /* the first heading, or the next one */
-void page_text(struct output *t, const char *text);     /* escaped: safe between tags and in quoted attributes */
+void page_section(struct output *t, const char *title);                            /* the first heading, or the next one */
 void page_data(struct output *t, const char *type, const void *data, size_t size); /* a data: URI */
-
-/* Figures for people, in fixed notation; return out. */
-const char *page_count(char out[40], double value);   /* 22 400 */
-const char *page_bytes(char out[40], double value);   /* 5.7 MB */
-const char *page_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h */
-#define PAGE_COUNT(value)   page_count((char[40]){0}, value)
-#define PAGE_BYTES(value)   page_bytes((char[40]){0}, value)
-#define PAGE_SECONDS(value) page_seconds((char[40]){0}, value)
+/* A figure that is rendered from an image; q: of the JPEG. */
+void page_jpeg(struct report *r, const oxl_image *image, int q);
 
 /* ---------------------------------------------------------------- the sections */
 
@@ -71,7 +65,5 @@ void chart_section(struct report *r);
 void map_section(struct report *r);
 void views_section(struct report *r);
 void views_training_section(struct report *r); /* report_views.c */
-/* A figure that is rendered from an image; q: of the JPEG. */
-void page_jpeg(struct report *r, const oxl_image *image, int q);
 
 #endif

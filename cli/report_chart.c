@@ -81,14 +81,14 @@ static void curve_grid(struct output *t, const struct curve_axis *x, const struc
     for (int i = 0; y->low + i * y->step <= y->high * (1 + 1e-9) + 1e-12; i++) {
         const double value = y->low + i * y->step;
         const char  *at    = OUTPUT_FIXED(curve_y(y, value), 1);
-        output_add(t, "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%s\" y2=\"%s\"/>", CURVE_LEFT, CURVE_WIDTH - CURVE_RIGHT, at,
-                   at);
-        output_add(t, "<text x=\"%d\" y=\"%s\" text-anchor=\"end\">%s</text>", CURVE_LEFT - 6,
-                   OUTPUT_FIXED(curve_y(y, value) + 4, 1), OUTPUT_FIXED(value, decimals));
+        output_add(t,
+                   "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%s\" y2=\"%s\"/>"
+                   "<text x=\"%d\" y=\"%.1f\" text-anchor=\"end\">%.*f</text>",
+                   CURVE_LEFT, CURVE_WIDTH - CURVE_RIGHT, at, at, CURVE_LEFT - 6, curve_y(y, value) + 4, decimals, value);
     }
     for (int i = 0; x->low + i * x->step <= x->high * (1 + 1e-9); i++)
-        output_add(t, "<text x=\"%s\" y=\"%d\" text-anchor=\"middle\">%s</text>",
-                   OUTPUT_FIXED(curve_x(x, x->low + i * x->step), 1), CURVE_HEIGHT - 8, PAGE_COUNT(x->low + i * x->step));
+        output_add(t, "<text x=\"%.1f\" y=\"%d\" text-anchor=\"middle\">%s</text>", curve_x(x, x->low + i * x->step),
+                   CURVE_HEIGHT - 8, OUTPUT_COUNT(x->low + i * x->step));
 }
 
 static void curve_line(struct output *t, const struct report *r, int block, const struct curve *c, int second,
@@ -96,13 +96,13 @@ static void curve_line(struct output *t, const struct report *r, int block, cons
 {
     const struct report_block *b     = &r->block[block];
     const int                  every = 1 + b->rows * r->parts / CURVE_POINTS, colour = r->parts <= CURVE_NAMED ? block : 0;
-    char                       command = 'M';
+    const char                *command = "M";
     output_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
     for (int i = 0; i < b->rows; i++) {
         const double *row = b->log + (size_t)i * REPORT_COLUMNS, value = row[c->column[second]] / c->scale;
         if (!isfinite(value) || (i % every != 0 && i + 1 < b->rows)) continue;
-        output_add(t, "%c%s %s", command, OUTPUT_FIXED(curve_x(x, row[REPORT_ITERATION]), 1), OUTPUT_FIXED(curve_y(y, value), 1));
-        command = 'L';
+        output_add(t, "%s%.1f %.1f", command, curve_x(x, row[REPORT_ITERATION]), curve_y(y, value));
+        command = "L";
     }
     output_add(t, "\"/>\n");
 }

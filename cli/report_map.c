@@ -93,14 +93,11 @@ static void map_cameras(struct output *t, const struct map *m)
             double          c[3];
             if (view->is_test != test) continue;
             frame_eye(view, c);
-            output_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", OUTPUT_FIXED(map_x(m, c), 1), OUTPUT_FIXED(map_y(m, c), 1),
-                       OUTPUT_FIXED(radius, 1),
+            output_add(t, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" %s>", map_x(m, c), map_y(m, c), radius,
                        test ? "fill=\"#ffd24a\" stroke=\"#000\""
                             : "fill=\"#fff\" fill-opacity=\".85\" stroke=\"#0a6781\" stroke-width=\"1.5\"");
             if (views <= 500) {
-                output_add(t, "<title>");
-                page_text(t, view->name);
-                output_add(t, "</title>");
+                output_add(t, "<title>%S</title>", view->name);
             }
             output_add(t, "</circle>\n");
         }
@@ -112,10 +109,11 @@ static void map_ruler(struct output *t, const struct map *m)
     const double most = m->width / m->scale / 5, power = pow(10, floor(log10(most)));
     const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1), px = length * m->scale;
     const int    y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
-    output_add(t, "<rect x=\"14\" y=\"%d\" width=\"%s\" height=\"50\" rx=\"6\" fill=\"#000\" fill-opacity=\".55\"/>", y - 36,
-               OUTPUT_FIXED(fmax(px, 100) + 24, 1));
-    output_add(t, "<path d=\"M26 %d v8 h%s v-8\" fill=\"none\" stroke=\"#fff\" stroke-width=\"2\"/>", y - 2, OUTPUT_FIXED(px, 1));
-    output_add(t, "<text x=\"26\" y=\"%d\">%s unit%s</text>", y - 12, OUTPUT_FIXED(length, decimals), length == 1 ? "" : "s");
+    output_add(t,
+               "<rect x=\"14\" y=\"%d\" width=\"%.1f\" height=\"50\" rx=\"6\" fill=\"#000\" fill-opacity=\".55\"/>"
+               "<path d=\"M26 %d v8 h%.1f v-8\" fill=\"none\" stroke=\"#fff\" stroke-width=\"2\"/>"
+               "<text x=\"26\" y=\"%d\">%.*f unit%s</text>",
+               y - 36, fmax(px, 100) + 24, y - 2, px, y - 12, decimals, length, length == 1 ? "" : "s");
 }
 
 static void map_figure(struct report *r, const oxl_scene *scene)
@@ -144,22 +142,11 @@ static void map_figure(struct report *r, const oxl_scene *scene)
 /* The survey as the run read it, without its images. */
 static oxl_scene *map_load(oxl_context *ctx, const struct report *r)
 {
-    static const char *const names[3]   = {"images_folder", "sparse_folder", "masks_folder"};
-    char                    *path[3]    = {NULL, NULL, NULL};
-    oxl_scene_options        options    = oxl_scene_options_default();
-    oxl_scene               *scene      = NULL;
-    const double             test_every = json_number(r->job, "test_every"), max_side = json_number(r->job, "max_side");
-    for (int i = 0; i < 3; i++) path[i] = json_string(json_member(r->job, names[i]));
-    options.images      = path[0];
-    options.sparse      = path[1];
-    options.masks       = path[2];
-    options.read_images = 0;
-    options.allow_cut   = 1;
-    if (test_every >= 0) options.test_every = (int)test_every;
-    if (max_side >= 1) options.max_side = (int)max_side;
-    if (oxl_scene_load(ctx, r->scene, &options, &scene) != OXL_OK) scene = NULL;
-    for (int i = 0; i < 3; i++) free(path[i]);
-    return scene;
+    oxl_scene_options options = r->options.scene;
+    oxl_scene        *scene   = NULL;
+    options.read_images       = 0;
+    options.allow_cut         = 1;
+    return oxl_scene_load(ctx, r->scene, &options, &scene) == OXL_OK ? scene : NULL;
 }
 
 static void map_partition(struct report *r)

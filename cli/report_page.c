@@ -1,12 +1,9 @@
-/* report_page.c - the frame of the page: style, escaping, base64, figures with units.
+/* report_page.c - the frame of the page: style, base64, JPEG.
  *
  * One column that fits a phone, wider where there is room; light or dark as the reader's system is; black on white on paper.
  * Invariant: the page asks the network for nothing, and no name from outside reaches it unescaped.
  */
 #include "report.h"
-
-#include <math.h>
-#include <string.h>
 
 /* Ink on paper has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1 (WCAG 2.1, levels AAA and AA). */
 static const char *const PAGE_STYLE[] = {
@@ -50,39 +47,15 @@ static const char *const PAGE_STYLE[] = {
     "figure,.tile,tr{break-inside:avoid}h2,h3{break-after:avoid}details:not([open])>summary{display:none}}",
 };
 
-void page_text(struct output *t, const char *text)
-{
-    for (const char *at = text ? text : ""; *at;) {
-        const size_t plain = strcspn(at, "&<>\"'");
-        output_add(t, "%.*s", (int)plain, at);
-        at += plain;
-        switch (*at) {
-        case '&': output_add(t, "&amp;"); break;
-        case '<': output_add(t, "&lt;"); break;
-        case '>': output_add(t, "&gt;"); break;
-        case '"': output_add(t, "&quot;"); break;
-        case '\'': output_add(t, "&#39;"); break;
-        default: break;
-        }
-        if (*at) at++;
-    }
-}
-
 void page_open(struct output *t, const char *title)
 {
-    output_add(t, "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-                  "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>");
-    page_text(t, title);
-    output_add(t, " - OceanXL report</title>\n<style>\n");
+    output_add(
+        t,
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+        "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>%S - OceanXL report</title>\n<style>\n",
+        title);
     for (size_t i = 0; i < sizeof PAGE_STYLE / sizeof *PAGE_STYLE; i++) output_add(t, "%s\n", PAGE_STYLE[i]);
     output_add(t, "</style>\n</head>\n<body>\n<main>\n");
-}
-
-void page_close(struct output *t, const char *version)
-{
-    output_add(t, "<footer>Written by OceanXL ");
-    page_text(t, version);
-    output_add(t, ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
 void page_section(struct output *t, const char *title)
@@ -95,18 +68,14 @@ void page_data(struct output *t, const char *type, const void *data, size_t size
 {
     static const char    digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     const unsigned char *from    = data;
-    char                 line[1025];
-    size_t               used = 0;
     output_add(t, "data:%s;base64,", type);
     for (size_t i = 0; i < size; i += 3) {
-        const unsigned left = size - i < 3 ? (unsigned)(size - i) : 3;
+        const size_t   left = size - i;
         const unsigned bits =
             (unsigned)from[i] << 16 | (left > 1 ? (unsigned)from[i + 1] << 8 : 0) | (left > 2 ? from[i + 2] : 0);
-        for (unsigned k = 0; k < 4; k++) line[used++] = k <= left ? digit[bits >> (18 - 6 * k) & 63] : '=';
-        if (used < sizeof line - 1 && i + 3 < size) continue;
-        line[used] = 0;
-        output_add(t, "%s", line);
-        used = 0;
+        char four[4];
+        for (unsigned k = 0; k < 4; k++) four[k] = k <= left ? digit[bits >> (18 - 6 * k) & 63] : '=';
+        output_bytes(t, four, 4);
     }
 }
 
@@ -117,49 +86,4 @@ void page_jpeg(struct report *r, const oxl_image *image, int q)
     if (oxl_image_to_jpeg(r->ctx, image, q, &bytes, &size) == OXL_OK) page_data(&r->page, "image/jpeg", bytes, size);
     else r->page.failed = 1;
     oxl_text_free(r->ctx, bytes);
-}
-
-/* ---------------------------------------------------------------- figures */
-
-/* Groups of three digits, with narrow spaces that do not break. */
-const char *page_count(char out[40], double value)
-{
-    char   digits[32];
-    size_t length, used = 0;
-    output_fixed(digits, floor(value + 0.5), 0);
-    length = strlen(digits);
-    for (size_t i = 0; i < length; i++) {
-        if (i > 0 && (length - i) % 3 == 0 && length > 4 && digits[i - 1] != '-') {
-            memcpy(out + used, "\xE2\x80\xAF", 3);
-            used += 3;
-        }
-        out[used++] = digits[i];
-    }
-    out[used] = 0;
-    if (!length) memcpy(out, "-", 2);
-    return out;
-}
-
-const char *page_bytes(char out[40], double value)
-{
-    const int giga = value >= 1e9, mega = value >= 1e6;
-    if (!(value >= 0)) return memcpy(out, "-", 2);
-    snprintf(out, 40, "%s %s",
-             OUTPUT_FIXED(value / (giga   ? 1e9
-                                   : mega ? 1e6
-                                          : 1e3),
-                          giga ? 2 : 1),
-             giga   ? "GB"
-             : mega ? "MB"
-                    : "KB");
-    return out;
-}
-
-const char *page_seconds(char out[40], double value)
-{
-    if (!(value >= 0)) return memcpy(out, "-", 2);
-    if (value < 120) snprintf(out, 40, "%s s", OUTPUT_FIXED(value, value < 10 ? 1 : 0));
-    else if (value < 7200) snprintf(out, 40, "%s min", OUTPUT_FIXED(value / 60, 1));
-    else snprintf(out, 40, "%s h", OUTPUT_FIXED(value / 3600, 1));
-    return out;
 }

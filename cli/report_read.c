@@ -76,8 +76,10 @@ void report_open(struct report *r)
     r->survey           = json_member(r->run, "survey");
     r->scene            = json_string(json_member(r->job, "scene"));
     r->metrics          = output_read(r->out, "metrics.json", NULL);
-    r->blocks           = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
-    r->block            = calloc((size_t)r->blocks + 1, sizeof *r->block);
+    r->options          = oxl_job_options_default(OXL_PRESET_DRAFT);
+    if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);
+    r->blocks = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
+    r->block  = calloc((size_t)r->blocks + 1, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;
     for (int k = 0; r->block && k < r->blocks + (r->blocks > 1); k++) report_read_block(r, k);
     r->parts = r->blocks + (r->block && r->block[r->blocks].json);
@@ -89,6 +91,7 @@ void report_close(struct report *r)
         free(r->block[k].json);
         free(r->block[k].log);
     }
+    oxl_manifest_free(r->ctx, &r->manifest);
     free(r->block);
     free(r->run);
     free(r->scene);

@@ -119,9 +119,8 @@ static oxl_result views_error(struct report *r, const oxl_image *a, const oxl_im
 
 static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *name)
 {
-    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of ", image->width, image->height, what);
-    page_text(&r->page, name);
-    output_add(&r->page, "\" src=\"");
+    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width, image->height, what,
+               name);
     page_jpeg(r, image, 80);
     output_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
 }
@@ -130,9 +129,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
 {
     struct output *t        = &r->page;
     oxl_image      rendered = {0}, image = {0}, error = {0}, clear = {0};
-    output_add(t, "<h3>");
-    page_text(t, row->name);
-    output_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3));
+    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f</span></h3>\n", row->name, row->psnr, row->ssim);
     if (!views_image(r, folder, row->name, ".png", &rendered) || !views_image(r, folder, row->name, ".image.png", &image) ||
         rendered.width != image.width || rendered.height != image.height)
         output_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
@@ -174,12 +171,11 @@ static void views_rows(struct output *t, const struct views *v, int from, int to
         "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th class=\"wide\" style=\"width:30%%\"></tr>\n");
     for (int i = from; i < to; i++) {
         const struct views_row *row = &v->row[i];
-        output_add(t, "<tr><td class=\"name\">");
-        page_text(t, row->name);
         output_add(
-            t, "<td class=\"n\">%s<td class=\"n\">%s<td class=\"wide\"><span class=\"bar\" style=\"width:%s%%\"></span></tr>\n",
-            OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3),
-            OUTPUT_FIXED(best > 0 ? 100 * fmax(row->psnr, 0) / best : 0, 1));
+            t,
+            "<tr><td class=\"name\">%S"
+            "<td class=\"n\">%.2f<td class=\"n\">%.3f<td class=\"wide\"><span class=\"bar\" style=\"width:%.1f%%\"></span></tr>\n",
+            row->name, row->psnr, row->ssim, best > 0 ? 100 * fmax(row->psnr, 0) / best : 0);
     }
     output_add(t, "</table></div>\n");
 }
@@ -223,11 +219,9 @@ static void views_training_rows(struct output *t, const struct views *v)
 {
     output_add(t, "<div class=\"scroll\"><table><tr><th>image<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th>look at</tr>\n");
     for (int i = 0; i < v->count && (v->row[i].flag || i < VIEWS_OPEN); i++) {
-        output_add(t, "<tr><td class=\"name\">");
-        page_text(t, v->row[i].name);
-        output_add(t, "<td class=\"n\">%s<td class=\"n\">%s<td>", OUTPUT_FIXED(v->row[i].psnr, 2),
-                   OUTPUT_FIXED(v->row[i].ssim, 3));
-        if (v->row[i].flag) page_text(t, v->row[i].flag);
+        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f<td>", v->row[i].name, v->row[i].psnr,
+                   v->row[i].ssim);
+        if (v->row[i].flag) output_add(t, "%S", v->row[i].flag);
         output_add(t, "</tr>\n");
     }
     output_add(t, "</table></div>\n");

@@ -41,20 +41,12 @@ struct plot {
 
 static void plot_line(struct output *t, double x0, double y0, double x1, double y1, const char *style)
 {
-    output_add(t, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" style=\"%s\"/>\n", OUTPUT_FIXED(x0, 1), OUTPUT_FIXED(y0, 1),
-               OUTPUT_FIXED(x1, 1), OUTPUT_FIXED(y1, 1), style);
+    output_add(t, "<line x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\" style=\"%s\"/>\n", x0, y0, x1, y1, style);
 }
 
 static void plot_label(struct output *t, double x, double y, const char *style, const char *text)
 {
-    output_add(t, "<text x=\"%s\" y=\"%s\" style=\"%s\">", OUTPUT_FIXED(x, 1), OUTPUT_FIXED(y, 1), style);
-    for (; *text; text++) {
-        if (*text == '<') output_add(t, "&lt;");
-        else if (*text == '>') output_add(t, "&gt;");
-        else if (*text == '&') output_add(t, "&amp;");
-        else if ((unsigned char)*text >= ' ') output_add(t, "%c", *text);
-    }
-    output_add(t, "</text>\n");
+    output_add(t, "<text x=\"%.1f\" y=\"%.1f\" style=\"%s\">%S</text>\n", x, y, style, text);
 }
 
 /* ---------------------------------------------------------------- axes */
@@ -144,8 +136,8 @@ static void plot_points(struct output *t, struct plot *p)
             if (fabs(x - plot_x(p, p->point[j].x)) < 125 && name_y[i] < name_y[j] + PLOT_NAME) name_y[i] = name_y[j] + PLOT_NAME;
         if (q->spread > 0) plot_line(t, x, plot_y(p, q->y - q->spread), x, plot_y(p, q->y + q->spread), "stroke:#1d262c");
         if (fabs(name_y[i] - 4 - y) > 6) plot_line(t, x, y, x + 9, name_y[i] - 4, "stroke:#b9c2c8");
-        output_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"4.5\" style=\"fill:%s;stroke:%s;stroke-width:1.5\"/>\n",
-                   OUTPUT_FIXED(x, 1), OUTPUT_FIXED(y, 1), q->front ? PLOT_FRONT : "#ffffff", q->front ? PLOT_FRONT : PLOT_OTHER);
+        output_add(t, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"4.5\" style=\"fill:%s;stroke:%s;stroke-width:1.5\"/>\n", x, y,
+                   q->front ? PLOT_FRONT : "#ffffff", q->front ? PLOT_FRONT : PLOT_OTHER);
         plot_label(t, x + 10, name_y[i], q->front ? "font-size:11px;font-weight:600" : PLOT_SMALL, q->name);
     }
 }

@@ -194,10 +194,9 @@ static void table_untrained(struct output *t, const struct study *s)
         if (s->done[r] < s->options->seeds)
             output_add(
                 t,
-                "\nNot trained: %s, %d of %d seeds done; the next takes about %s s, more than is left of %s s. The same command"
+                "\nNot trained: %s, %d of %d seeds done; the next takes about %.0f s, more than is left of %.0f s. The same command"
                 " with a larger --budget resumes.\n",
-                s->row[r]->name, s->done[r], s->options->seeds, OUTPUT_FIXED(s->wanted[r], 0),
-                OUTPUT_FIXED(s->options->budget, 0));
+                s->row[r]->name, s->done[r], s->options->seeds, s->wanted[r], s->options->budget);
 }
 
 static int table_is_one_block(const struct study *s)
@@ -237,8 +236,7 @@ void study_page(struct output *t, const struct study *s)
 static void table_line(struct output *t, const struct study *s, int r, const char *base, const char *seed, const double *value)
 {
     output_add(t, "%s,%s,%s,%d", s->row[r]->name, base, seed, s->blocks[r]);
-    for (int m = 0; m < STUDY_MEASURES; m++)
-        output_add(t, ",%s", OUTPUT_FIXED(value[m], base[0] ? 6 : TABLE_COLUMNS[m].csv_decimals));
+    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%.*f", base[0] ? 6 : TABLE_COLUMNS[m].csv_decimals, value[m]);
     output_add(t, ",%s\n", base[0] ? "" : study_is_pareto_optimal(s, r) ? "1" : "0");
 }
 

@@ -4,7 +4,6 @@
  * useless after a larger training. Counts are kept in the folder's study.json for resumed runs.
  */
 #include "study.h"
-#include "synth.h" /* output_file: files appear whole */
 
 #include <math.h>
 #include <stdlib.h>
@@ -107,8 +106,8 @@ static oxl_result study_record_cost(struct study_meter *s, const char *folder, d
     if (s->started == 0) return OXL_OK;
     if (s->started == 1 || !(value[STUDY_MEMORY] > (double)s->peak)) value[STUDY_MEMORY] = (double)s->peak;
     value[STUDY_CPU] = s->started == 1 ? s->cpu : value[STUDY_CPU] + s->cpu;
-    output_add(&t, "{\n  \"library_peak_bytes\": %s", OUTPUT_FIXED(value[STUDY_MEMORY], 0));
-    if (!isnan(value[STUDY_CPU])) output_add(&t, ",\n  \"cpu_seconds\": %s", OUTPUT_FIXED(value[STUDY_CPU], 2));
+    output_add(&t, "{\n  \"library_peak_bytes\": %.0f", value[STUDY_MEMORY]);
+    if (!isnan(value[STUDY_CPU])) output_add(&t, ",\n  \"cpu_seconds\": %.2f", value[STUDY_CPU]);
     output_add(&t, "\n}\n");
     return study_write(s, folder, "study.json", &t);
 }

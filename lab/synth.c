@@ -24,21 +24,6 @@
 #define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
 #define EDGE_DEPTH  0.02 /* share of the depth */
 
-struct synth_run {
-    oxl_context            *ctx;
-    const synth_options    *options;
-    struct synth_water      water;
-    struct synth_trajectory trajectory;
-    struct synth_world      world;
-    struct synth_points     points;
-    oxl_image               clean, image, mask; /* mask: with fish alone */
-    struct synth_fish      *fish;               /* of the view */
-    int                     fish_count;
-    float                  *depth; /* (H,W) camera z, metres; 0: nothing there */
-    char                   *error;
-    size_t                  error_size;
-};
-
 /* ---------------------------------------------------------------- options and errors */
 
 synth_options synth_options_default(void)
@@ -96,12 +81,13 @@ static oxl_result synth_check(struct synth_run *s)
     return OXL_OK;
 }
 
+static const char *const synth_scenes[] = {"reef", "wreck", "ridge"};
+
 int synth_scene_of(const synth_options *o)
 {
-    static const char *const names[] = {"reef", "wreck", "ridge"};
     if (!o->scene) return strcmp(o->path, "rov") == 0 ? SYNTH_RIDGE : SYNTH_REEF;
     for (int i = 0; i < 3; i++)
-        if (strcmp(o->scene, names[i]) == 0) return i;
+        if (strcmp(o->scene, synth_scenes[i]) == 0) return i;
     return -1;
 }
 
@@ -358,85 +344,74 @@ static oxl_result synth_views(struct synth_run *s)
 
 static void synth_triple(struct output *t, const char *name, const double value[3])
 {
-    output_add(t, "%s %s %s %s\n", name, OUTPUT_FIXED(value[0], 6), OUTPUT_FIXED(value[1], 6), OUTPUT_FIXED(value[2], 6));
+    output_add(t, "%s %.6f %.6f %.6f\n", name, value[0], value[1], value[2]);
 }
 
-static int synth_write_water(const struct synth_run *s, const char *path)
+static void synth_write_water(const struct synth_run *s, struct output *t)
 {
-    struct output t = {0};
-    output_add(&t,
+    output_add(t,
                "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
                "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
                "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
                "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
                s->water.name);
-    synth_triple(&t, "bD", s->water.direct);
-    synth_triple(&t, "bB", s->water.scatter);
-    synth_triple(&t, "Binf", s->water.veil);
-    output_add(&t, "noise %s\n", OUTPUT_FIXED(s->options->noise, 6));
-    return output_save(&t, path);
+    synth_triple(t, "bD", s->water.direct);
+    synth_triple(t, "bB", s->water.scatter);
+    synth_triple(t, "Binf", s->water.veil);
+    output_add(t, "noise %.6f\n", s->options->noise);
 }
 
-static int synth_write_model(const struct synth_run *s, const char *path)
+static void synth_write_model(const struct synth_run *s, struct output *t)
+{
+    const synth_options *o     = s->options;
+    const v3             wreck = s->world.wreck, sun = s->world.sun;
+    output_add(t, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
+                  "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+                  "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+                  "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+                  "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+                  "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+                  "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+                  "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                  "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+                  "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+    if (o->fish > 0)
+        output_add(t, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
+                      "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+                      "         black where they are. No points are on them, they throw no shadow.\n\n");
+    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path, synth_scenes[s->world.scene],
+               o->views);
+    synth_triple(t, "origin", o->origin);
+    synth_triple(t, "wreck", (double[3]){wreck.x + o->origin[0], wreck.y + o->origin[1], wreck.z + o->origin[2]});
+    synth_triple(t, "sun", (double[3]){sun.x, sun.y, sun.z});
+}
+
+/* The truth, and last what makes a survey: one that can be read is whole. */
+static oxl_result synth_write_files(struct synth_run *s)
 {
     const synth_options *o = s->options;
-    struct output        t = {0};
-    output_add(&t, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
-                   "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                   "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                   "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                   "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                   "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                   "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                   "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                   "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                   "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
-    if (o->fish > 0)
-        output_add(&t,
-                   "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
-                   "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                   "         black where they are. No points are on them, they throw no shadow.\n\n");
-    output_add(&t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path,
-               s->world.scene == SYNTH_WRECK   ? "wreck"
-               : s->world.scene == SYNTH_RIDGE ? "ridge"
-                                               : "reef",
-               o->views);
-    synth_triple(&t, "origin", o->origin);
-    synth_triple(&t, "wreck",
-                 (double[3]){s->world.wreck.x + o->origin[0], s->world.wreck.y + o->origin[1], s->world.wreck.z + o->origin[2]});
-    synth_triple(&t, "sun", (double[3]){s->world.sun.x, s->world.sun.y, s->world.sun.z});
-    return output_save(&t, path);
-}
-
-static int synth_write_outliers(const struct synth_run *s, const char *path)
-{
-    const struct synth_ids ids = synth_ids_for(s->points.count);
-    struct output          t   = {0};
-    output_add(&t, "# POINT3D_ID of the points that lie off the surface\n");
-    for (size_t i = 0; i < s->points.count; i++)
-        if (s->points.point[i].is_outlier) output_add(&t, "%llu\n", (unsigned long long)synth_id(ids, i));
-    return output_save(&t, path);
-}
-
-static oxl_result synth_write_truth(struct synth_run *s)
-{
-    char path[1024];
-    int  written;
-    snprintf(path, sizeof path, "%s/truth/water.txt", s->options->out);
-    written = synth_write_water(s, path);
-    if (written) snprintf(path, sizeof path, "%s/truth/model.txt", s->options->out);
-    written = written && synth_write_model(s, path);
-    if (written) snprintf(path, sizeof path, "%s/truth/outliers.txt", s->options->out);
-    written = written && synth_write_outliers(s, path);
-    if (written && (s->options->exposure_jitter > 0 || s->options->stereo > 0)) {
-        snprintf(path, sizeof path, "%s/truth/exposure.txt", s->options->out);
-        written = synth_write_exposure(s->options, path);
+    const struct {
+        const char *name;
+        void (*write)(const struct synth_run *s, struct output *t);
+        int is_wanted;
+    } files[] = {{"truth/water.txt", synth_write_water, 1},
+                 {"truth/model.txt", synth_write_model, 1},
+                 {"truth/outliers.txt", synth_write_outliers, 1},
+                 {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
+                 {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
+                 {"sparse/0/cameras.txt", synth_write_cameras, 1},
+                 {"sparse/0/points3D.txt", synth_write_points, 1},
+                 {"sparse/0/images.txt", synth_write_images, 1}};
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        struct output t = {0};
+        char          path[1024];
+        if (!files[i].is_wanted) continue;
+        snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
+        output_open(&t, path);
+        files[i].write(s, &t);
+        if (!output_close(&t)) return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
     }
-    if (written && s->options->lamp >= 0) {
-        snprintf(path, sizeof path, "%s/truth/lamp.txt", s->options->out);
-        written = synth_write_lamp(s->options, path);
-    }
-    return written ? OXL_OK : synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- the run */
@@ -480,15 +455,6 @@ static oxl_result synth_make_points(struct synth_run *s)
     return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: no memory for the points\nfix: fewer --points", "");
 }
 
-static oxl_result synth_write_sparse(struct synth_run *s)
-{
-    char       folder[1024], failed[1100];
-    oxl_result rc;
-    snprintf(folder, sizeof folder, "%s/sparse/0", s->options->out);
-    rc = synth_colmap_write(s->options, &s->trajectory, &s->points, folder, failed, sizeof failed);
-    return rc == OXL_OK ? OXL_OK : synth_fail(s, rc, "synth: cannot write ", failed);
-}
-
 static oxl_result synth_make(struct synth_run *s)
 {
     oxl_result rc = synth_check(s);
@@ -503,9 +469,7 @@ static oxl_result synth_make(struct synth_run *s)
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
     if (rc == OXL_OK && s->options->write_images) rc = synth_views(s);
-    if (rc == OXL_OK) rc = synth_write_truth(s);
-    if (rc == OXL_OK) rc = synth_write_sparse(s); /* last: a survey that can be read is whole */
-    return rc;
+    return rc == OXL_OK ? synth_write_files(s) : rc;
 }
 
 oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size)

@@ -172,8 +172,6 @@ double synth_lamp_falloff(const synth_options *options, double range);      /* w
 double synth_lamp_radial(const synth_options *options, double x, double y); /* what a pixel is multiplied by */
 /* What the water between camera and surface throws back of the lamp's light, before that gain; range in metres. */
 double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y, double range);
-int    synth_write_exposure(const synth_options *options, const char *path); /* 1: all is written */
-int    synth_write_lamp(const synth_options *options, const char *path);
 
 /* ---------------------------------------------------------------- synth_points.c */
 
@@ -214,16 +212,36 @@ const struct synth_observation *synth_observation_in(const struct synth_points *
 /* Keypoints without a point after the k-th observation of a view: 0 or 1. */
 int                             synth_has_stray(uint64_t seed, int view, size_t k);
 
-/* ---------------------------------------------------------------- synth_export.c */
+/* ---------------------------------------------------------------- the run */
+
+struct synth_run {
+    oxl_context            *ctx;
+    const synth_options    *options;
+    struct synth_water      water;
+    struct synth_trajectory trajectory;
+    struct synth_world      world;
+    struct synth_points     points;
+    oxl_image               clean, image, mask; /* mask: with fish alone */
+    struct synth_fish      *fish;               /* of the view */
+    int                     fish_count;
+    float                  *depth; /* (H,W) camera z, metres; 0: nothing there */
+    char                   *error;
+    size_t                  error_size;
+};
+
+/* ---------------------------------------------------------------- what is written: synth_light.c, synth_export.c */
 
 struct synth_ids { /* sparse and unordered, as COLMAP's: id(i) = 1 + (i x stride) mod modulus, one to one */
     uint64_t stride, modulus;
 };
-struct synth_ids synth_ids_for(uint64_t count);
-uint64_t         synth_id(struct synth_ids ids, uint64_t index);
+struct synth_ids   synth_ids_for(uint64_t count);
+unsigned long long synth_id(struct synth_ids ids, uint64_t index);
 
-/* cameras.txt, images.txt and points3D.txt in a folder that is there. On OXL_ERR_IO `failed` names the file. */
-oxl_result synth_colmap_write(const synth_options *options, const struct synth_trajectory *trajectory,
-                              const struct synth_points *points, const char *folder, char *failed, size_t failed_size);
+void synth_write_exposure(const struct synth_run *s, struct output *t);
+void synth_write_lamp(const struct synth_run *s, struct output *t);
+void synth_write_cameras(const struct synth_run *s, struct output *t);
+void synth_write_points(const struct synth_run *s, struct output *t);
+void synth_write_images(const struct synth_run *s, struct output *t);
+void synth_write_outliers(const struct synth_run *s, struct output *t);
 
 #endif

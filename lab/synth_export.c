@@ -1,4 +1,4 @@
-/* synth_export.c - the three text files, in the layout of COLMAP's documentation ("Output Format").
+/* synth_export.c - the three text files of a survey, in the layout of COLMAP's documentation ("Output Format").
  *
  * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways
  * round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
@@ -25,7 +25,7 @@ struct synth_ids synth_ids_for(uint64_t count)
     return ids;
 }
 
-uint64_t synth_id(struct synth_ids ids, uint64_t index)
+unsigned long long synth_id(struct synth_ids ids, uint64_t index)
 {
     return 1 + index * ids.stride % ids.modulus;
 }
@@ -48,147 +48,91 @@ static void export_quaternion(const double r[9], double q[4])
         for (int i = 0; i < 4; i++) q[i] = -q[i];
 }
 
-static void export_numbers(struct output_file *f, const double *value, int count, int decimals)
+/* The mean of so many observations each. */
+static double export_mean(const struct synth_points *points, size_t count)
 {
-    for (int i = 0; i < count; i++) {
-        output_file_text(f, " ");
-        output_file_fixed(f, value[i], decimals);
-    }
+    return count > 0 ? (double)points->observation_count / (double)count : 0;
 }
 
-static void export_mean(struct output_file *f, const char *what, uint64_t count, const char *mean, double value)
+void synth_write_cameras(const struct synth_run *s, struct output *t)
 {
-    output_file_text(f, what);
-    output_file_integer(f, count);
-    output_file_text(f, mean);
-    output_file_fixed(f, value, 6);
-    output_file_text(f, "\n");
+    const struct synth_camera *c = &s->trajectory.camera[0];
+    output_add(t,
+               "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+               "# Number of cameras: 1\n%d PINHOLE %d %d %.9f %.9f %.9f %.9f\n",
+               CAMERA_ID, c->width, c->height, c->f, c->f, c->cx, c->cy);
 }
 
-static int export_write_cameras(const struct synth_trajectory *trajectory, const char *name)
-{
-    const struct synth_camera *c = &trajectory->camera[0];
-    struct output_file         f;
-    output_file_open(&f, name);
-    output_file_text(&f, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-                         "# Number of cameras: 1\n");
-    output_file_integer(&f, CAMERA_ID);
-    output_file_text(&f, " PINHOLE ");
-    output_file_integer(&f, (uint64_t)c->width);
-    output_file_text(&f, " ");
-    output_file_integer(&f, (uint64_t)c->height);
-    export_numbers(&f, (double[4]){c->f, c->f, c->cx, c->cy}, 4, 9);
-    output_file_text(&f, "\n");
-    return output_file_close(&f);
-}
-
-static void export_pose(struct output_file *f, const struct synth_camera *c, const double origin[3])
+static void export_pose(struct output *t, const struct synth_camera *c, const double origin[3])
 {
     const double *r = c->rotation, at[3] = {c->centre.x + origin[0], c->centre.y + origin[1], c->centre.z + origin[2]};
-    double        q[4], t[3];
+    double        q[4];
     export_quaternion(r, q);
-    for (int i = 0; i < 3; i++) t[i] = -(r[3 * i] * at[0] + r[3 * i + 1] * at[1] + r[3 * i + 2] * at[2]);
-    export_numbers(f, q, 4, 15);
-    export_numbers(f, t, 3, 9);
+    for (int i = 0; i < 4; i++) output_add(t, " %.*f", 15, q[i]);
+    for (int i = 0; i < 3; i++) output_add(t, " %.9f", -(r[3 * i] * at[0] + r[3 * i + 1] * at[1] + r[3 * i + 2] * at[2]));
 }
 
-static void export_keypoint(struct output_file *f, int is_first, double x, double y)
+static void export_view(const struct synth_run *s, struct output *t, struct synth_ids ids, int view)
 {
-    if (!is_first) output_file_text(f, " ");
-    output_file_fixed(f, x, 3);
-    output_file_text(f, " ");
-    output_file_fixed(f, y, 3);
-    output_file_text(f, " ");
-}
-
-static void export_view(struct output_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids,
-                        int view)
-{
-    const size_t first = points->view_first[view];
+    const struct synth_points *points = &s->points;
+    const synth_options       *o      = s->options;
+    const size_t               first  = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
         const uint64_t                  h  = synth_bits(o->seed, 300 + k, (uint64_t)view);
-        export_keypoint(f, k == 0, at->x, at->y);
-        output_file_integer(f, synth_id(ids, points->by_view[first + k]));
-        if (!synth_has_stray(o->seed, view, k)) continue;
-        export_keypoint(f, 0, synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
-        output_file_text(f, "-1");
+        output_add(t, "%s%.3f %.3f %llu", k ? " " : "", (double)at->x, (double)at->y, synth_id(ids, points->by_view[first + k]));
+        if (synth_has_stray(o->seed, view, k))
+            output_add(t, " %.3f %.3f -1", synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
     }
-    output_file_text(f, "\n");
 }
 
-static int export_write_images(const synth_options *o, const struct synth_trajectory *trajectory,
-                               const struct synth_points *points, const char *name)
+void synth_write_images(const struct synth_run *s, struct output *t)
 {
-    const struct synth_ids views = synth_ids_for((uint64_t)trajectory->count), ids = synth_ids_for(points->count);
-    struct output_file     f;
-    output_file_open(&f, name);
-    output_file_text(&f,
-                     "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-                     "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
-    export_mean(&f, "# Number of images: ", (uint64_t)trajectory->count,
-                ", mean observations per image: ", (double)points->observation_count / trajectory->count);
-    for (int i = 0; i < trajectory->count; i++) {
-        char image[32];
-        synth_image_name(o, i, image);
-        output_file_integer(&f, synth_id(views, (uint64_t)i));
-        export_pose(&f, &trajectory->camera[i], o->origin);
-        output_file_text(&f, " ");
-        output_file_integer(&f, CAMERA_ID);
-        output_file_text(&f, " ");
-        output_file_text(&f, image);
-        output_file_text(&f, "\n");
-        export_view(&f, o, points, ids, i);
+    const int              count = s->trajectory.count;
+    const struct synth_ids views = synth_ids_for((uint64_t)count), ids = synth_ids_for(s->points.count);
+    output_add(t,
+               "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+               "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images: %d, mean observations per image: %.6f\n",
+               count, export_mean(&s->points, (size_t)count));
+    for (int i = 0; i < count; i++) {
+        char name[32];
+        synth_image_name(s->options, i, name);
+        output_add(t, "%llu", synth_id(views, (uint64_t)i));
+        export_pose(t, &s->trajectory.camera[i], s->options->origin);
+        output_add(t, " %d %s\n", CAMERA_ID, name);
+        export_view(s, t, ids, i);
+        output_add(t, "\n");
     }
-    return output_file_close(&f);
 }
 
-static void export_point(struct output_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids views,
-                         const struct synth_point *p)
+void synth_write_points(const struct synth_run *s, struct output *t)
 {
-    const double at[3] = {p->position.x + o->origin[0], p->position.y + o->origin[1], p->position.z + o->origin[2]};
-    export_numbers(f, at, 3, 6);
-    for (int c = 0; c < 3; c++) {
-        output_file_text(f, " ");
-        output_file_integer(f, (p->sum[c] + p->count / 2u) / p->count);
-    }
-    output_file_text(f, " ");
-    output_file_fixed(f, p->error, 6);
-    for (int k = 0; k < p->count; k++) {
-        const struct synth_observation *s = &points->observation[p->first + (size_t)k];
-        output_file_text(f, " ");
-        output_file_integer(f, synth_id(views, s->view));
-        output_file_text(f, " ");
-        output_file_integer(f, s->index);
-    }
-    output_file_text(f, "\n");
-}
-
-static int export_write_points(const synth_options *o, const struct synth_points *points, const char *name)
-{
-    const struct synth_ids views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
-    struct output_file     f;
-    output_file_open(&f, name);
-    output_file_text(&f, "# 3D point list with one line of data per point:\n"
-                         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
-    export_mean(&f, "# Number of points: ", points->count,
-                ", mean track length: ", points->count > 0 ? (double)points->observation_count / (double)points->count : 0);
+    const struct synth_points *points = &s->points;
+    const struct synth_ids     views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
+    const double              *origin = s->options->origin;
+    output_add(t,
+               "# 3D point list with one line of data per point:\n"
+               "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"
+               "# Number of points: %zu, mean track length: %.6f\n",
+               points->count, export_mean(points, points->count));
     for (size_t i = 0; i < points->count; i++) {
-        output_file_integer(&f, synth_id(ids, i));
-        export_point(&f, o, points, views, &points->point[i]);
+        const struct synth_point *p = &points->point[i];
+        output_add(t, "%llu %.6f %.6f %.6f", synth_id(ids, i), p->position.x + origin[0], p->position.y + origin[1],
+                   p->position.z + origin[2]);
+        for (int c = 0; c < 3; c++) output_add(t, " %d", (p->sum[c] + p->count / 2) / p->count);
+        output_add(t, " %.6f", (double)p->error);
+        for (int k = 0; k < p->count; k++) {
+            const struct synth_observation *at = &points->observation[p->first + (size_t)k];
+            output_add(t, " %llu %zu", synth_id(views, at->view), (size_t)at->index);
+        }
+        output_add(t, "\n");
     }
-    return output_file_close(&f);
 }
 
-oxl_result synth_colmap_write(const synth_options *o, const struct synth_trajectory *trajectory,
-                              const struct synth_points *points, const char *folder, char *failed, size_t failed_size)
+void synth_write_outliers(const struct synth_run *s, struct output *t)
 {
-    int written;
-    snprintf(failed, failed_size, "%s/cameras.txt", folder);
-    written = export_write_cameras(trajectory, failed);
-    if (written) snprintf(failed, failed_size, "%s/points3D.txt", folder);
-    written = written && export_write_points(o, points, failed);
-    if (written) snprintf(failed, failed_size, "%s/images.txt", folder);
-    written = written && export_write_images(o, trajectory, points, failed);
-    return written ? OXL_OK : OXL_ERR_IO;
+    const struct synth_ids ids = synth_ids_for(s->points.count);
+    output_add(t, "# POINT3D_ID of the points that lie off the surface\n");
+    for (size_t i = 0; i < s->points.count; i++)
+        if (s->points.point[i].is_outlier) output_add(t, "%llu\n", synth_id(ids, i));
 }

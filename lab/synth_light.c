@@ -79,28 +79,24 @@ double synth_lamp_backscatter(const synth_options *o, double attenuation, double
     return o->backscatter * synth_min(sum / BACKSCATTER_FULL, 1);
 }
 
-int synth_write_exposure(const synth_options *o, const char *path)
+void synth_write_exposure(const struct synth_run *s, struct output *t)
 {
-    struct output t = {0};
-    output_add(&t, "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the image was multiplied by, before noise and rounding\n");
-    for (int i = 0; i < o->views; i++) {
-        const v3 gain = synth_gain(o, i);
+    output_add(t, "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the image was multiplied by, before noise and rounding\n");
+    for (int i = 0; i < s->options->views; i++) {
+        const v3 gain = synth_gain(s->options, i);
         char     name[32];
-        synth_image_name(o, i, name);
-        output_add(&t, "%s %s %s %s\n", name, OUTPUT_FIXED(gain.x, 6), OUTPUT_FIXED(gain.y, 6), OUTPUT_FIXED(gain.z, 6));
+        synth_image_name(s->options, i, name);
+        output_add(t, "%s %.6f %.6f %.6f\n", name, gain.x, gain.y, gain.z);
     }
-    return output_save(&t, path);
 }
 
-int synth_write_lamp(const synth_options *o, const char *path)
+void synth_write_lamp(const struct synth_run *s, struct output *t)
 {
-    struct output t = {0};
-    output_add(&t,
+    const synth_options *o = s->options;
+    output_add(t,
                "# J of the water's formula is multiplied by (range / z)^power, the image by 1 + r2 r^2 + r4 r^4;\n"
                "# r: distance from the centre in half diagonals. Metres, px.\n"
-               "power %s\nrange %s\ncentre_x %s\ncentre_y %s\nr2 %s\nr4 %s\nbackscatter %s\n",
-               OUTPUT_FIXED(o->lamp, 6), OUTPUT_FIXED(LAMP_RANGE, 6), OUTPUT_FIXED(lamp_centre[0] * o->width, 6),
-               OUTPUT_FIXED(lamp_centre[1] * o->height, 6), OUTPUT_FIXED(lamp_radial[0], 6), OUTPUT_FIXED(lamp_radial[1], 6),
-               OUTPUT_FIXED(o->backscatter, 6));
-    return output_save(&t, path);
+               "power %.6f\nrange %.6f\ncentre_x %.6f\ncentre_y %.6f\nr2 %.6f\nr4 %.6f\nbackscatter %.6f\n",
+               o->lamp, LAMP_RANGE, lamp_centre[0] * o->width, lamp_centre[1] * o->height, lamp_radial[0], lamp_radial[1],
+               o->backscatter);
 }

@@ -6,7 +6,7 @@
 
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
-#include "../cli/file.c"
+#include "../cli/output.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
 #include "../lab/synth_trajectory.c"

@@ -52,6 +52,29 @@ TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
     oxl_image_free(test_ctx, &b);
 }
 
+TEST(metrics_of_the_right_half_take_their_gains_from_the_left_one)
+{
+    oxl_image a, b;
+    double    square = 0, count = 0;
+    metrics_pair(&a, &b);
+    for (int i = 0; i < 3 * METRICS_TEST_W * METRICS_TEST_H; i++) {
+        a.rgb[i] = 0.1f + 0.4f * OXL_CLAMP(a.rgb[i], 0.0f, 1.0f);
+        b.rgb[i] = a.rgb[i] * (i % METRICS_TEST_W < METRICS_TEST_W / 2 ? 0.5f : 1);
+        if (i % METRICS_TEST_W >= METRICS_TEST_W / 2) square += 0.25 * a.rgb[i] * a.rgb[i], count++;
+    }
+    CHECK_CLOSE(metrics_half_psnr(&a, &b), -10 * log10(square / count), 1e-6);
+    for (int i = 0; i < 3 * METRICS_TEST_W * METRICS_TEST_H; i++)
+        if (i % METRICS_TEST_W >= METRICS_TEST_W / 2) b.rgb[i] *= 0.5f;
+    CHECK(metrics_half_psnr(&a, &b) == 100);
+    b.rgb[METRICS_TEST_W - 1] = 0;
+    CHECK(metrics_half_psnr(&a, &b) < 100);
+    a.width = b.width = 1;
+    CHECK(isnan(metrics_half_psnr(&a, &b)));
+    a.width = b.width = METRICS_TEST_W;
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
 TEST(metrics_agree_with_an_independent_implementation)
 {
     oxl_image a, b;

@@ -530,11 +530,11 @@ TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
     } broken[] = {
         {"", "wanted FRAME"},
         {"FRAME 2 1 0 0 0 1\n", "partition.txt:1"},
-        {"# x\nFRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n", "a block or more"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n1 0 0 0\n", "partition.txt:2: seen"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n0 0 0 0 1 1 nan 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1\n", "a number"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n0 0 0 0 1 1 1 0 0 0 1 1 1 -5 1 0 5 0 0 0 1 1 1\n", "a count"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n0 0 0 0 1 1 1 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1 9\n", "the end of the line"}};
+        {"# x\nFRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n", "a block or more"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n1 0 0 0\n", "partition.txt:2: seen"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 nan 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1\n", "a number"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 -5 1 0 5 0 0 0 1 1 1\n", "a count"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1 9\n", "the end of the line"}};
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
         struct partition p;
         CHECK(partition_read(test_ctx, test_write("partition.txt", broken[i].text), &p) == OXL_ERR_INPUT);

@@ -1,5 +1,4 @@
 /* test_report.c - the page says what the folder holds, whatever names are in it and whatever is missing. */
-#include "../cli/json.c"
 #include "../cli/output.c"
 #include "../cli/report.c"
 #include "../cli/report_chart.c"

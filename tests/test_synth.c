@@ -1,7 +1,6 @@
 /* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree with each other. */
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
-#include "../cli/file.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
 #include "../lab/synth_trajectory.c"
@@ -580,17 +579,16 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
 TEST(synth_numbers_are_written_as_meant)
 {
     static const double value[] = {0, -0.0004, -1.5, 0.9996, 12.3456, 4581200.125};
-    struct output_file  f;
-    struct os_file_map  map = {0};
-    output_file_open(&f, test_path("numbers"));
-    for (size_t i = 0; i < OXL_COUNT(value); i++) {
-        output_file_fixed(&f, value[i], 3);
-        output_file_text(&f, " ");
-    }
-    output_file_integer(&f, 0);
-    CHECK(output_file_close(&f));
+    struct output       t       = {0};
+    struct os_file_map  map     = {0};
+    output_open(&t, test_path("numbers"));
+    for (size_t i = 0; i < OXL_COUNT(value); i++) output_add(&t, "%.3f ", value[i]);
+    output_add(&t, "%d%.1f|%.5d|%*s|%-*s|%.2s|%S|%llu", 0, NAN, 12, 3, "a", 2, "b", "cut", "<&'", 18446744073709551615ull);
+    CHECK(output_close(&t));
     CHECK_OK(os_read_file(test_ctx, test_path("numbers"), &map));
-    CHECK(map.data && strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0") == 0);
+    CHECK(map.data &&
+          strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0|00012|  a|b |cu|&lt;&amp;&#39;|18446744073709551615") ==
+              0);
     os_release_file(test_ctx, &map);
 }
 

@@ -3023,8 +3023,8 @@ static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, doub
     } while (rc == OXL_ERR_INTERRUPTED && stops++ < 20);
     CHECK_OK(rc);
     CHECK(stops == (how == VULKAN_STOPPED ? 12 : 0));
-    CHECK(scene_imaging(scene)->on);
-    for (int i = 0; i < 18; i++) gain[i] = (double)scene_imaging(scene)->log_gain[i];
+    CHECK(scene->imaging.on);
+    for (int i = 0; i < 18; i++) gain[i] = (double)scene->imaging.log_gain[i];
     text_free(&log);
     text_free(&notes);
     oxl_scene_free(ctx, scene);
@@ -3093,9 +3093,9 @@ static void vulkan_check_dropout(oxl_context *device)
     CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(device), "a device does not leave out Gaussians");
     CHECK_TEXT(oxl_error_text(device), "fix: --dropout auto, or --backend cpu");
-    options.dropout                                           = -1;
-    ((struct scene_stats *)scene_stats_of(scene))->mean_track = 3; /* so on the CPU it is on */
-    options.iterations                                        = 61 * schedule_training_views(scene);
+    options.dropout         = -1;
+    scene->stats.mean_track = 3; /* so on the CPU it is on */
+    options.iterations      = 61 * schedule_training_views(scene);
     CHECK(schedule_dropout_rate(&options, scene) > 0);
     CHECK_OK(oxl_train(device, scene, &options, NULL, &model));
     oxl_model_free(device, &model);

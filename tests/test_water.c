@@ -185,7 +185,7 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
     options.exposure = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &model) > off + 0.5);
-    m = scene_imaging(scene);
+    m = &scene->imaging;
     for (int c = 0; c < 3; c++) CHECK_CLOSE(imaging_mean(m, c), 0, 1e-6);
     for (int v = 0; v < 14; v++)
         if (m->known[v]) sum += 0.2 * sin(0.4 * v), n++;
@@ -210,7 +210,7 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
     options.exposure = OXL_AUTO;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &automatic));
-    CHECK(!scene_imaging(scene)->on && train_same(&off, &automatic));
+    CHECK(!scene->imaging.on && train_same(&off, &automatic));
     oxl_model_free(test_ctx, &off);
     oxl_model_free(test_ctx, &automatic);
     oxl_scene_free(test_ctx, scene);
@@ -271,7 +271,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     c.options.exposure  = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
-    imaging_copy(scene_imaging(c.scene), &whole);
+    imaging_copy(&c.scene->imaging, &whole);
     CHECK(whole.on);
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
@@ -279,7 +279,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
-    CHECK(memcmp(whole.log_gain, scene_imaging(c.scene)->log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
+    CHECK(memcmp(whole.log_gain, c.scene->imaging.log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
     imaging_free(test_ctx, &whole);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
@@ -587,7 +587,7 @@ static void photometry_test_clear(const char *survey, double mean[3])
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
-    CHECK(scene_imaging(scene)->medium.on);
+    CHECK(scene->imaging.medium.on);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
@@ -923,7 +923,7 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
                   point[i].y < view->camera.height + 1);
     }
     { /* what the prediction of memory says */
-        const double bytes = track_depth_bytes((double)scene_stats_of(scene)->observations, oxl_scene_view_count(scene));
+        const double bytes = track_depth_bytes((double)scene->stats.observations, oxl_scene_view_count(scene));
         CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
     }
     track_depth_free(test_ctx, &d);
@@ -987,14 +987,14 @@ TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     struct medium          whole;
     c.options.medium = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    whole = scene_imaging(c.scene)->medium;
+    whole = c.scene->imaging.medium;
     CHECK(whole.on);
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &scene_imaging(c.scene)->medium, sizeof whole) == 0);
+    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &c.scene->imaging.medium, sizeof whole) == 0);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
@@ -1167,9 +1167,9 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
     CHECK(metrics.psnr > off + 0.5);
-    CHECK(scene_imaging(scene)->lamps == 1);
-    CHECK_CLOSE(scene_imaging(scene)->lamp[0].shape[1], -0.25, 0.08);
-    CHECK_CLOSE(scene_imaging(scene)->lamp[0].shape[8], -0.2, 0.08);
+    CHECK(scene->imaging.lamps == 1);
+    CHECK_CLOSE(scene->imaging.lamp[0].shape[1], -0.25, 0.08);
+    CHECK_CLOSE(scene->imaging.lamp[0].shape[8], -0.2, 0.08);
     oxl_metrics_free(test_ctx, &metrics);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
@@ -1200,8 +1200,8 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
     options.lamp = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &model) > off + 3);
-    CHECK(scene_imaging(scene)->lamps == 2 && imaging_lamp(scene_imaging(scene), scene, 3)->view < 0);
-    for (int v = 3; v < 5; v++) CHECK_CLOSE(imaging_lamp(scene_imaging(scene), scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
+    CHECK(scene->imaging.lamps == 2 && imaging_lamp(&scene->imaging, scene, 3)->view < 0);
+    for (int v = 3; v < 5; v++) CHECK_CLOSE(imaging_lamp(&scene->imaging, scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
@@ -1215,7 +1215,7 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     struct imaging         whole = {0};
     c.options.lamp               = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    whole.medium = scene_imaging(c.scene)->medium, whole.lamp[0] = scene_imaging(c.scene)->lamp[0];
+    whole.medium = c.scene->imaging.medium, whole.lamp[0] = c.scene->imaging.lamp[0];
     CHECK(whole.lamp[0].shape[1] != 0);
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
@@ -1223,8 +1223,8 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     }
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
-    CHECK(memcmp(&whole.medium, &scene_imaging(c.scene)->medium, sizeof whole.medium) == 0);
-    CHECK(memcmp(&whole.lamp[0], &scene_imaging(c.scene)->lamp[0], sizeof whole.lamp[0]) == 0);
+    CHECK(memcmp(&whole.medium, &c.scene->imaging.medium, sizeof whole.medium) == 0);
+    CHECK(memcmp(&whole.lamp[0], &c.scene->imaging.lamp[0], sizeof whole.lamp[0]) == 0);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }

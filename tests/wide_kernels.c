@@ -36,6 +36,11 @@ void oxl_free(oxl_context *ctx, void *memory)
     free(memory);
 }
 
+void oxl_free_all(oxl_context *ctx, void *const *memory, size_t count)
+{
+    for (size_t i = 0; i < count; i++) oxl_free(ctx, memory[i]);
+}
+
 oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size)
 {
     void *grown;

@@ -155,7 +155,7 @@ static oxl_result partition_finish(struct partition_build *b, struct partition *
 
 static int partition_train_views(const oxl_scene *scene)
 {
-    return scene_stats_of(scene)->views - scene_stats_of(scene)->test_views;
+    return scene->stats.views - scene->stats.test_views;
 }
 
 /* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and no more than the block's share of all
@@ -274,16 +274,7 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     if (rc == OXL_OK) rc = partition_finish(b, p);
     if (rc == OXL_OK && !reason) partition_log_blocks(b, p);
 done:
-    oxl_free(b->ctx, b->position);
-    oxl_free(b->ctx, b->owner);
-    oxl_free(b->ctx, b->load);
-    oxl_free(b->ctx, b->node);
-    oxl_free(b->ctx, b->leaf);
-    oxl_free(b->ctx, b->first);
-    oxl_free(b->ctx, b->blocks);
-    oxl_free(b->ctx, b->inside);
-    oxl_free(b->ctx, b->role);
-    oxl_free(b->ctx, b->few_views);
+    OXL_FREE(b->ctx, b->position, b->owner, b->load, b->node, b->leaf, b->first, b->blocks, b->inside, b->role, b->few_views);
     return rc;
 }
 
@@ -291,7 +282,7 @@ done:
 
 static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *o)
 {
-    const struct scene_stats *stats  = scene_stats_of(scene);
+    const struct scene_stats *stats  = &scene->stats;
     const size_t              points = stats->points, views = (size_t)(stats->views - stats->test_views);
     if (!scene_colmap(scene))
         return oxl_fail(ctx, OXL_ERR_USAGE,
@@ -309,7 +300,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
 static oxl_partition_options partition_resolve_options(const oxl_scene *scene, const oxl_partition_options *options)
 {
     oxl_partition_options o = options ? *options : oxl_partition_options_default();
-    if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene_stats_of(scene)->points + (size_t)o.blocks - 1) / (size_t)o.blocks);
+    if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene->stats.points + (size_t)o.blocks - 1) / (size_t)o.blocks);
     if (o.block_points < 1) o.block_points = INT_MAX;
     return o;
 }
@@ -331,7 +322,7 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
     if (rc != OXL_OK) goto done;
     partition_set_frame(scene, &o, &axes, out);
     b.visibility = out->plan->visibility;
-    if (!(o.kind == OXL_PARTITION_NONE || scene_stats_of(scene)->points <= (size_t)o.block_points))
+    if (!(o.kind == OXL_PARTITION_NONE || scene->stats.points <= (size_t)o.block_points))
         partition_log_frame(ctx, &o, out, axes.share);
     rc = partition_build(&b, out);
 done:
@@ -366,11 +357,7 @@ OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p)
 {
     if (!p->plan) return;
     if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
-    oxl_free(ctx, p->plan->owner);
-    oxl_free(ctx, p->plan->first_member);
-    oxl_free(ctx, p->plan->member);
-    oxl_free(ctx, p->plan->role);
-    oxl_free(ctx, p->plan);
+    OXL_FREE(ctx, p->plan->owner, p->plan->first_member, p->plan->member, p->plan->role, p->plan);
     p->plan = NULL;
 }
 

@@ -181,7 +181,6 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
     }
     out->share = n ? (double)kept / (double)n : 0;
 done:
-    oxl_free(ctx, sample);
-    oxl_free(ctx, scratch);
+    OXL_FREE(ctx, sample, scratch);
     return rc;
 }

@@ -243,8 +243,7 @@ static oxl_result partition_grow(struct partition_build *b)
         rc = partition_cut_batch(b, search, count, bins);
         partition_update_leaves(b);
     }
-    oxl_free(b->ctx, search);
-    oxl_free(b->ctx, bins);
+    OXL_FREE(b->ctx, search, bins);
     return rc;
 }
 

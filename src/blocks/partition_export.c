@@ -339,15 +339,9 @@ static void exporter_free(struct exporter *e)
     for (int i = 0; e->worker && i < e->ctx->threads; i++) {
         struct exporter_worker *w = &e->worker[i];
         os_reader_close(&w->reader);
-        oxl_free(e->ctx, w->bits);
-        oxl_free(e->ctx, w->image);
-        oxl_free(e->ctx, w->camera);
-        oxl_free(e->ctx, w->slot);
-        oxl_free(e->ctx, w->list);
-        oxl_free(e->ctx, w->buffer);
+        OXL_FREE(e->ctx, w->bits, w->image, w->camera, w->slot, w->list, w->buffer);
     }
-    oxl_free(e->ctx, e->worker);
-    oxl_free(e->ctx, e->images_file);
+    OXL_FREE(e->ctx, e->worker, e->images_file);
 }
 
 /* Blocks from `first` on, as many as there are writers for. Each thread takes the next one that is left. */
@@ -375,8 +369,8 @@ static oxl_result exporter_batch(const struct exporter *e, int first, int count)
     for (int i = 0; i < count && files; i++)
         for (int k = 0; k < EXPORT_FILES; k++) rc = os_writer_close(e->ctx, &files[i].writer[k], rc);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        exporter_link(e, first + i, "images", scene_images_folder(e->p->plan->scene));
-        exporter_link(e, first + i, "masks", scene_masks_folder(e->p->plan->scene));
+        exporter_link(e, first + i, "images", e->p->plan->scene->images);
+        exporter_link(e, first + i, "masks", e->p->plan->scene->masks);
     }
     oxl_free(e->ctx, files);
     return rc;

@@ -8,9 +8,17 @@
  */
 #include "blocks.h"
 
-#include <inttypes.h>
-
-enum { FILE_BLOCKS_MAX = 1 << 20 };
+enum {                    /* places in the numbers of a line */
+       FRAME_AXES    = 1, /* after DIMENSIONS */
+       FRAME_ORIGIN  = 10,
+       FRAME_EXTENT  = 13,
+       FRAME_MEMORY  = 16,
+       FRAME_NUMBERS = 17,
+       FILE_BOX      = 1,  /* after BLOCK_ID; then the expanded one */
+       FILE_COUNTS   = 13, /* POINTS to START_POINTS */
+       FILE_FINITE   = 17,
+       FILE_NUMBERS  = 23
+};
 
 /* ---------------------------------------------------------------- writing */
 
@@ -19,25 +27,24 @@ static void file_put(FILE *file, const double *v, int count)
     for (int i = 0; i < count; i++) {
         char text[NUMBER_TEXT_MAX];
         format_double(text, v[i]);
-        fprintf(file, " %s", text);
+        fprintf(file, "%s%s", text, i < count - 1 ? " " : "\n");
     }
 }
 
 static void file_put_block(FILE *file, int id, const struct partition_block *b)
 {
-    fprintf(file, "%d", id);
-    file_put(file, b->box.low, 3);
-    file_put(file, b->box.high, 3);
-    file_put(file, b->expanded.low, 3);
-    file_put(file, b->expanded.high, 3);
-    fprintf(file, " %zu %d %d %zu", b->points, b->base_views, b->border_views, b->start_points);
-    file_put(file, b->finite.low, 3);
-    file_put(file, b->finite.high, 3);
-    putc('\n', file);
+    const struct partition_box boxes[2]        = {b->box, b->expanded};
+    const double               counts[4]       = {(double)b->points, b->base_views, b->border_views, (double)b->start_points};
+    double                     v[FILE_NUMBERS] = {id};
+    memcpy(v + FILE_BOX, boxes, sizeof boxes);
+    memcpy(v + FILE_COUNTS, counts, sizeof counts);
+    memcpy(v + FILE_FINITE, &b->finite, sizeof b->finite);
+    file_put(file, v, FILE_NUMBERS);
 }
 
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p)
 {
+    double           v[FRAME_NUMBERS] = {[0] = p->dimensions, [FRAME_MEMORY] = p->memory};
     struct os_writer writer;
     oxl_result       rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
@@ -48,12 +55,11 @@ OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, cons
             "MEMORY in bytes that blocks fit, 0: any\n"
             "# BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS "
             "FINITE_LOW[3] FINITE_HIGH[3]\n");
-    fprintf(writer.file, "# Number of blocks: %d\nFRAME %d", p->block_count, p->dimensions);
-    file_put(writer.file, p->rotation, 9);
-    file_put(writer.file, p->origin, 3);
-    file_put(writer.file, p->extent, 3);
-    file_put(writer.file, &p->memory, 1);
-    putc('\n', writer.file);
+    fprintf(writer.file, "# Number of blocks: %d\nFRAME ", p->block_count);
+    memcpy(v + FRAME_AXES, p->rotation, sizeof p->rotation);
+    memcpy(v + FRAME_ORIGIN, p->origin, sizeof p->origin);
+    memcpy(v + FRAME_EXTENT, p->extent, sizeof p->extent);
+    file_put(writer.file, v, FRAME_NUMBERS);
     for (int i = 0; i < p->block_count; i++) file_put_block(writer.file, i, &p->block[i]);
     return os_writer_close(ctx, &writer, OXL_OK);
 }
@@ -89,62 +95,53 @@ static oxl_result file_wrong(struct file_reader *r, const char *wanted)
                     r->path, r->line, seen, r->cursor, wanted);
 }
 
-static oxl_result file_get(struct file_reader *r, double *out, int count)
+/* The numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */
+static oxl_result file_get(struct file_reader *r, double *out, int numbers, int counts, int count)
 {
-    for (int i = 0; i < count; i++) {
+    for (int i = 0; i < numbers; i++) {
+        const char *start;
         while (r->cursor < r->end && *r->cursor == ' ') r->cursor++;
+        start = r->cursor;
         if (!parse_double(&r->cursor, r->end, &out[i]) || isnan(out[i])) return file_wrong(r, "a number");
+        if (i < counts || i >= counts + count || (out[i] >= 0 && out[i] <= UINT32_MAX && floor(out[i]) == out[i])) continue;
+        r->cursor = start;
+        return file_wrong(r, "a count");
     }
-    return OXL_OK;
-}
-
-static oxl_result file_get_count(struct file_reader *r, int64_t most, int64_t *out)
-{
-    while (r->cursor < r->end && *r->cursor == ' ') r->cursor++;
-    if (!parse_int64(&r->cursor, r->end, out) || *out < 0 || *out > most) return file_wrong(r, "a count");
-    return OXL_OK;
+    return r->cursor == r->end ? OXL_OK : file_wrong(r, "the end of the line");
 }
 
 static oxl_result file_read_frame(struct file_reader *r, struct partition *p)
 {
-    static const char word[]     = "FRAME";
-    int64_t           dimensions = 0;
+    static const char word[]           = "FRAME";
+    double            v[FRAME_NUMBERS] = {0};
     oxl_result        rc;
     if (r->end - r->cursor < (ptrdiff_t)sizeof word || memcmp(r->cursor, word, sizeof word - 1) != 0)
         return file_wrong(r, "FRAME");
     r->cursor += sizeof word - 1;
-    rc            = file_get_count(r, 3, &dimensions);
-    p->dimensions = (int)dimensions;
-    if (rc == OXL_OK) rc = file_get(r, p->rotation, 9);
-    if (rc == OXL_OK) rc = file_get(r, p->origin, 3);
-    if (rc == OXL_OK) rc = file_get(r, p->extent, 3);
-    if (rc == OXL_OK && r->cursor < r->end) rc = file_get(r, &p->memory, 1);
+    rc            = file_get(r, v, FRAME_NUMBERS, 0, 1);
+    p->dimensions = v[0] > 2 ? 3 : 2;
+    p->memory     = v[FRAME_MEMORY];
+    memcpy(p->rotation, v + FRAME_AXES, sizeof p->rotation);
+    memcpy(p->origin, v + FRAME_ORIGIN, sizeof p->origin);
+    memcpy(p->extent, v + FRAME_EXTENT, sizeof p->extent);
     return rc;
 }
 
 static oxl_result file_read_block(struct file_reader *r, struct partition *p)
 {
-    struct partition_block b  = {.points = 0};
-    int64_t                id = 0, points = 0, base = 0, border = 0, start = 0;
-    oxl_result             rc = file_get_count(r, FILE_BLOCKS_MAX, &id);
-    if (rc == OXL_OK && id != p->block_count) rc = file_wrong(r, "the blocks in order, from 0");
-    if (rc == OXL_OK) rc = file_get(r, b.box.low, 3);
-    if (rc == OXL_OK) rc = file_get(r, b.box.high, 3);
-    if (rc == OXL_OK) rc = file_get(r, b.expanded.low, 3);
-    if (rc == OXL_OK) rc = file_get(r, b.expanded.high, 3);
-    if (rc == OXL_OK) rc = file_get_count(r, INT64_MAX, &points);
-    if (rc == OXL_OK) rc = file_get_count(r, INT_MAX, &base);
-    if (rc == OXL_OK) rc = file_get_count(r, INT_MAX, &border);
-    if (rc == OXL_OK) rc = file_get_count(r, INT64_MAX, &start);
-    if (rc == OXL_OK) rc = file_get(r, b.finite.low, 3);
-    if (rc == OXL_OK) rc = file_get(r, b.finite.high, 3);
-    if (rc == OXL_OK && r->cursor != r->end) rc = file_wrong(r, "the end of the line");
+    struct partition_block b = {.points = 0};
+    double                 v[FILE_NUMBERS];
+    oxl_result             rc = file_get(r, v, FILE_NUMBERS, FILE_COUNTS, FILE_FINITE - FILE_COUNTS);
+    if (rc == OXL_OK && v[0] != p->block_count) rc = file_wrong(r, "the blocks in order, from 0");
     if (rc == OXL_OK) rc = oxl_reserve(r->ctx, &p->block, &r->capacity, (size_t)p->block_count + 1, sizeof *p->block);
     if (rc != OXL_OK) return rc;
-    b.points                   = (size_t)points;
-    b.start_points             = (size_t)start;
-    b.base_views               = (int)base;
-    b.border_views             = (int)border;
+    memcpy(&b.box, v + FILE_BOX, sizeof b.box);
+    memcpy(&b.expanded, v + FILE_BOX + 6, sizeof b.expanded);
+    memcpy(&b.finite, v + FILE_FINITE, sizeof b.finite);
+    b.points                   = (size_t)v[FILE_COUNTS];
+    b.base_views               = (int)OXL_MIN(v[FILE_COUNTS + 1], INT_MAX);
+    b.border_views             = (int)OXL_MIN(v[FILE_COUNTS + 2], INT_MAX);
+    b.start_points             = (size_t)v[FILE_COUNTS + 3];
     p->block[p->block_count++] = b;
     return OXL_OK;
 }

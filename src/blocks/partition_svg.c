@@ -346,7 +346,7 @@ static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int ind
 
 static void svg_draw_title(struct svg *s)
 {
-    const struct scene_stats *stats = scene_stats_of(s->p->plan->scene);
+    const struct scene_stats *stats = &s->p->plan->scene->stats;
     const double             *e     = s->p->extent;
     svg_text(&s->t, "title", SVG_EDGE, 46, "%d block%s", s->p->block_count, s->p->block_count == 1 ? "" : "s");
     svg_text(&s->t, "sub", SVG_EDGE, 70,
@@ -475,9 +475,6 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     else rc = os_write_file(ctx, path, s.t.data, s.t.size);
 done:
     text_free(&s.t);
-    oxl_free(ctx, s.colour);
-    oxl_free(ctx, s.camera);
-    oxl_free(ctx, s.base);
-    oxl_free(ctx, s.border);
+    OXL_FREE(ctx, s.colour, s.camera, s.base, s.border);
     return rc;
 }

@@ -111,8 +111,7 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int v = 0; v < (int)views; v++) s->seen[v] = visibility_count_different(s, (size_t)v);
 done:
-    oxl_free(ctx, b.next);
-    oxl_free(ctx, b.view);
+    OXL_FREE(ctx, b.next, b.view);
     if (rc != OXL_OK) partition_visibility_free(ctx, s);
     else *out = s;
     return rc;
@@ -121,9 +120,5 @@ done:
 OXL_INTERNAL void partition_visibility_free(oxl_context *ctx, struct partition_visibility *s)
 {
     if (!s) return;
-    oxl_free(ctx, s->first);
-    oxl_free(ctx, s->point);
-    oxl_free(ctx, s->observation);
-    oxl_free(ctx, s->seen);
-    oxl_free(ctx, s);
+    OXL_FREE(ctx, s->first, s->point, s->observation, s->seen, s);
 }

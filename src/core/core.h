@@ -91,6 +91,8 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
 /* Keeps min(old, new) elements; on failure `old` stays valid. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
 OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
+OXL_INTERNAL void  oxl_free_all(oxl_context *ctx, void *const *memory, size_t count);
+#define OXL_FREE(ctx, ...) oxl_free_all(ctx, (void *[]){__VA_ARGS__}, OXL_COUNT(((void *[]){__VA_ARGS__})))
 
 /* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`, by a quarter where
  * memory allows, and keeps its contents. */
@@ -230,7 +232,6 @@ OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
 OXL_INTERNAL void           os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
 /* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
 OXL_INTERNAL oxl_result     os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what, int error);
-OXL_INTERNAL oxl_result     os_lock_fail(oxl_context *ctx, const char *path);        /* from errno */
 OXL_INTERNAL void           os_lock_close(struct os_lock *lock, const char *remove); /* releases it; remove: its path, or NULL */
 
 #ifdef OXL_VULKAN

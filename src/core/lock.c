@@ -7,6 +7,7 @@
  * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its last holder has removed.
  */
 #include "core.h"
+#include <errno.h>
 
 enum { LOCK_TRIES = 1000 /* each stands for a process that ended meanwhile */ };
 
@@ -42,7 +43,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
     got   = lock_open(lock->path, shared, &lock->file);
     *busy = got == OS_LOCK_BUSY;
     if (*busy) rc = lock_refuse(ctx, folder, "is in use", &lock->file);
-    if (got == OS_LOCK_FAILED || got == OS_LOCK_REMOVED) rc = os_lock_fail(ctx, lock->path);
+    if (got == OS_LOCK_FAILED || got == OS_LOCK_REMOVED) rc = os_fail(ctx, OXL_ERR_IO, lock->path, "cannot write", errno);
     if (got == OS_LOCK_NONE)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: this file system has no locks; two processes that write there destroy each other's files", folder);
@@ -52,8 +53,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
 done:
     if (rc == OXL_OK) *out = lock;
     else if (lock) {
-        oxl_free(ctx, lock->path);
-        oxl_free(ctx, lock);
+        OXL_FREE(ctx, lock->path, lock);
     }
     return rc;
 }
@@ -103,8 +103,7 @@ OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
             if (got == OS_LOCK_BUSY) rc = lock_refuse(ctx, folder, "lies in the folder of a run, which is in use", &file);
             if (got == OS_LOCK_TAKEN || got == OS_LOCK_NONE) os_lock_close(&file, NULL);
         }
-        oxl_free(ctx, run);
-        oxl_free(ctx, path);
+        OXL_FREE(ctx, run, path);
         run = up && rc == OXL_OK ? lock_parent(ctx, up) : NULL;
         oxl_free(ctx, up);
         up = run;
@@ -125,7 +124,6 @@ void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock)
 {
     if (!*lock) return;
     os_lock_close(&(*lock)->file, os_lock_change(&(*lock)->file, 0) != OS_LOCK_BUSY ? (*lock)->path : NULL);
-    oxl_free(ctx, (*lock)->path);
-    oxl_free(ctx, *lock);
+    OXL_FREE(ctx, (*lock)->path, *lock);
     *lock = NULL;
 }

@@ -81,6 +81,11 @@ OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory)
     ctx->options.reallocate(ctx->options.user, raw, 0);
 }
 
+OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t count)
+{
+    for (size_t i = 0; i < count; i++) oxl_free(ctx, memory[i]);
+}
+
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size)
 {
     size_t wanted = OXL_MAX(OXL_MAX(needed, (size_t)64), *capacity <= SIZE_MAX / 2 ? *capacity + *capacity / 4 : 0);

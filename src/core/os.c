@@ -97,11 +97,6 @@ OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock)
     os_lock_write(lock, text);
 }
 
-OXL_INTERNAL oxl_result os_lock_fail(oxl_context *ctx, const char *path)
-{
-    return os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
-}
-
 /* ---------------------------------------------------------------- reading */
 
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
@@ -200,8 +195,7 @@ OXL_INTERNAL void os_reader_close(struct os_reader *r)
 
 static void os_writer_free(oxl_context *ctx, struct os_writer *writer)
 {
-    oxl_free(ctx, writer->path);
-    oxl_free(ctx, writer->temporary);
+    OXL_FREE(ctx, writer->path, writer->temporary);
     *writer = (struct os_writer){0};
 }
 

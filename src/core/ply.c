@@ -425,9 +425,7 @@ OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply)
 {
     for (int e = 0; e < ply->elements; e++) oxl_free(ctx, ply->element[e].property);
     for (int c = 0; c < ply->comments; c++) oxl_free(ctx, ply->comment[c]);
-    oxl_free(ctx, ply->element);
-    oxl_free(ctx, ply->comment);
-    oxl_free(ctx, ply->path);
+    OXL_FREE(ctx, ply->element, ply->comment, ply->path);
     os_release_file(ctx, &ply->file);
     *ply = (struct ply){0};
 }

@@ -47,7 +47,7 @@ static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
     const char      *path = PATH(b->task->folder, "imaging.txt");
     const oxl_result rc   = os_make_folder(b->ctx, b->task->folder);
     if (rc != OXL_OK) return rc;
-    if (imaging_is_needed(scene_imaging(scene))) return imaging_write(b->ctx, path, scene, scene_imaging(scene));
+    if (imaging_is_needed(&scene->imaging)) return imaging_write(b->ctx, path, scene, &scene->imaging);
     os_remove(path);
     return OXL_OK;
 }
@@ -266,15 +266,15 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                  .window    = b->task->window,
                                  .frozen    = 1,
                                  .nonfinite = &b->nonfinite};
-    const int           hides = imaging_alters_colours(scene_imaging(scene));
+    const int           hides = imaging_alters_colours(&scene->imaging);
     oxl_model           plain = {0};
     oxl_result          rc;
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);
-    if (hides) medium_bake(scene, &(struct imaging){.medium = scene_imaging(scene)->medium}, 0, model);
-    scene_imaging(scene)->medium = (struct medium){0};
-    o.medium                     = OXL_OFF;
+    if (hides) medium_bake(scene, &(struct imaging){.medium = scene->imaging.medium}, 0, model);
+    scene->imaging.medium = (struct medium){0};
+    o.medium              = OXL_OFF;
     o.rate_sh *= hides ? BLOCK_REFINE_SH : 1;
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
@@ -309,7 +309,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
 {
     int        done = 1;
     oxl_result rc   = OXL_OK;
-    if ((model->lobes > 0 || imaging_alters_colours(scene_imaging(scene))) && b->task->standard > 0) {
+    if ((model->lobes > 0 || imaging_alters_colours(&scene->imaging)) && b->task->standard > 0) {
         b->last      = (oxl_progress){0};
         b->nonfinite = (oxl_nonfinite){0};
         rc           = block_refine(b, scene, model, &done);

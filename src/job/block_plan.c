@@ -14,9 +14,7 @@
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
-    oxl_free(ctx, plan->window);
-    oxl_free(ctx, plan->shows);
-    oxl_free(ctx, plan->neighbour);
+    OXL_FREE(ctx, plan->window, plan->shows, plan->neighbour);
     *plan = (struct block_plan){0};
 }
 
@@ -321,7 +319,6 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse
         rc = plan_write(job, k, &plan[k]);
     }
     for (int k = 0; k < blocks && plan; k++) block_plan_free(job->ctx, &plan[k]);
-    oxl_free(job->ctx, plan);
-    oxl_free(job->ctx, sum);
+    OXL_FREE(job->ctx, plan, sum);
     return rc;
 }

@@ -137,7 +137,7 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
 static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, struct partition *out)
 {
     oxl_partition_options tried  = o->partition;
-    const size_t          points = scene_stats_of(scene)->points;
+    const size_t          points = scene->stats.points;
     struct cost_load      worst;
     oxl_result            rc = OXL_OK;
     if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);

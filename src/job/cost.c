@@ -31,7 +31,7 @@ OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
-    const struct scene_stats *stats = scene_stats_of(scene);
+    const struct scene_stats *stats = &scene->stats;
     struct cost_load          load  = {.points          = stats->points,
                                        .observations    = stats->observations,
                                        .views           = stats->views,
@@ -61,7 +61,7 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
         load.observations += plan->visibility->first[v + 1] - plan->visibility->first[v];
     }
-    load.schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(scene_stats_of(plan->scene)->points, (size_t)1);
+    load.schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(plan->scene->stats.points, (size_t)1);
     return load;
 }
 

@@ -32,9 +32,9 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 {
     oxl_result rc = OXL_OK;
     if (p->bands) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, scene_imaging(p->scene), row->view, rendered);
-    if (rc == OXL_OK && p->bands) rc = metrics_half_psnr(ctx, rendered, image, &row->half_psnr);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(p->scene), row->view, rendered);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, rendered);
+    if (rc == OXL_OK && p->bands) row->half_psnr = metrics_half_psnr(rendered, image);
+    if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
@@ -50,7 +50,7 @@ static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p,
     oxl_image          rendered = {0};
     oxl_result         rc;
     options.near_plane = (float)scene_near_plane(p->scene);
-    renderer_set_medium(p->r, &scene_imaging(p->scene)->medium, 0);
+    renderer_set_medium(p->r, &p->scene->imaging.medium, 0);
     rc = renderer_draw(ctx, p->r, p->model, camera, &options, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);
@@ -101,7 +101,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
-        image_cache_ahead(ctx, scene_image_cache(scene), view + i, count - i);
+        image_cache_ahead(ctx, scene, view + i, count - i);
         if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
     }
     renderer_free(ctx, p.r);

@@ -28,9 +28,7 @@ struct groups {
 static void groups_free(struct groups *g)
 {
     for (int k = 0; g->keep && k < g->job->partition.block_count; k++) oxl_free(g->job->ctx, g->keep[k]);
-    oxl_free(g->job->ctx, g->keep);
-    oxl_free(g->job->ctx, g->of);
-    oxl_free(g->job->ctx, g->version);
+    OXL_FREE(g->job->ctx, g->keep, g->of, g->version);
 }
 
 /* ---------------------------------------------------------------- files */
@@ -210,8 +208,7 @@ static oxl_result groups_order(const struct groups *g, int *view, int *count)
     for (int k = 0; k < blocks && rc == OXL_OK; k++)
         for (int i = 0; i < g->views; i++)
             if (owner[i] == k && !oxl_scene_view(g->job->scene, i)->is_test) view[(*count)++] = i;
-    oxl_free(g->job->ctx, largest);
-    oxl_free(g->job->ctx, owner);
+    OXL_FREE(g->job->ctx, largest, owner);
     return rc;
 }
 
@@ -299,8 +296,8 @@ static oxl_result groups_store(struct groups *g, const oxl_model all[3])
         old[b] = g->version[b];
         rc     = groups_store_block(g, b, version, all, at);
     }
-    if (rc == OXL_OK && imaging_is_needed(scene_imaging(g->job->scene))) {
-        rc = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene, scene_imaging(g->job->scene));
+    if (rc == OXL_OK && imaging_is_needed(&g->job->scene->imaging)) {
+        rc       = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene, &g->job->scene->imaging);
         g->gains = version;
     }
     g->done = version;
@@ -369,8 +366,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     if (rc == OXL_OK && g->step >= until) rc = groups_store(g, all);
     else if (rc == OXL_OK) g->job->unfinished++; /* the time allowed is over */
     for (int k = 0; k < 3; k++) oxl_model_free(ctx, &all[k]);
-    oxl_free(ctx, window);
-    oxl_free(ctx, view);
+    OXL_FREE(ctx, window, view);
     return rc;
 }
 
@@ -380,15 +376,15 @@ static oxl_result groups_task(struct groups *g, int from, int until)
 static oxl_result groups_read_gains(const struct groups *g)
 {
     const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
-    imaging_free(g->job->ctx, scene_imaging(g->job->scene));
-    if (g->gains == 0 || !os_is_file(path)) return job_join_gains(g->job, scene_imaging(g->job->scene));
-    return imaging_read(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
+    imaging_free(g->job->ctx, &g->job->scene->imaging);
+    if (g->gains == 0 || !os_is_file(path)) return job_join_gains(g->job, &g->job->scene->imaging);
+    return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
 /* A block's model with the water in its colours, for viewers; not refined. */
 static oxl_result groups_bake(const struct groups *g, int block)
 {
-    const struct imaging *imaging = scene_imaging(g->job->scene);
+    const struct imaging *imaging = &g->job->scene->imaging;
     oxl_model             model   = {0};
     oxl_result            rc      = oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
@@ -428,7 +424,7 @@ static oxl_result groups_finish(struct groups *g)
     const int           blocks = g->job->partition.block_count;
     struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
     oxl_result          rc     = groups_merge(g, 0);
-    if (rc == OXL_OK && imaging_alters_colours(scene_imaging(g->job->scene))) rc = groups_merge(g, 1);
+    if (rc == OXL_OK && imaging_alters_colours(&g->job->scene->imaging)) rc = groups_merge(g, 1);
     if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
     if (rc == OXL_OK) groups_remove(g, -1, g->gains);

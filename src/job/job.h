@@ -80,9 +80,9 @@ struct metrics_sum {
     size_t pixels;        /* that count */
 };
 /* The i-th pixel of both, three channels, by the image's weight. */
-OXL_INTERNAL void       metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
+OXL_INTERNAL void   metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* PSNR of the right half, after a gain per channel that is fitted on the left half. */
-OXL_INTERNAL oxl_result metrics_half_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------------------------------------------------------- evaluate.c */
 

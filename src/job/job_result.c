@@ -23,7 +23,7 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 /* Water lies between the model's colours and the images: scene.ply is a model for viewers without it. */
 static int job_alters_colours(const struct job *job)
 {
-    return job->scene && imaging_alters_colours(scene_imaging(job->scene));
+    return job->scene && imaging_alters_colours(&job->scene->imaging);
 }
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
@@ -44,7 +44,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
     oxl_result rc   = made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
     if (rc == OXL_OK && !made && job_alters_colours(job))
-        medium_bake(job->scene, &(struct imaging){.medium = scene_imaging(job->scene)->medium}, 0, out);
+        medium_bake(job->scene, &(struct imaging){.medium = job->scene->imaging.medium}, 0, out);
     return rc;
 }
 
@@ -95,7 +95,7 @@ static oxl_split job_evaluated_split(const struct job *job)
 /* What a viewer without second lobes and water renders: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
-    struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
+    struct imaging *imaging = &job->scene->imaging, whole = *imaging;
     const int       hides = job_alters_colours(job);
     oxl_metrics     plain;
     oxl_result      rc;
@@ -237,8 +237,8 @@ static oxl_result job_render_views(struct job *job)
 static oxl_result job_write_gains(struct job *job)
 {
     const char *path = PATH(job->out, "imaging.txt");
-    if (job->scene && imaging_is_needed(scene_imaging(job->scene)))
-        return imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
+    if (job->scene && imaging_is_needed(&job->scene->imaging))
+        return imaging_write(job->ctx, path, job->scene, &job->scene->imaging);
     os_remove(path);
     return OXL_OK;
 }

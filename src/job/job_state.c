@@ -168,8 +168,8 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
-    if (rc == OXL_OK) imaging_free(job->ctx, scene_imaging(job->scene));
-    if (rc == OXL_OK) rc = job_join_gains(job, scene_imaging(job->scene));
+    if (rc == OXL_OK) imaging_free(job->ctx, &job->scene->imaging);
+    if (rc == OXL_OK) rc = job_join_gains(job, &job->scene->imaging);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
         rc = job_read_model(job, k, standard, &part);

@@ -128,10 +128,7 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
 
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run)
 {
-    oxl_free(ctx, run->line);
-    oxl_free(ctx, run->found);
-    oxl_free(ctx, run->scene);
-    oxl_free(ctx, run->preset);
+    OXL_FREE(ctx, run->line, run->found, run->scene, run->preset);
     for (size_t i = 0; i < OXL_COUNT(run->value); i++) oxl_free(ctx, run->value[i]);
     *run = (struct oxl_manifest){0};
 }
@@ -165,8 +162,7 @@ static oxl_result manifest_compare(struct manifest_comparison *c, const char *me
     if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->current, member), &current);
     if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0) && c->count++ < MANIFEST_DIFFERENCES)
         text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given", current ? current : "not given");
-    oxl_free(c->t->ctx, old);
-    oxl_free(c->t->ctx, current);
+    OXL_FREE(c->t->ctx, old, current);
     return rc;
 }
 

@@ -54,103 +54,75 @@ static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
 
 /* ---------------------------------------------------------------- PSNR */
 
-/* a times gain, channel by channel, against b. */
-static void metrics_square_row(const oxl_image *a, const oxl_image *b, const double gain[3], int y, double *error, double *weight)
+/* a times gain, channel by channel, against b, from column `from` up to `to`. NaN: every pixel there is masked. Serial: it takes a
+ * hundredth of the rendering. */
+static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double gain[3], int from, int to)
 {
     const size_t plane = (size_t)a->width * a->height;
-    *error = *weight = 0;
-    for (int x = 0; x < a->width; x++) {
-        const size_t i = (size_t)y * a->width + x;
-        const double w = b->weight ? b->weight[i] : 1;
-        for (int c = 0; c < 3; c++) {
-            const double d = OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) - metrics_shown(b->rgb[c * plane + i]);
-            *error += w * d * d;
+    double       error = 0, weight = 0;
+    for (int y = 0; y < a->height; y++) {
+        double row_error = 0, row_weight = 0;
+        for (int x = from; x < to; x++) {
+            const size_t i = (size_t)y * a->width + x;
+            const double w = b->weight ? b->weight[i] : 1;
+            for (int c = 0; c < 3; c++) {
+                const double d =
+                    OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) - metrics_shown(b->rgb[c * plane + i]);
+                row_error += w * d * d;
+            }
+            row_weight += 3 * w;
         }
-        *weight += 3 * w;
-    }
-}
-
-static oxl_result metrics_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, const double gain[3], double *out)
-{
-    double error = 0, weight = 0, row_error, row_weight;
-    for (int y = 0; y < a->height; y++) { /* serial: it takes a hundredth of the rendering */
-        metrics_square_row(a, b, gain, y, &row_error, &row_weight);
         error += row_error;
         weight += row_weight;
     }
-    if (!(weight > 0)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
-    *out = metrics_decibel(error, weight);
+    return metrics_decibel(error, weight);
+}
+
+/* The least-squares factor of a channel of a, up to column `to`. */
+static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel, int to)
+{
+    const size_t plane = (size_t)a->width * a->height;
+    double       aa = 0, ab = 0;
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < to; x++) {
+            const size_t i = (size_t)y * a->width + x;
+            const double w = b->weight ? b->weight[i] : 1, v = metrics_shown(a->rgb[channel * plane + i]);
+            aa += w * v * v;
+            ab += w * v * metrics_shown(b->rgb[channel * plane + i]);
+        }
+    return aa > 0 ? ab / aa : 1;
+}
+
+static oxl_result metrics_compare(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int corrected, double *out)
+{
+    double gain[3] = {1, 1, 1}, decibel;
+    *out           = 0;
+    if (metrics_check(ctx, a, b) != OXL_OK) return ctx->failed;
+    for (int c = 0; c < 3 && corrected; c++) gain[c] = metrics_gain(a, b, c, a->width);
+    decibel = metrics_psnr(a, b, gain, 0, a->width);
+    if (isnan(decibel)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
+    *out = decibel;
     return OXL_OK;
 }
 
 oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
-    const double     as_it_is[3] = {1, 1, 1};
-    const oxl_result rc          = metrics_check(ctx, a, b);
-    *out                         = 0;
-    return rc == OXL_OK ? metrics_psnr(ctx, a, b, as_it_is, out) : rc;
-}
-
-/* The least-squares factor of a channel of a. */
-static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel)
-{
-    const size_t plane = (size_t)a->width * a->height;
-    double       aa = 0, ab = 0;
-    for (size_t i = 0; i < plane; i++) {
-        const double w = b->weight ? b->weight[i] : 1, v = metrics_shown(a->rgb[channel * plane + i]);
-        aa += w * v * v;
-        ab += w * v * metrics_shown(b->rgb[channel * plane + i]);
-    }
-    return aa > 0 ? ab / aa : 1;
+    return metrics_compare(ctx, a, b, 0, out);
 }
 
 oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
-    const oxl_result rc = metrics_check(ctx, a, b);
-    double           gain[3];
-    *out = 0;
-    for (int c = 0; c < 3 && rc == OXL_OK; c++) gain[c] = metrics_gain(a, b, c);
-    return rc == OXL_OK ? metrics_psnr(ctx, a, b, gain, out) : rc;
-}
-
-/* The left half of the columns, or the rest, as an image of its own. */
-static oxl_result metrics_half(oxl_context *ctx, const oxl_image *in, int right, oxl_image *out)
-{
-    const int    left = in->width / 2, width = right ? in->width - left : left;
-    const size_t rows = 3 * (size_t)in->height, from = right ? (size_t)left : 0;
-    oxl_result   rc = oxl_image_create(ctx, width, in->height, out);
-    if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, (size_t)width * (size_t)in->height, sizeof *out->weight)))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for half an image");
-    if (rc != OXL_OK) return rc;
-    for (size_t y = 0; y < rows; y++)
-        memcpy(out->rgb + y * (size_t)width, in->rgb + y * (size_t)in->width + from, (size_t)width * sizeof *out->rgb);
-    for (size_t y = 0; in->weight && y < (size_t)in->height; y++)
-        memcpy(out->weight + y * (size_t)width, in->weight + y * (size_t)in->width + from, (size_t)width * sizeof *out->weight);
-    return OXL_OK;
+    return metrics_compare(ctx, a, b, 1, out);
 }
 
 /* PSNR of the right half, a's channels multiplied by what brings its left half nearest to b's. NaN of images one pixel wide, or masked
  * there. */
-OXL_INTERNAL oxl_result metrics_half_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b)
 {
-    oxl_image  half[2][2] = {{{0}}};
-    double     gain[3] = {1, 1, 1}, error = 0, weight = 0, row_error, row_weight;
-    oxl_result rc = OXL_OK;
-    *out          = NAN;
-    if (a->width < 2) return OXL_OK;
-    for (int right = 0; right < 2 && rc == OXL_OK; right++) {
-        rc = metrics_half(ctx, a, right, &half[right][0]);
-        if (rc == OXL_OK) rc = metrics_half(ctx, b, right, &half[right][1]);
-    }
-    for (int c = 0; c < 3 && rc == OXL_OK; c++) gain[c] = metrics_gain(&half[0][0], &half[0][1], c);
-    for (int y = 0; y < a->height && rc == OXL_OK; y++) {
-        metrics_square_row(&half[1][0], &half[1][1], gain, y, &row_error, &row_weight);
-        error += row_error;
-        weight += row_weight;
-    }
-    if (rc == OXL_OK) *out = metrics_decibel(error, weight);
-    for (int i = 0; i < 4; i++) oxl_image_free(ctx, &half[i / 2][i % 2]);
-    return rc;
+    double gain[3];
+    if (a->width < 2) return NAN;
+    for (int c = 0; c < 3; c++) gain[c] = metrics_gain(a, b, c, a->width / 2);
+    return metrics_psnr(a, b, gain, a->width / 2, a->width);
 }
 
 /* ---------------------------------------------------------------- windows */
@@ -326,8 +298,7 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
         out->windows += s.row[y].windows;
     }
 done:
-    oxl_free(ctx, s.scratch);
-    oxl_free(ctx, s.row);
+    OXL_FREE(ctx, s.scratch, s.row);
     return rc;
 }
 

@@ -66,8 +66,7 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
         value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
     if (rc == OXL_OK) rc = image_write_png16(ctx, path, value, width, height);
-    oxl_free(ctx, value);
-    oxl_free(ctx, path);
+    OXL_FREE(ctx, value, path);
     return rc;
 }
 
@@ -151,14 +150,14 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     out->width                       = of->camera.width;
     out->height                      = of->camera.height;
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
-    renderer_set_medium(f->renderer, what->clear ? NULL : &scene_imaging(scene)->medium, 0);
+    renderer_set_medium(f->renderer, what->clear ? NULL : &scene->imaging.medium, 0);
     if (rc == OXL_OK) rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->rendered, out->depth);
-    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->rendered);
-    if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
+    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, &scene->imaging, view, &out->rendered);
+    if (rc == OXL_OK && !what->clear) imaging_apply(&scene->imaging, view, &out->rendered);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
-    if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_alters_colours(scene_imaging(scene))) {
+    if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_alters_colours(&scene->imaging)) {
         renderer_set_medium(f->renderer, NULL, 0);
         rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->clear, NULL);
     }
@@ -183,11 +182,11 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *rendered        = 0;
-    if (f->what->images) image_cache_ahead(ctx, scene_image_cache(f->scene), view, count);
+    if (f->what->images) image_cache_ahead(ctx, f->scene, view, count);
     while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(f->scene, view[*rendered])->camera;
         bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;
-        if (*rendered > 0 && bytes > scene_image_cache(f->scene)->limit / 4) break;
+        if (*rendered > 0 && bytes > f->scene->cache.limit / 4) break;
         rc = render_file_render(ctx, f, view[*rendered], &out[*rendered]);
         if (rc != OXL_OK) break;
         ++*rendered;
@@ -287,7 +286,7 @@ static oxl_result render_files_replace(oxl_context *ctx, oxl_scene *scene, const
         const char *name = oxl_scene_view(scene, view[i])->name;
         text_add(&list, "%s.png\n", name);
         if (what->images) text_add(&list, "%s.image.png\n", name);
-        if (what->images && !what->clear && imaging_alters_colours(scene_imaging(scene))) text_add(&list, "%s.clear.png\n", name);
+        if (what->images && !what->clear && imaging_alters_colours(&scene->imaging)) text_add(&list, "%s.clear.png\n", name);
         if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
     }
     text_add(&list, "%s", "");

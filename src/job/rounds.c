@@ -27,7 +27,7 @@ struct rounds {
 /* Water that the tracks do not give is trained from WATER_FROM of a run on; the coarse model ends before. */
 static void rounds_warn_of_water(const struct job *job)
 {
-    if (job->options.train.medium != OXL_ON || scene_imaging(job->scene)->medium.on) return;
+    if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
     oxl_log(job->ctx, OXL_LOG_WARNING,
             "--medium on: the tracks do not show water, and several blocks do not train it: it stays off\nfix: --partition none");
 }
@@ -182,7 +182,7 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
 /* The block begins with the coarse model's gains, and keeps its lamp and water. */
 static oxl_result rounds_read_imaging(struct job *job)
 {
-    imaging_free(job->ctx, scene_imaging(job->scene));
+    imaging_free(job->ctx, &job->scene->imaging);
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
 }
 

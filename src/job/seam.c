@@ -82,10 +82,10 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
         goto done;
     }
     options.near_plane = (float)scene_near_plane(scene);
-    renderer_set_medium(r, &scene_imaging(scene)->medium, 0);
+    renderer_set_medium(r, &scene->imaging.medium, 0);
     rc = renderer_draw(ctx, r, model, camera, &options, &rendered, depth);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &rendered);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &rendered);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, &scene->imaging, view, &rendered);
+    if (rc == OXL_OK) imaging_apply(&scene->imaging, view, &rendered);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:

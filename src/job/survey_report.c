@@ -170,7 +170,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
                                         oxl_survey *out)
 {
     oxl_result                rc;
-    const struct scene_stats *stats  = scene_stats_of(scene);
+    const struct scene_stats *stats  = &scene->stats;
     const double             *origin = oxl_scene_origin(scene);
     oxl_job_options           whole  = *options;
     *out                             = (oxl_survey){.images         = stats->images_listed,

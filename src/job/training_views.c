@@ -145,7 +145,7 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
 
 static oxl_result training_sharpness(struct training_views *t, int at, double *out)
 {
-    const struct training_image *image = image_cache_get(t->ctx, scene_image_cache(t->scene), t->view[at]);
+    const struct training_image *image = image_cache_get(t->ctx, t->scene, t->view[at]);
     *out                               = image ? quality_sharpness(image, NULL) : 0;
     return image ? OXL_OK : t->ctx->failed;
 }
@@ -266,9 +266,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
         rc = render_files_of(ctx, model, scene, &(oxl_render_output){.split = OXL_SPLIT_ALL, .images = 1, .replace = 1}, folder,
                              shown, count, &count);
 done:
-    oxl_free(ctx, t.row);
-    oxl_free(ctx, t.work);
-    oxl_free(ctx, t.view);
+    OXL_FREE(ctx, t.row, t.work, t.view);
     oxl_metrics_free(ctx, &m);
     return rc;
 }

@@ -526,10 +526,7 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
     rc = model_widths(ctx, width, count);
     if (rc == OXL_OK) model_fill(out, key, width);
 done:
-    oxl_free(ctx, width);
-    oxl_free(ctx, tree.split);
-    oxl_free(ctx, tree.site);
-    oxl_free(ctx, key);
+    OXL_FREE(ctx, width, tree.split, tree.site, key);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

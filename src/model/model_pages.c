@@ -67,9 +67,7 @@ OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, co
 OXL_INTERNAL void model_pages_free(oxl_context *ctx, struct oxl_model_pages *p)
 {
     if (!p) return;
-    oxl_free(ctx, p->path);
-    oxl_free(ctx, p->page);
-    oxl_free(ctx, p);
+    OXL_FREE(ctx, p->path, p->page, p);
 }
 
 static size_t pages_rows(const struct oxl_model_pages *p, size_t page)

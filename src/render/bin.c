@@ -370,15 +370,8 @@ OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, 
 OXL_INTERNAL void bin_free(oxl_context *ctx, struct bins *b)
 {
     if (b->scratch) {
-        oxl_free(ctx, b->scratch->key);
-        oxl_free(ctx, b->scratch->other);
-        oxl_free(ctx, b->scratch->staged);
-        oxl_free(ctx, b->scratch->count);
-        oxl_free(ctx, b->scratch->pack_start);
+        OXL_FREE(ctx, b->scratch->key, b->scratch->other, b->scratch->staged, b->scratch->count, b->scratch->pack_start);
     }
-    oxl_free(ctx, b->scratch);
-    oxl_free(ctx, b->order);
-    oxl_free(ctx, b->pair);
-    oxl_free(ctx, b->tile_start);
+    OXL_FREE(ctx, b->scratch, b->order, b->pair, b->tile_start);
     *b = (struct bins){0};
 }

@@ -521,9 +521,6 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
 
 OXL_INTERNAL void loss_free(oxl_context *ctx, struct loss_scratch *scratch)
 {
-    oxl_free(ctx, scratch->strip);
-    oxl_free(ctx, scratch->rows);
-    oxl_free(ctx, scratch->sums);
-    oxl_free(ctx, scratch->valid);
+    OXL_FREE(ctx, scratch->strip, scratch->rows, scratch->sums, scratch->valid);
     *scratch = (struct loss_scratch){0};
 }

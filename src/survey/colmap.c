@@ -238,9 +238,7 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
     out->format      = format;
     out->images_file = colmap_names[format][1];
     if (rc == OXL_OK) rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder) : colmap_read_binary(&r, folder);
-    oxl_free(ctx, r.window);
-    oxl_free(ctx, r.cameras.slot);
-    oxl_free(ctx, r.images.slot);
+    OXL_FREE(ctx, r.window, r.cameras.slot, r.images.slot);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
 }
@@ -252,11 +250,6 @@ OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct
 
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
 {
-    oxl_free(ctx, c->camera);
-    oxl_free(ctx, c->image);
-    oxl_free(ctx, c->point);
-    oxl_free(ctx, c->track);
-    oxl_free(ctx, c->names);
-    oxl_free(ctx, c->folder);
+    OXL_FREE(ctx, c->camera, c->image, c->point, c->track, c->names, c->folder);
     *c = (struct colmap){0};
 }

@@ -73,8 +73,7 @@ static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low,
         before += (uint32_t)order_ones(k.met[i]);
     }
     if (rc == OXL_OK) order_points_by_rank(c, &k);
-    oxl_free(ctx, k.met);
-    oxl_free(ctx, k.before);
+    OXL_FREE(ctx, k.met, k.before);
     return rc;
 }
 
@@ -111,8 +110,7 @@ static oxl_result order_images(oxl_context *ctx, struct colmap *c)
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) now[by_id[i].row] = (uint32_t)i;
     for (size_t i = 0; i < c->track_count && rc == OXL_OK; i++) c->track[i].image_row = now[c->track[i].image_row];
     if (rc == OXL_OK) qsort(c->image, c->image_count, sizeof *c->image, order_compare);
-    oxl_free(ctx, by_id);
-    oxl_free(ctx, now);
+    OXL_FREE(ctx, by_id, now);
     return rc;
 }
 
@@ -120,4 +118,9 @@ OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c)
 {
     if (c->camera_count) qsort(c->camera, c->camera_count, sizeof *c->camera, order_compare);
     return c->image_count ? order_images(ctx, c) : OXL_OK;
+}
+
+OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id)
+{
+    return c->camera_count ? bsearch(&id, c->camera, c->camera_count, sizeof *c->camera, order_compare) : NULL;
 }

@@ -253,7 +253,6 @@ OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r)
         if (rc == OXL_OK) rc = points_read_window(r, &rows);
     }
     if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, r->out, &id)) == OXL_ERR_INPUT) rc = points_repeated(r, &rows, id);
-    oxl_free(r->ctx, rows.point);
-    oxl_free(r->ctx, rows.track);
+    OXL_FREE(r->ctx, rows.point, rows.track);
     return rc;
 }

@@ -156,8 +156,8 @@ static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct 
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
         const struct training_image *image;
         if ((rc = context_stopped(ctx)) != OXL_OK) break;
-        image_cache_ahead(ctx, scene_image_cache(scene), w->chosen + k, w->chosen_count - k);
-        image = image_cache_get(ctx, scene_image_cache(scene), w->chosen[k]);
+        image_cache_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
+        image = image_cache_get(ctx, scene, w->chosen[k]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         if (image) rc = contrast_integrate(ctx, image, w);
         if (rc == OXL_OK) contrast_of_image(ctx, image, w->chosen[k], w);
@@ -240,10 +240,6 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     rc = contrast_of_images(ctx, scene, &w);
     if (rc == OXL_OK) contrast_fit(&w, views, out);
 done:
-    oxl_free(ctx, w.view);
-    oxl_free(ctx, w.chosen);
-    oxl_free(ctx, w.sample);
-    oxl_free(ctx, w.by_view);
-    oxl_free(ctx, w.integral);
+    OXL_FREE(ctx, w.view, w.chosen, w.sample, w.by_view, w.integral);
     return rc;
 }

@@ -323,8 +323,7 @@ static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const 
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < out->height; y++) image_reduce_row(ctx->isa, &r, y);
 done:
-    oxl_free(ctx, r.column);
-    oxl_free(ctx, r.line);
+    OXL_FREE(ctx, r.column, r.line);
     return rc;
 }
 
@@ -489,8 +488,7 @@ done:
 
 OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image)
 {
-    oxl_free(ctx, image->rgb);
-    oxl_free(ctx, image->mask);
+    OXL_FREE(ctx, image->rgb, image->mask);
     *image = (struct training_image){0};
 }
 
@@ -547,8 +545,7 @@ oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *
 void oxl_image_free(oxl_context *ctx, oxl_image *image)
 {
     if (!image) return;
-    oxl_free(ctx, image->rgb);
-    oxl_free(ctx, image->weight);
+    OXL_FREE(ctx, image->rgb, image->weight);
     *image = (oxl_image){0};
 }
 

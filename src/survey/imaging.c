@@ -561,11 +561,11 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
     oxl_result     rc   = OXL_OK;
     if (os_is_file(path)) {
         rc = imaging_read(ctx, path, scene, &read);
-        imaging_free(ctx, scene_imaging(scene));
-        *scene_imaging(scene) = read;
+        imaging_free(ctx, &scene->imaging);
+        scene->imaging = read;
     }
     if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0)
-        scene_imaging(scene)->medium = (struct medium){0}; /* is in its colours */
+        scene->imaging.medium = (struct medium){0}; /* is in its colours */
     return rc;
 }
 

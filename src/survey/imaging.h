@@ -86,12 +86,11 @@ OXL_INTERNAL void               imaging_centre(struct imaging *m, const double m
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
 OXL_INTERNAL int imaging_alters_colours(
     const struct imaging *m); /* 1: water, or light that falls with range: viewers need a model of their own */
-OXL_INTERNAL oxl_result      imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
-OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 /* Adds a block's gains to the mean over blocks, and takes its lamp and water; count (views): how many there were. */
-OXL_INTERNAL void            imaging_merge(struct imaging *all, int *count, const struct imaging *block);
-OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
+OXL_INTERNAL void       imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
 /* ---------------------------------------------------------------- where an image shows a point: camera.c, scene.c */
 

@@ -98,8 +98,7 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
     lint_count(scene, view_of, views);
     lint_sum_up(ctx, scene, views, s);
 done:
-    oxl_free(ctx, views);
-    oxl_free(ctx, view_of);
+    OXL_FREE(ctx, views, view_of);
     return rc;
 }
 
@@ -109,7 +108,7 @@ done:
 static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name  = oxl_scene_view(scene, view)->name;
-    const char *path  = PATH(scene_images_folder(scene), "%s", name);
+    const char *path  = PATH(scene->images, "%s", name);
     int         width = 0, height = 0;
     oxl_result  rc = image_size(ctx, path, &width, &height);
     return rc == OXL_OK ? image_check_shape(ctx, path, width, height, scene_source_camera(scene, view)) : rc;

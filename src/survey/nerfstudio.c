@@ -158,8 +158,7 @@ static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct p
         const double rgb[3]      = {value[3 * rows + k], value[4 * rows + k], value[5 * rows + k]};
         if (fabs(position[0]) + fabs(position[1]) + fabs(position[2]) <= DBL_MAX) rc = json_survey_add_point(r, position, rgb);
     }
-    oxl_free(r->ctx, value);
-    oxl_free(r->ctx, target);
+    OXL_FREE(r->ctx, value, target);
     return rc;
 }
 
@@ -175,8 +174,7 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
     rc   = path ? ply_open(r->ctx, path, &ply) : OXL_OK;
     if (path && rc == OXL_OK) rc = nerfstudio_copy_points(r, &ply);
     if (path && rc == OXL_OK) ply_close(r->ctx, &ply);
-    oxl_free(r->ctx, path);
-    oxl_free(r->ctx, folder);
+    OXL_FREE(r->ctx, path, folder);
     return rc;
 }
 

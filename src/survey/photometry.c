@@ -151,8 +151,8 @@ static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, 
         const struct training_image *image;
         const oxl_result             rc = context_stopped(ctx);
         if (rc != OXL_OK) return rc;
-        image_cache_ahead(ctx, scene_image_cache(scene), w->chosen + v, w->views - v);
-        image = image_cache_get(ctx, scene_image_cache(scene), w->chosen[v]);
+        image_cache_ahead(ctx, scene, w->chosen + v, w->views - v);
+        image = image_cache_get(ctx, scene, w->chosen[v]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         for (size_t i = 0; i < w->samples; i++) {
             if (w->sample[i].view != v) continue;
@@ -578,11 +578,7 @@ static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, str
 
 static void photometry_end(oxl_context *ctx, struct photometry_work *w)
 {
-    oxl_free(ctx, w->view);
-    oxl_free(ctx, w->chosen);
-    oxl_free(ctx, w->sample);
-    oxl_free(ctx, w->normal);
-    oxl_free(ctx, w->scratch);
+    OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->scratch);
 }
 
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out)
@@ -611,7 +607,6 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
 
 OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p)
 {
-    oxl_free(ctx, p->log_gain);
-    oxl_free(ctx, p->known);
+    OXL_FREE(ctx, p->log_gain, p->known);
     *p = (struct photometry){0};
 }

@@ -200,19 +200,14 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
     for (int i = 0; i < views && rc == OXL_OK; i++) {
         const struct training_image *image;
         if ((rc = context_stopped(ctx)) != OXL_OK) break;
-        image_cache_ahead(ctx, scene_image_cache(scene), list + i, views - i);
-        image = image_cache_get(ctx, scene_image_cache(scene), i);
+        image_cache_ahead(ctx, scene, list + i, views - i);
+        image = image_cache_get(ctx, scene, i);
         if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed; /* others are named elsewhere */
         if (!image) continue;
         q.image[q.count] = quality_measure(image);
         if (q.image[q.count].known) view[q.count++] = i;
     }
     if (rc == OXL_OK && q.count >= QUALITY_MIN) quality_compare(&q, scene, s);
-    oxl_free(ctx, view);
-    oxl_free(ctx, list);
-    oxl_free(ctx, q.image);
-    oxl_free(ctx, q.sharp);
-    oxl_free(ctx, q.light);
-    oxl_free(ctx, q.work);
+    OXL_FREE(ctx, view, list, q.image, q.sharp, q.light, q.work);
     return rc;
 }

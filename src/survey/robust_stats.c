@@ -119,8 +119,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats
     if (kept < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent", count - kept);
 done:
-    oxl_free(ctx, centre);
-    oxl_free(ctx, distance);
+    OXL_FREE(ctx, centre, distance);
     return rc;
 }
 

@@ -21,26 +21,14 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->view);
     if (scene->map.data) { /* the other arrays are there */
-        oxl_free(ctx, scene->colmap.camera);
-        oxl_free(ctx, scene->decoded);
+        OXL_FREE(ctx, scene->colmap.camera, scene->decoded);
         os_unmap_file(ctx, &scene->map);
         oxl_free(ctx, scene);
         return;
     }
-    oxl_free(ctx, scene->point);
-    oxl_free(ctx, scene->depth);
-    oxl_free(ctx, scene->decoded);
-    oxl_free(ctx, scene->source);
-    oxl_free(ctx, scene->on_disk);
-    oxl_free(ctx, scene->images);
-    oxl_free(ctx, scene->masks);
+    OXL_FREE(ctx, scene->point, scene->depth, scene->decoded, scene->source, scene->on_disk, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);
     oxl_free(ctx, scene);
-}
-
-OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene)
-{
-    return &scene->imaging;
 }
 
 /* ---------------------------------------------------------------- masks */
@@ -272,11 +260,10 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
     return rc;
 }
 
-static oxl_result scene_load_image(oxl_context *ctx, const void *source, int view, struct training_image *out)
+OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out)
 {
-    const oxl_scene *scene = source;
-    char            *mask  = NULL;
-    oxl_result       rc    = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
+    char      *mask = NULL;
+    oxl_result rc   = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
     if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
     oxl_free(ctx, mask);
     return rc;
@@ -289,20 +276,6 @@ OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
     return camera ? side * camera->width * side * camera->height : 0;
 }
 
-static double scene_file_pixels_of(const void *source, int view)
-{
-    return scene_file_pixels(source, view);
-}
-
-OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene)
-{
-    const oxl_result rc      = scene->cache.image ? OXL_OK : image_cache_begin(ctx, (size_t)scene->view_count, &scene->cache);
-    scene->cache.load        = scene_load_image;
-    scene->cache.file_pixels = scene_file_pixels_of;
-    scene->cache.source      = scene;
-    return rc;
-}
-
 oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out)
 {
     const oxl_scene_options o     = options ? *options : oxl_scene_options_default();
@@ -312,7 +285,6 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (!scene) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
     rc = scene_open(ctx, path, &o, scene);
     if (rc == OXL_OK) rc = scene_build_views(ctx, scene, &o);
-    if (rc == OXL_OK) rc = scene_begin_cache(ctx, scene);
     scene_set_cache(scene, o.image_cache_bytes);
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
@@ -382,11 +354,6 @@ done:
 
 /* ---------------------------------------------------------------- images */
 
-OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene)
-{
-    return &scene->cache;
-}
-
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
 {
     if (scene->from_files) scene->cache.limit = bytes;
@@ -399,7 +366,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
-    image = image_cache_get(ctx, scene_image_cache(scene), view);
+    image = image_cache_get(ctx, scene, view);
     if (!image) return ctx->failed;
     rc = oxl_image_create(ctx, image->width, image->height, out);
     if (rc == OXL_OK && image->mask) {
@@ -451,11 +418,6 @@ double oxl_scene_extent(const oxl_scene *scene)
     return scene->extent;
 }
 
-OXL_INTERNAL const struct scene_stats *scene_stats_of(const oxl_scene *scene)
-{
-    return &scene->stats;
-}
-
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene)
 {
     return scene->from_files ? &scene->colmap : NULL;
@@ -469,16 +431,6 @@ OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scen
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view)
 {
     return &scene->colmap.camera[scene->source[view].camera];
-}
-
-OXL_INTERNAL const char *scene_images_folder(const oxl_scene *scene)
-{
-    return scene->images;
-}
-
-OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
-{
-    return scene->masks;
 }
 
 /* By fixed-point iteration, which converges because distortion is smaller than the distance from the axis. */

@@ -1,4 +1,4 @@
-/* scene.h - shared by scene.c, scene_views.c and scene_file.c: what a scene is. */
+/* scene.h - what a scene is. Other modules read it; scene.c, scene_views.c and scene_file.c make it. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -31,8 +31,6 @@ struct oxl_scene {
     char                *decoded;        /* folder of decoded images, or NULL */
     struct os_file_map   map;            /* of scene_file_map: it holds all arrays but views and cameras; or no data */
 };
-
-OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene);
 
 struct scene_order { /* images by name; equal names by file order */
     const char *name;

@@ -17,25 +17,6 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
 }
 
-/* ---------------------------------------------------------------- look-ups */
-
-struct scene_key { /* for lookups: ids are sparse and unordered */
-    int64_t id;
-    size_t  index;
-};
-
-static int scene_compare_keys(const void *a, const void *b)
-{
-    const struct scene_key *x = a, *y = b;
-    return (x->id > y->id) - (x->id < y->id);
-}
-
-static const struct scene_key *scene_find_key(const struct scene_key *keys, size_t count, int64_t id)
-{
-    const struct scene_key wanted = {.id = id};
-    return bsearch(&wanted, keys, count, sizeof *keys, scene_compare_keys);
-}
-
 /* ---------------------------------------------------------------- missing images */
 
 static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
@@ -90,9 +71,8 @@ OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
 
 struct scene_build { /* working data of scene construction */
     const oxl_scene_options *options;
-    struct scene_order      *order;  /* (images) */
-    struct scene_key        *camera; /* (cameras) by id */
-    oxl_camera              *ideal;  /* (cameras) undistorted and reduced; width 0: not yet */
+    struct scene_order      *order; /* (images) */
+    oxl_camera              *ideal; /* (cameras) undistorted and reduced; width 0: not yet */
     int                      headers;
 };
 
@@ -128,12 +108,13 @@ static int scene_is_finite_pose(const struct colmap_image *image)
 static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b, const struct scene_order *o,
                                  int *missing)
 {
-    const struct colmap_image *image = &scene->colmap.image[o->image];
-    const struct scene_key    *key   = scene_find_key(b->camera, scene->colmap.camera_count, image->camera_id);
-    const char                *path  = PATH(scene->images, "%s", o->name);
-    oxl_view                  *view  = &scene->view[scene->view_count];
-    oxl_result                 rc    = OXL_OK;
-    if (!key)
+    const struct colmap_image  *image  = &scene->colmap.image[o->image];
+    const struct colmap_camera *from   = colmap_find_camera(&scene->colmap, image->camera_id);
+    const size_t                camera = from ? (size_t)(from - scene->colmap.camera) : 0;
+    const char                 *path   = PATH(scene->images, "%s", o->name);
+    oxl_view                   *view   = &scene->view[scene->view_count];
+    oxl_result                  rc     = OXL_OK;
+    if (!from)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
                       scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
@@ -144,11 +125,11 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
                       "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
                       "fix: remove the image, or export the model again",
                       scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
-    } else if ((rc = scene_ideal_camera(ctx, scene, b, key->index, path)) == OXL_OK) {
-        *view = (oxl_view){.name = o->name, .camera = b->ideal[key->index]};
+    } else if ((rc = scene_ideal_camera(ctx, scene, b, camera, path)) == OXL_OK) {
+        *view = (oxl_view){.name = o->name, .camera = b->ideal[camera]};
         camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
         memcpy(view->camera.translation, image->translation, sizeof image->translation);
-        scene->source[scene->view_count++] = (struct scene_source){o->image, key->index};
+        scene->source[scene->view_count++] = (struct scene_source){o->image, camera};
     }
     return rc;
 }
@@ -174,9 +155,7 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     int                  missing = 0;
     oxl_result           rc      = OXL_OK;
     for (size_t i = 0; i < c->image_count; i++) b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
-    for (size_t i = 0; i < c->camera_count; i++) b->camera[i] = (struct scene_key){c->camera[i].id, i};
     qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
-    qsort(b->camera, c->camera_count, sizeof *b->camera, scene_compare_keys);
     rc = scene_check_names(ctx, scene, b->order);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
         rc = scene_add_view(ctx, scene, b, &b->order[i], &missing);
@@ -202,18 +181,15 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, co
                         "%s holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse", c->images_file,
                         c->image_count);
     b.order        = oxl_alloc(ctx, c->image_count, sizeof *b.order);
-    b.camera       = oxl_alloc(ctx, c->camera_count + 1, sizeof *b.camera);
     b.ideal        = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
     rc             = scene_alloc_views(ctx, scene, c->image_count);
     scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
-    if (rc == OXL_OK && !(b.order && b.camera && b.ideal && scene->on_disk))
+    if (rc == OXL_OK && !(b.order && b.ideal && scene->on_disk))
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", c->image_count);
     if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
     for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
         scene->stats.distorted_cameras += b.ideal[i].width && camera_is_distorted(&c->camera[i]);
-    oxl_free(ctx, b.order);
-    oxl_free(ctx, b.camera);
-    oxl_free(ctx, b.ideal);
+    OXL_FREE(ctx, b.order, b.ideal);
     return rc;
 }
 

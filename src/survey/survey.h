@@ -75,8 +75,9 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
 /* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Tracks are not moved.
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
-OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
+OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id); /* in order; NULL: none */
+OXL_INTERNAL oxl_result                  colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
+OXL_INTERNAL void                        colmap_free(oxl_context *ctx, struct colmap *c);
 /* survey_files.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
 
@@ -204,18 +205,16 @@ struct scene_stats { /* for `check` and the first message */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
-OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
 OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
-OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
-OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
+/* A view's image from its file, undistorted, reduced and masked (image_training_free). */
+OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]);
-OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
-OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
-OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes);     /* of decoded images; scenes from arrays keep all */
+OXL_INTERNAL int  scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
+OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);           /* of decoded images; scenes from arrays keep all */
 OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
 OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile); /* camera z of points in training views */
 OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the depths, since COLMAP's scale is arbitrary */
@@ -235,19 +234,15 @@ struct image_cache {
     uint64_t               clock;
     int                    count;
     size_t                 held, limit; /* bytes in memory; of the cache */
-    /* Loads a view's image, undistorted, reduced and masked (image_training_free); pixels of its file. source NULL: none is loaded. */
-    oxl_result (*load)(oxl_context *ctx, const void *source, int view, struct training_image *out);
-    double (*file_pixels)(const void *source, int view);
-    const void *source;
 };
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* none in memory, no limit */
 OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *cache);
 /* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache, int view);
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
 /* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is requested. */
-OXL_INTERNAL void   image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
+OXL_INTERNAL void                         image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 /* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of file_pixels. */
-OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
+OXL_INTERNAL double                       image_cache_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- image_file.c: decoded images in files */
 
@@ -306,5 +301,6 @@ OXL_INTERNAL double     quality_sharpness(const struct training_image *image, do
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
 
 #include "imaging.h"
+#include "scene.h"
 
 #endif

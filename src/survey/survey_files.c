@@ -134,8 +134,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     if (rc == OXL_OK && models > 1)
         oxl_log(ctx, OXL_LOG_WARNING, "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,
                 folder, out->image_count);
-    oxl_free(ctx, sparse);
-    oxl_free(ctx, folder);
+    OXL_FREE(ctx, sparse, folder);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
 }

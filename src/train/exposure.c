@@ -31,7 +31,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     const int    views = oxl_scene_view_count(scene);
     const size_t n     = 3 * (size_t)views;
     oxl_result   rc    = OXL_OK;
-    if (continued) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
+    if (continued) mode = scene->imaging.on ? OXL_ON : OXL_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(ctx, views, &e->of);
@@ -43,7 +43,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
     if (rc != OXL_OK) return rc;
     e->of.on = mode == OXL_ON;
-    if (continued) imaging_copy(scene_imaging(scene), &e->of);
+    if (continued) imaging_copy(&scene->imaging, &e->of);
     for (int c = 0; c < 3; c++) e->mean[c] = imaging_mean(&e->of, c);
     return OXL_OK;
 }
@@ -51,9 +51,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
 OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
 {
     imaging_free(ctx, &e->of);
-    oxl_free(ctx, e->first);
-    oxl_free(ctx, e->second);
-    oxl_free(ctx, e->visits);
+    OXL_FREE(ctx, e->first, e->second, e->visits);
     *e = (struct exposure){0};
 }
 

@@ -140,7 +140,7 @@ static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, 
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
     const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct training_image *image  = image_cache_get(ctx, scene_image_cache(scene), view);
+    const struct training_image *image  = image_cache_get(ctx, scene, view);
     oxl_result                   rc     = oxl_reserve(ctx, &pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed; /* else it was named when it was trained on */
@@ -198,9 +198,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
         if (rc == OXL_OK) rc = prune_score_view(ctx, r, model, &view->camera, options, &pass, score);
     }
     if (rc == OXL_OK) prune_finish_scores(views <= p->views, model->count, pass.views, score);
-    oxl_free(ctx, pass.one);
-    oxl_free(ctx, pass.views);
-    oxl_free(ctx, pass.drgb);
+    OXL_FREE(ctx, pass.one, pass.views, pass.drgb);
     return rc;
 }
 

@@ -73,7 +73,7 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 
 OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_scene *scene)
 {
-    const double images = scene_stats_of(scene)->mean_track;
+    const double images = scene->stats.mean_track;
     const int    views  = schedule_training_views(scene);
     const double epochs = (double)o->iterations / OXL_MAX(views, 1);
     if (o->dropout >= 0) return o->dropout;

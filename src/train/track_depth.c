@@ -92,8 +92,7 @@ OXL_INTERNAL double track_depth_bytes(double observations, int views)
 
 OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d)
 {
-    oxl_free(ctx, d->view);
-    oxl_free(ctx, d->all);
+    OXL_FREE(ctx, d->view, d->all);
     *d = (struct track_depth){0};
 }
 

@@ -154,9 +154,9 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, continued);
     if (rc == OXL_OK && t->options->medium != OXL_OFF)
-        water_begin(&t->water, t->scene, continued ? &scene_imaging(t->scene)->medium : NULL);
+        water_begin(&t->water, t->scene, continued ? &t->scene->imaging.medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)
-        lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? scene_imaging(t->scene) : NULL);
+        lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? &t->scene->imaging : NULL);
     t->lamp.frozen = t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
     if (t->output && t->output->frozen) t->exposure.known_until = 2;
     if (rc == OXL_OK && !continued) rc = selection_begin_imaging(t);
@@ -176,10 +176,7 @@ static void train_end(struct train *t)
     exposure_free(ctx, &t->exposure);
     free_space_free(ctx, &t->free_space);
     track_depth_free(ctx, &t->track_depth);
-    oxl_free(ctx, t->target);
-    oxl_free(ctx, t->weight);
-    oxl_free(ctx, t->view);
-    oxl_free(ctx, t->validation);
+    OXL_FREE(ctx, t->target, t->weight, t->view, t->validation);
     text_free(&t->decisions);
 }
 
@@ -323,7 +320,7 @@ static oxl_result train_loop(struct train *t)
 /* What was fitted, and how far it can be believed. */
 static void train_describe_imaging(struct train *t)
 {
-    const struct imaging *m    = scene_imaging(t->scene);
+    const struct imaging *m    = &t->scene->imaging;
     const double          span = water_span(t->scene);
     if (m->medium.has_falloff)
         oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f", (double)m->medium.falloff);
@@ -345,7 +342,7 @@ static void train_describe_imaging(struct train *t)
 /* Stores the gains in the scene, for evaluation and rendering. */
 static void train_store_imaging(struct train *t)
 {
-    struct imaging *to = scene_imaging(t->scene);
+    struct imaging *to = &t->scene->imaging;
     imaging_free(t->ctx, to);
     *to                       = t->exposure.of;
     to->medium                = water_medium(&t->water);

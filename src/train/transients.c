@@ -49,9 +49,7 @@ OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r,
 
 OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *r)
 {
-    oxl_free(ctx, r->expected);
-    oxl_free(ctx, r->place);
-    oxl_free(ctx, r->square);
+    OXL_FREE(ctx, r->expected, r->place, r->square);
     *r = (struct transients){0};
 }
 
