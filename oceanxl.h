@@ -250,7 +250,8 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
 
 /* The file extension selects the format.
  *   .ply    reads any property order and type, ascii and both byte orders; writes the standard 62 float columns, little endian.
- *           Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2, raw; row i belongs to vertex i.
+ *           Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2, raw; row i belongs to vertex i, or to
+ *           the vertex of its property vertex_index. Reading moves rows with a lobe to the front; both parts keep their order.
  *           A file NAME_standard.ply is written without lobes.
  *   .splat  32 bytes per Gaussian, SH degree 0; read and written
  *   .spz    nianticlabs/spz, quantised, 20 to 65 bytes per Gaussian before compression; versions 2 and 3 are read, 3 is written

@@ -5,7 +5,7 @@
  *
  *     element dog   byte  0  opacity_factor  float     4  scale_factor  3 float
  *
- * Row i of element dog belongs to vertex i.
+ * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
  *
  * Invariant: values that are not finite are neither read nor written. Reading drops such rows and logs their number; writing fails,
  * since training must not produce them.
@@ -357,35 +357,81 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
 
 /* ---------------------------------------------------------------- second lobes in */
 
-/* Row i belongs to vertex i. */
-static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
+/* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
+static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
 {
-    const struct ply_element *dog = &ply->element[element];
-    struct ply_target        *target;
+    const struct ply_element *dog    = &ply->element[element];
+    struct ply_target        *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
     oxl_result                rc;
-    if (dog->rows > model->count) /* rows without properties need no bytes, so the header can state any number */
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: element dog announces %llu rows for %zu vertices, wanted at most one each\n"
-                        "fix: write the file again with oceanxl, or leave element dog out",
-                        ply->path, (unsigned long long)dog->rows, model->count);
-    if (ply_find_property(dog, "vertex_index") >= 0)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: element dog has a property 'vertex_index', wanted its rows in the order of the vertices\n"
-                        "fix: train again, or leave element dog out",
-                        ply->path);
-    target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
-    rc     = target ? model_set_lobes(ctx, model, (size_t)dog->rows) : model_file_no_memory(ctx, ply->path);
-    for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++) {
-        const int at = ply_find_property(dog, MODEL_FILE_LOBE[k]);
-        if (at >= 0) target[at].as_float = model->plane[OXL_LOBE + k];
-        else
+    if (!target) return model_file_no_memory(ctx, ply->path);
+    for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
+        const char *name = k < 0 ? "vertex_index" : MODEL_FILE_LOBE[k];
+        const int   at   = ply_find_property(dog, name);
+        if (k < 0 && at < 0) {
+            for (size_t i = 0; i < (size_t)dog->rows; i++) index[i] = (double)i;
+            continue;
+        }
+        if (at < 0) {
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
                           "%s: element dog has no property '%s', wanted opacity_factor and scale_factor_0 to _2\n"
                           "fix: write the file again with oceanxl, or leave element dog out",
-                          ply->path, MODEL_FILE_LOBE[k]);
+                          ply->path, name);
+            goto done;
+        }
+        if (k < 0) target[at].as_double = index;
+        else target[at].as_float = factor + (size_t)k * (size_t)dog->rows;
     }
-    if (rc == OXL_OK) rc = ply_read(ctx, ply, element, target);
+    rc = ply_read(ctx, ply, element, target);
+done:
     oxl_free(ctx, target);
+    return rc;
+}
+
+/* Marks the vertices of element dog; each at most once. */
+static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index, size_t rows,
+                                        size_t vertices, uint8_t *active)
+{
+    for (size_t i = 0; i < rows; i++) {
+        if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s: element dog, row %zu: vertex_index is %.10g, wanted a whole number below %zu\n"
+                            "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
+                            ply->path, i, index[i], vertices);
+        if (active[(size_t)index[i]]++)
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s: element dog, row %zu: vertex_index %.0f was there before, wanted one lobe a vertex\n"
+                            "fix: remove the repeated row",
+                            ply->path, i, index[i]);
+    }
+    return OXL_OK;
+}
+
+static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
+{
+    const uint64_t declared =
+        ply->element[element].rows; /* rows without properties need no bytes, so the header can state any number */
+    const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
+    double      *index  = oxl_alloc(ctx, rows + 1, sizeof *index);
+    float       *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
+    uint8_t     *active = oxl_calloc(ctx, vertices + 1, 1);
+    size_t      *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* (vertices) row in dog, for vertices with a lobe */
+    oxl_result   rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
+    if (rc == OXL_OK && declared > vertices)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: element dog announces %llu rows for %zu vertices, wanted at most one each\n"
+                      "fix: write the file again with oceanxl, or leave element dog out",
+                      ply->path, (unsigned long long)declared, vertices);
+    if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
+    if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
+    if (rc == OXL_OK) rc = model_activate_lobes(ctx, model, NULL, NULL, active, 0.5f, 1);
+    for (size_t i = 0, lobe = 0; rc == OXL_OK && i < vertices; i++) {
+        row[i] = lobe;
+        lobe += active[i];
+    }
+    for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+        for (size_t i = 0; rc == OXL_OK && i < rows; i++)
+            model->plane[OXL_LOBE + k][row[(size_t)index[i]]] = factor[(size_t)k * rows + i];
+    OXL_FREE(ctx, row, active, factor, index);
     return rc;
 }
 
