@@ -382,7 +382,7 @@ typedef struct oxl_train_options {
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float    coarse;  /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
     float    dropout; /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30 training
-                                    * views, fewer than 5 images per point and 60 steps per view [Park 2025]; CPU only */
+                                    * views, fewer than 4.6 images per point and 60 steps per view [Park 2025]; CPU only */
     float    alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     float    sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */

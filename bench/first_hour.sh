@@ -18,6 +18,8 @@ else
     sizes='30000:640:360 300000:1280:720 1000000:1920:1080 4000000:3840:2160' variants=1000000:1920:1080 share=60 iterations=600 views=24 building=240
 fi
 
+command -v timeout >/dev/null || { echo 'needs the command timeout; on macOS: brew install coreutils, and its gnubin folder in PATH'; exit 1; }
+
 run() { # SECONDS COMMAND...
     local limit=$1 code
     shift
@@ -58,7 +60,7 @@ echo "# First hour on a GPU"
 echo
 echo "OceanXL $(sed -n 's/^#define OXL_VERSION "\(.*\)"/\1/p' oceanxl.h), $(git rev-parse --short HEAD 2>/dev/null || echo 'no git'), $(uname -srm)."
 echo
-run $building make -j"$(nproc)" VULKAN=1 BUILD="$build" CFLAGS="${CFLAGS:--O2 -g}" "$build/oceanxl" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
+run $building make -j"$(getconf _NPROCESSORS_ONLN)" VULKAN=1 BUILD="$build" CFLAGS="${CFLAGS:--O2 -g}" "$build/oceanxl" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
 echo '## Devices'
 echo
 echo '```'

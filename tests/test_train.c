@@ -577,7 +577,7 @@ TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
     oxl_view          view[40];
     memset(view, 0, sizeof view);
     scene.view             = view;
-    scene.stats.mean_track = 4.9;
+    scene.stats.mean_track = 4.5;
     for (int i = 0; i < 11; i++) view[i].is_test = 1;
     CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.4, 0);
     o.iterations = 45 * 29; /* 45 steps per view */
@@ -585,11 +585,11 @@ TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
     o.iterations = 30 * 29;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
     o.iterations           = 60 * 29;
-    scene.stats.mean_track = 5;
+    scene.stats.mean_track = 4.6;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
     scene.stats.mean_track = 0;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
-    scene.stats.mean_track = 4.9, view[10].is_test = 0;
+    scene.stats.mean_track = 4.5, view[10].is_test = 0;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
     o.dropout = 0.25f;
     CHECK(schedule_dropout_rate(&o, &scene) == 0.25);

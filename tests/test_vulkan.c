@@ -1850,6 +1850,9 @@ static void vulkan_check_near_kinds(struct vulkan *v)
     v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
     v->said_beyond           = 1;
     CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) == 0 && vulkan_rooms_made == 1);
+    v->portable = 1; /* nothing beyond the budget */
+    CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) != 0);
+    v->portable        = 0;
     v->budgets         = 0;
     v->make_room       = vulkan_play_room_lost;
     vulkan_full_kinds  = 3;

@@ -298,7 +298,7 @@ static void vulkan_device_extensions(struct vulkan *v, struct vulkan_extensions 
     e->count = VULKAN_LISTED;
     e->there = oxl_alloc(v->ctx, VULKAN_LISTED, sizeof *e->there);
     if (!e->there || v->EnumerateDeviceExtensionProperties(v->physical, NULL, &e->count, e->there) < 0) e->count = 0;
-    if (v->properties2) vulkan_enable(e, "VK_KHR_portability_subset");
+    v->portable = v->properties2 && vulkan_enable(e, "VK_KHR_portability_subset");
     v->budgets =
         v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR && vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
 }

@@ -113,7 +113,7 @@ static VkResult vulkan_allocate(struct vulkan *v, VkDeviceSize size, const struc
     if (vulkan_is_short(result) && v->make_room && v->make_room(v, 0) > 0)
         result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
     if (v->lost) return v->lost; /* while images were waited for */
-    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY ? vulkan_allocate_of(v, size, from, from->count, 1, out) : result;
+    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY ? vulkan_allocate_of(v, size, from, from->count, !v->portable, out) : result;
 }
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host)

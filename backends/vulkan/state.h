@@ -143,6 +143,7 @@ struct vulkan {
     /* from here on of the device: vulkan_close_device clears it */
     VkPhysicalDevice physical;
     int              budgets; /* VK_EXT_memory_budget is on */
+    int portable; /* a part of Vulkan alone, as by MoltenVK: Metal grants memory beyond its budget, and fails when it is used */
     VkPhysicalDeviceProperties       properties;
     char                             name_and_cpu[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE + 8];
     VkPhysicalDeviceMemoryProperties memory;

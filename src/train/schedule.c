@@ -18,7 +18,7 @@
 #define SCHEDULE_EARLY_EXPONENT       0.5 /* of a short run's factor: by this power of it, rates other than of positions begin larger */
 #define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: from then on they are not */
 #define SCHEDULE_DROPOUT_AUTO         0.4 /* TRADEOFF.md */
-#define SCHEDULE_DROPOUT_IMAGES       5   /* that see a point, on average; with more, dropout costs detail, */
+#define SCHEDULE_DROPOUT_IMAGES       4.6 /* that see a point, on average; with more, dropout costs detail, */
 #define SCHEDULE_DROPOUT_VIEWS        30  /* and with more training views */
 #define SCHEDULE_DROPOUT_EPOCHS       30  /* a run of so many has none; of twice as many, all of it */
 #define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
