@@ -74,9 +74,10 @@ static void console_clear(struct console *c)
     c->shown = 0;
 }
 
-/* Follows "oxl: "; further lines are indented below. */
-static void print_indented(const char *text)
+/* Further lines are indented below. */
+static void print_error(const char *kind, const char *text)
 {
+    fprintf(stderr, "oxl: %s", kind);
     for (; *text; text++) {
         fputc(*text, stderr);
         if (*text == '\n') fputs("     ", stderr);
@@ -98,8 +99,7 @@ static void on_log(void *user, oxl_log_level level, const char *text)
         return;
     }
     console_clear(c);
-    fprintf(stderr, "oxl: %s", level == OXL_LOG_WARNING ? "warning: " : "");
-    print_indented(text);
+    print_error(level == OXL_LOG_WARNING ? "warning: " : "", text);
 }
 
 /* The library's memory, counted and limited by --ram: the size of each allocation stands before it. */
@@ -117,13 +117,6 @@ static void *reallocate(void *user, void *old, size_t size)
     }
     *now = size;
     return (char *)now + ALLOCATION_HEAD;
-}
-
-static void print_duration(double seconds)
-{
-    if (seconds < 100) fprintf(stderr, "%.0f s", seconds);
-    else if (seconds < 6000) fprintf(stderr, "%.0f min", seconds / 60);
-    else fprintf(stderr, "%.1f h", seconds / 3600);
 }
 
 static void print_progress(struct console *c, const oxl_progress *p)
@@ -145,10 +138,9 @@ static void print_progress(struct console *c, const oxl_progress *p)
     console_clear(c);
     if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
     if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "merged model ");
-    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->trial ? "trial " : "",
-            p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
-    print_duration(p->seconds_left);
-    if (!c->live) fputc('\n', stderr);
+    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA %s%s", p->trial ? "trial " : "",
+            p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6,
+            OUTPUT_SECONDS(p->seconds_left), c->live ? "" : "\n");
     c->shown = c->live;
     fflush(stderr);
 }
@@ -174,12 +166,6 @@ static int on_progress(void *user, const oxl_progress *p)
     return stop_requested;
 }
 
-static void print_error(const char *text)
-{
-    fputs("oxl: ", stderr);
-    print_indented(text);
-}
-
 /* ---------------------------------------------------------------- from arguments to options */
 
 /* An existing run keeps its options, unless another preset is given. */
@@ -197,18 +183,6 @@ static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, o
 }
 
 /* ---------------------------------------------------------------- commands */
-
-static void print_file(const char *folder, const char *name)
-{
-    char   path[4096], buffer[4096];
-    FILE  *file;
-    size_t n;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    file = fopen(path, "rb");
-    if (!file) return;
-    while ((n = fread(buffer, 1, sizeof buffer, file)) > 0) fwrite(buffer, 1, n, stdout);
-    fclose(file);
-}
 
 static int file_exists(const char *path)
 {
@@ -228,7 +202,7 @@ static void print_resume(const struct arguments *a)
 {
     const char *out = a->out ? a->out : a->path[0];
     if (!has_file(out, "run.json")) {
-        fputs("oxl: interrupted before anything was trained\n     resume: the same command again\n", stderr);
+        print_error("", "interrupted before anything was trained\nresume: the same command again");
         return;
     }
     fprintf(stderr,
@@ -239,18 +213,20 @@ static void print_resume(const struct arguments *a)
     fputc('\n', stderr);
 }
 
-static void print_results(const struct arguments *a)
+static void print_results(const char *out, int json)
 {
-    if (!has_file(a->out, "metrics.json")) printf("unfinished %s\n", a->out);
-    else if (a->json) print_file(a->out, "metrics.json");
+    char *metrics = output_read(out, "metrics.json", NULL);
+    if (!metrics) printf("unfinished %s\n", out);
+    else if (json) fputs(metrics, stdout);
     else {
-        printf("model     %s/scene.ply\n", a->out);
-        if (has_file(a->out, "scene_standard.ply")) printf("standard  %s/scene_standard.ply, for other viewers\n", a->out);
-        printf("metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n", a->out, a->out, a->out);
+        printf("model     %s/scene.ply\n", out);
+        if (has_file(out, "scene_standard.ply")) printf("standard  %s/scene_standard.ply, for other viewers\n", out);
+        printf("metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n", out, out, out);
     }
+    free(metrics);
 }
 
-static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
+static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
 {
     oxl_survey survey;
     char      *json = NULL;
@@ -268,7 +244,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     oxl_manifest      *run;
     oxl_result         rc = resumed_options(ctx, a, &options, &run);
     if (a->dry_run) {
-        if (rc == OXL_OK) rc = run_check_with(ctx, a, &options);
+        if (rc == OXL_OK) rc = run_check(ctx, a, &options);
         oxl_manifest_free(ctx, &run);
         return rc;
     }
@@ -283,22 +259,20 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->job.block);
-    else print_results(a);
+    else print_results(a->out, a->json);
     return rc;
 }
 
 static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {on_progress, console};
-    struct arguments   merged   = *a;
     oxl_result         rc;
-    merged.out = a->path[0];
     catch_signals();
     rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
-    if (rc == OXL_OK) print_results(&merged);
+    if (rc == OXL_OK) print_results(a->path[0], 0);
     return rc;
 }
 
@@ -307,11 +281,6 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a, struct
     const oxl_result rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
     if (rc == OXL_OK) printf("report    %s/report.html\n", a->path[0]);
     return rc;
-}
-
-static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
-{
-    return run_check_with(ctx, a, &a->job);
 }
 
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
@@ -519,7 +488,7 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
 {
     switch (a->command) {
     case COMMAND_TRAIN: return run_train(ctx, a, console);
-    case COMMAND_CHECK: return run_check(ctx, a);
+    case COMMAND_CHECK: return run_check(ctx, a, &a->job);
     case COMMAND_RENDER: return run_render(ctx, a, console);
     case COMMAND_EVAL: return run_eval(ctx, a, console);
     case COMMAND_MEASURE: return run_measure(ctx, a, console);
@@ -590,7 +559,7 @@ int main(int argc, char **argv)
     oxl_result          rc;
     char                error[512];
     if (arguments_parse(argc, argv, &a, error, sizeof error)) {
-        print_error(error);
+        print_error("", error);
         return EXIT_USAGE;
     }
     if (a.help) help_print(stdout, a.command, a.help[0] != 0);
@@ -626,7 +595,7 @@ int main(int argc, char **argv)
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc == OXL_ERR_INTERRUPTED &&
         (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
-        print_error("interrupted\nfix: the same command again");
+        print_error("", "interrupted\nfix: the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
         char        said[1400];

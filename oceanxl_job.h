@@ -215,6 +215,9 @@ typedef struct oxl_render_output {
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                     const char *folder, int *count);
 
+/* A portable float map (Debevec): (height,width) values, from the top. */
+OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height);
+
 /* For images that the caller renders: removes the files that the last call wrote into the folder, as FOLDER/.renders lists them, and
  * lists these, one name a line. */
 OXL_API oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace);

@@ -29,58 +29,44 @@ static int distance(const char *a, const char *b)
     return row[nb];
 }
 
-static void suggest(const char *word, const char *name, const char **best, int *least)
+/* Keeps the nearest of the names that it is called with, and its distance. */
+static void suggest(const char *word, const char *name, char best[40], int *least)
 {
     const int d = distance(word, name);
-    if (d < *least) *least = d, *best = name;
+    if (d >= *least) return;
+    *least = d;
+    snprintf(best, 40, "%s", name);
 }
 
 static int fail_unknown(const char *what, const char *word, const char *best, const char *command, char *error, size_t size)
 {
-    snprintf(error, size, "%s '%s' is not known%s%s%s\nfix: oceanxl %s%s--help%s lists them", what, word,
-             best ? "; did you mean " : "", best ? best : "", best ? "?" : "", command, command[0] ? " " : "",
-             command[0] ? " all" : "");
-    return 1;
-}
-
-static const struct cli_command *command_of(enum command command)
-{
-    for (int i = 0; cli_command_at(i); i++)
-        if (cli_command_at(i)->command == command) return cli_command_at(i);
-    return NULL;
+    return cli_fail(error, size, OXL_ERR_USAGE, "%s '%s' is not known%s%s%s\nfix: oceanxl %s%s--help%s lists them", what, word,
+                    best[0] ? "; did you mean " : "", best, best[0] ? "?" : "", command, command[0] ? " " : "",
+                    command[0] ? " all" : "");
 }
 
 /* word: as typed, without a value. */
 static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
 {
-    const char *name = word + strspn(word, "-"), *nearest = NULL;
-    char        other[40], best[40];
-    int         least = 4; /* more edits: no suggestion */
-    if (a->command == COMMAND_ABLATE && cli_is_study_variable(name)) {
-        snprintf(error, size, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
-                 word);
-        return 1;
-    }
-    for (int i = 0; i < cli_option_count(); i++) {
-        const int before = least;
-        if (cli_option_is_of(i, a->command)) suggest(word, cli_option_word(cli_option_at(i), other), &nearest, &least);
-        if (least < before) memcpy(best, other, sizeof best);
-    }
-    return fail_unknown("option", word, nearest ? best : NULL, command_of(a->command)->name, error, size);
+    char other[40], best[40] = "";
+    int  least = 4; /* more edits: no suggestion */
+    if (a->command == COMMAND_ABLATE && cli_is_study_variable(word + strspn(word, "-")))
+        return cli_fail(error, size, OXL_ERR_USAGE,
+                        "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl", word);
+    for (int i = 0; i < cli_option_count(); i++)
+        if (cli_option_is_of(i, a->command)) suggest(word, cli_option_word(cli_option_at(i), other), best, &least);
+    return fail_unknown("option", word, best, CLI_COMMANDS[a->command].name, error, size);
 }
 
 static int find_command(const char *word, struct arguments *a, char *error, size_t size)
 {
-    const char *best  = NULL;
-    int         least = 4;
-    for (int i = 0; cli_command_at(i); i++) {
-        if (strcmp(word, cli_command_at(i)->name) == 0) {
-            a->command = cli_command_at(i)->command;
-            return 0;
-        }
-        suggest(word, cli_command_at(i)->name, &best, &least);
+    char best[40] = "";
+    int  least    = 4;
+    for (enum command c = COMMAND_TRAIN; c < COMMANDS; c++) {
+        if (strcmp(word, CLI_COMMANDS[c].name) == 0) a->command = c;
+        suggest(word, CLI_COMMANDS[c].name, best, &least);
     }
-    return fail_unknown("command", word, best, "", error, size);
+    return a->command ? 0 : fail_unknown("command", word, best, "", error, size);
 }
 
 /* ---------------------------------------------------------------- parsing */
@@ -123,11 +109,9 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
     if (index < 0) return unknown_option(word, a, error, size);
     o = cli_option_at(index);
     if (!value && o->kind != OXL_OPTION_FLAG && *at + 1 < argc) value = argv[++*at];
-    if (o->kind == OXL_OPTION_FLAG ? value != NULL : value == NULL) {
-        snprintf(error, size, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word,
-                 o->value ? "a value: " : "no value", o->value ? o->value : "", command_of(a->command)->name);
-        return 1;
-    }
+    if (o->kind == OXL_OPTION_FLAG ? value != NULL : value == NULL)
+        return cli_fail(error, size, OXL_ERR_USAGE, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word,
+                        o->value ? "a value: " : "no value", o->value ? o->value : "", CLI_COMMANDS[a->command].name);
     if (cli_option_of_job(index) < 0) return oxl_option_set(o, a, value, error, size) != OXL_OK;
     a->given[cli_option_of_job(index)] = value ? value : "true";
     return oxl_option_set(o, &tried, value, error, size) != OXL_OK;
@@ -135,14 +119,11 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
 
 static int check_complete(const struct arguments *a, char *error, size_t size)
 {
-    const struct cli_command *c = command_of(a->command);
-    if (a->ortho && a->flight) {
-        snprintf(error, size, "--ortho and --path exclude each other\nfix: leave one of the two out");
-        return 1;
-    }
+    const struct cli_command *c = &CLI_COMMANDS[a->command];
+    if (a->ortho && a->flight)
+        return cli_fail(error, size, OXL_ERR_USAGE, "--ortho and --path exclude each other\nfix: leave one of the two out");
     if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
-    snprintf(error, size, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
-    return 1;
+    return cli_fail(error, size, OXL_ERR_USAGE, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }
 
 void arguments_apply(const struct arguments *a, oxl_job_options *o)
@@ -179,8 +160,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
         size_t used = (size_t)snprintf(error, size, "a command is wanted:");
-        for (int i = 0; cli_command_at(i) && used < size; i++)
-            used += (size_t)snprintf(error + used, size - used, " %s", cli_command_at(i)->name);
+        for (int i = 1; i < COMMANDS && used < size; i++)
+            used += (size_t)snprintf(error + used, size - used, " %s", CLI_COMMANDS[i].name);
         if (used < size) snprintf(error + used, size - used, "\nfix: oceanxl --help");
         return 1;
     }
@@ -190,11 +171,9 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
         else if (!ended && argv[i][0] == '-' && argv[i][1]) {
             if (parse_option(argc, argv, &i, a, error, size)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
-        else {
-            snprintf(error, size, "'%s' is one argument too many\nfix: oceanxl %s --help shows an example", argv[i],
-                     command_of(a->command)->name);
-            return 1;
-        }
+        else
+            return cli_fail(error, size, OXL_ERR_USAGE, "'%s' is one argument too many\nfix: oceanxl %s --help shows an example",
+                            argv[i], CLI_COMMANDS[a->command].name);
     }
     arguments_apply(a, &a->job);
     return a->help ? 0 : check_complete(a, error, size);

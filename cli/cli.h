@@ -11,9 +11,13 @@
 
 /* ---------------------------------------------------------------- info.c: statistics of a model */
 
-oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
+struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none */
+    float low, middle, high;
+};
+struct spread info_spread(const float *value, size_t count, float *sorted); /* sorted (count): scratch, may be value itself */
+oxl_result    info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
-int        info_copy_imaging(const char *from, const char *to);
+int           info_copy_imaging(const char *from, const char *to);
 
 /* ---------------------------------------------------------------- blocks.c: a partition in tables */
 
@@ -37,8 +41,6 @@ void  output_open(struct output *t, const char *path);                 /* t is e
 int   output_close(struct output *t);                                  /* 1: written, whole; t is empty then */
 int   output_save(struct output *t, const char *path);                 /* open and close */
 char *output_read(const char *folder, const char *name, size_t *size); /* in fresh memory, or NULL; size may be NULL */
-/* float32 little endian, rows from the bottom: Debevec's portable float map. */
-int   output_write_pfm(const char *path, const float *value, int width, int height);
 
 /* The same for one number, and figures for people; return out. */
 const char *output_fixed(char out[32], double value, int decimals);
@@ -172,21 +174,22 @@ enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3,
 
 enum { CLI_JOB_OPTIONS = 96 };
 
-enum command {
-    COMMAND_NONE,
-    COMMAND_TRAIN,
-    COMMAND_CHECK,
-    COMMAND_RENDER,
-    COMMAND_EVAL,
-    COMMAND_INFO,
-    COMMAND_CONVERT,
-    COMMAND_MERGE,
-    COMMAND_PARTITION,
-    COMMAND_SYNTH,
-    COMMAND_ABLATE,
-    COMMAND_TRADEOFF,
-    COMMAND_REPORT,
-    COMMAND_MEASURE
+enum command { /* in the order of the help */
+               COMMAND_NONE,
+               COMMAND_TRAIN,
+               COMMAND_MERGE,
+               COMMAND_CHECK,
+               COMMAND_PARTITION,
+               COMMAND_RENDER,
+               COMMAND_MEASURE,
+               COMMAND_EVAL,
+               COMMAND_INFO,
+               COMMAND_CONVERT,
+               COMMAND_REPORT,
+               COMMAND_SYNTH,
+               COMMAND_ABLATE,
+               COMMAND_TRADEOFF,
+               COMMANDS
 };
 
 struct arguments { /* as given, or the default; NULL: not given */
@@ -211,12 +214,11 @@ struct arguments { /* as given, or the default; NULL: not given */
 struct arguments arguments_default(void);
 
 struct cli_command {
-    const char  *name;
-    enum command command;
-    int          paths;
-    const char  *usage, *purpose, *example, *more;
+    const char *name;
+    int         paths;
+    const char *usage, *purpose, *example, *more;
 };
-const struct cli_command *cli_command_at(int index); /* NULL past the last */
+extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* of COMMAND_NONE: empty */
 
 /* The program's options and the job's, as one list. */
 int               cli_option_count(void);

@@ -13,18 +13,18 @@ static int complete_choices(const oxl_option *o, char out[200])
     return 1;
 }
 
-static void complete_command(FILE *to, const struct cli_command *c)
+static void complete_command(FILE *to, enum command command)
 {
     char word[40], choices[200];
-    fprintf(to, "    %s)\n        case $prev in\n", c->name);
+    fprintf(to, "    %s)\n        case $prev in\n", CLI_COMMANDS[command].name);
     for (int i = 0; i < cli_option_count(); i++) {
         const oxl_option *o = cli_option_at(i);
-        if (!cli_option_is_of(i, c->command) || !complete_choices(o, choices)) continue;
+        if (!cli_option_is_of(i, command) || !complete_choices(o, choices)) continue;
         fprintf(to, "        %s) COMPREPLY=($(compgen -W '%s' -- \"$cur\")); return ;;\n", cli_option_word(o, word), choices);
     }
     fputs("        esac\n        words='", to);
     for (int i = 0; i < cli_option_count(); i++)
-        if (cli_option_is_of(i, c->command)) fprintf(to, " %s", cli_option_word(cli_option_at(i), word));
+        if (cli_option_is_of(i, command)) fprintf(to, " %s", cli_option_word(cli_option_at(i), word));
     fputs("' ;;\n", to);
 }
 
@@ -38,9 +38,9 @@ void complete_print(FILE *to)
         "    if [ \"$COMP_CWORD\" = 1 ]; then\n"
         "        COMPREPLY=($(compgen -W '",
         to);
-    for (int i = 0; cli_command_at(i); i++) fprintf(to, "%s ", cli_command_at(i)->name);
+    for (int i = 1; i < COMMANDS; i++) fprintf(to, "%s ", CLI_COMMANDS[i].name);
     fputs("--help --version' -- \"$cur\"))\n        return\n    fi\n    case ${COMP_WORDS[1]} in\n", to);
-    for (int i = 0; cli_command_at(i); i++) complete_command(to, cli_command_at(i));
+    for (enum command i = COMMAND_TRAIN; i < COMMANDS; i++) complete_command(to, i);
     fputs("    esac\n"
           "    case $cur in -*) COMPREPLY=($(compgen -W \"$words\" -- \"$cur\")) ;; esac\n"
           "}\n"

@@ -114,9 +114,8 @@ static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int c
     snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count);
     if (rc == OXL_OK && (next = fopen(path, "rb"))) {
         fclose(next);
-        snprintf(error, error_size, "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it",
-                 path);
-        rc = OXL_ERR_INPUT;
+        rc = cli_fail(error, error_size, OXL_ERR_INPUT,
+                      "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it", path);
     }
     return rc;
 }
@@ -127,14 +126,11 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
     const oxl_render_options render = oxl_render_options_default();
     const int                orbit  = strcmp(options->kind, "orbit") == 0;
     oxl_result               rc     = oxl_make_folder(ctx, options->folder);
-    if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0) {
-        snprintf(error, error_size, "--path: '%s' seen, orbit or survey wanted\nfix: --path orbit", options->kind);
-        return OXL_ERR_USAGE;
-    }
-    if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3))) {
-        snprintf(error, error_size, "--path %s: the survey has too few views or points", options->kind);
-        return OXL_ERR_INPUT;
-    }
+    if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0)
+        return cli_fail(error, error_size, OXL_ERR_USAGE, "--path: '%s' seen, orbit or survey wanted\nfix: --path orbit",
+                        options->kind);
+    if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
+        return cli_fail(error, error_size, OXL_ERR_INPUT, "--path %s: the survey has too few views or points", options->kind);
     if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames, error, error_size);
     for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
         oxl_camera   c     = oxl_scene_view(scene, 0)->camera;

@@ -76,7 +76,7 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
     const oxl_point *point = oxl_scene_points(scene);
     const size_t     count = oxl_scene_point_count(scene), stride = frame_stride(scene);
     double           a[3][3] = {{0}}, v[3][3], n = 0;
-    int              order[3] = {0, 1, 2};
+    int              wide = 0, narrow = 0;
     for (size_t i = 0; i < count; i += stride, n++)
         for (int k = 0; k < 3; k++) f->centre[k] += point[i].position[k];
     for (int k = 0; k < 3; k++) f->centre[k] /= n > 0 ? n : 1;
@@ -84,13 +84,13 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
         for (int k = 0; k < 9; k++)
             a[k / 3][k % 3] += (point[i].position[k / 3] - f->centre[k / 3]) * (point[i].position[k % 3] - f->centre[k % 3]);
     frame_jacobi(a, v);
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2 - i; j++)
-            if (a[order[j]][order[j]] < a[order[j + 1]][order[j + 1]]) {
-                const int swapped = order[j];
-                order[j] = order[j + 1], order[j + 1] = swapped;
-            }
-    for (int i = 0; i < 3; i++) memcpy(f->axis[i], v[order[i]], sizeof v[0]);
+    for (int k = 1; k < 3; k++) {
+        if (a[k][k] > a[wide][wide]) wide = k;
+        if (a[k][k] <= a[narrow][narrow]) narrow = k;
+    }
+    memcpy(f->axis[0], v[wide], sizeof v[0]);
+    memcpy(f->axis[2], v[narrow], sizeof v[0]);
+    frame_cross(f->axis[2], f->axis[0], f->axis[1]);
 }
 
 void frame_of(const oxl_scene *scene, struct frame *out)

@@ -17,21 +17,21 @@ static const char HELP_CODES[] = "0 done, 1 failed, 2 usage, 3 bad input, 4 over
 static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
-    {"scene.ply", "the model, for any viewer: the SH degrees in use, second lobes in an element of their own"},
-    {"scene_standard.ply", "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already"},
+    {"scene.ply", "the model, for any viewer: the SH degrees in use, second lobes in an element of their own."},
+    {"scene_standard.ply", "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already."},
     {"scene_clear.ply, imaging.txt",
-     "with water: the scene without it; with exposure, lamp or water: the parameters of the image formation. eval and render use both"},
+     "with water: the scene without it; with exposure, lamp or water: the parameters of the image formation. eval and render use both."},
     {"metrics.json",
-     "psnr, cc_psnr, ssim, ms_ssim of the held-out views, each and mean; gaussians, bytes, seconds, iterations, peak_rss_bytes"},
+     "psnr, cc_psnr, ssim, ms_ssim of the held-out views, each and mean; gaussians, bytes, seconds, iterations, peak_rss_bytes."},
     {"run.json",
-     "version, options (\"job\"), what rendered (\"backend\"), what was found in the survey, decisions and their evidence, log lines"},
-    {"report.html", "report on one page: charts, a map, the worst views"},
+     "version, options (\"job\"), what rendered (\"backend\"), what was found in the survey, decisions and their evidence, log lines."},
+    {"report.html", "report on one page: charts, a map, the worst views."},
     {"renders/",
-     "NAME.png and NAME.image.png of each held-out view; NAME.clear.png without lamp and water, where water is fitted"},
-    {"partition.txt, partition.svg", "the blocks, of a survey that was split"},
+     "NAME.png and NAME.image.png of each held-out view; NAME.clear.png without lamp and water, where water is fitted."},
+    {"partition.txt, partition.svg", "the blocks, of a survey that was split."},
     {"blocks/KKK/",
-     "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export"},
-    {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model"},
+     "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},
+    {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model."},
 };
 
 enum { HELP_DEFAULT = 160 };
@@ -64,10 +64,15 @@ static const char *help_option_text(const oxl_option *o, char out[100])
     return out;
 }
 
+static int help_is_of_group(int index, int other)
+{
+    return strcmp(cli_option_at(index)->group, cli_option_at(other)->group) == 0;
+}
+
 static int help_group_begins(int index)
 {
     for (int i = 0; i < index; i++)
-        if (strcmp(cli_option_at(i)->group, cli_option_at(index)->group) == 0) return 0;
+        if (help_is_of_group(i, index)) return 0;
     return 1;
 }
 
@@ -79,11 +84,10 @@ static void help_overview(FILE *to)
     fputs("  oceanxl train survey -o out\n\n"
           "Commands (oceanxl COMMAND --help says more, oceanxl --man is the manual page)\n",
           to);
-    for (int i = 0; cli_command_at(i); i++) {
-        const struct cli_command *c = cli_command_at(i);
-        char                      left[64];
-        snprintf(left, sizeof left, "%s %s", c->name, c->usage);
-        fprintf(to, "  %-31s %s\n", left, c->purpose);
+    for (int i = 1; i < COMMANDS; i++) {
+        char left[64];
+        snprintf(left, sizeof left, "%s %s", CLI_COMMANDS[i].name, CLI_COMMANDS[i].usage);
+        fprintf(to, "  %-31s %s\n", left, CLI_COMMANDS[i].purpose);
     }
     fprintf(to, "\n%sExit codes: %s", HELP_SCENE, HELP_CODES);
 }
@@ -101,35 +105,30 @@ static void help_option(FILE *to, int index)
 static int help_options(FILE *to, enum command command, int all)
 {
     int left_out = 0;
-    for (int g = 0; g < cli_option_count(); g++) {
-        const char *group = cli_option_at(g)->group;
-        int         shown = 0;
-        for (int i = g; i < cli_option_count() && help_group_begins(g); i++) {
-            const oxl_option *o = cli_option_at(i);
-            if (strcmp(o->group, group) != 0 || (command != COMMAND_NONE && !cli_option_is_of(i, command))) continue;
-            left_out += o->tier != OXL_TIER_BASIC && !all;
-            if (o->tier != OXL_TIER_BASIC && !all) continue;
-            if (!shown++) fprintf(to, "\n%s (default in parentheses)\n", group);
+    for (int g = 0; g < cli_option_count(); g++)
+        for (int i = g, shown = 0; i < cli_option_count() && help_group_begins(g); i++) {
+            const oxl_option *o      = cli_option_at(i);
+            const int         hidden = o->tier != OXL_TIER_BASIC && !all;
+            if (!help_is_of_group(i, g) || (command != COMMAND_NONE && !cli_option_is_of(i, command))) continue;
+            left_out += hidden;
+            if (hidden) continue;
+            if (!shown++) fprintf(to, "\n%s (default in parentheses)\n", o->group);
             help_option(to, i);
         }
-    }
     return left_out;
 }
 
 void help_print(FILE *to, enum command command, int all)
 {
-    int left_out = 0;
+    const struct cli_command *c        = &CLI_COMMANDS[command];
+    int                       left_out = 0;
     if (command == COMMAND_NONE) help_overview(to);
-    for (int i = 0; cli_command_at(i); i++) {
-        const struct cli_command *c = cli_command_at(i);
-        if (c->command != command) continue;
-        fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", c->purpose, c->example, c->name, c->usage, c->more);
-    }
+    else fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", c->purpose, c->example, c->name, c->usage, c->more);
     if (command != COMMAND_NONE || all) left_out = help_options(to, command, all);
     if (left_out > 0) fprintf(to, "\n%d more options, advanced and expert: --help all\n", left_out);
 }
 
-/* ---------------------------------------------------------------- the manual page: the same in roff (man(7) macros) */
+/* ---------------------------------------------------------------- all options and outputs, for the manual page and docs/OPTIONS.md */
 
 /* Minus signs that can be copied, backslashes that are one, and no line that looks like a request. */
 static void manual_text(FILE *to, const char *text)
@@ -149,9 +148,68 @@ static void manual_lines(FILE *to, const char *before, const char *text)
     if (text[0] && text[strlen(text) - 1] != '\n') fputc('\n', to);
 }
 
-static void manual_command(FILE *to, const struct cli_command *c)
+static void manual_group(FILE *to, const char *title)
 {
-    const char *before = "Options: ";
+    manual_lines(to, ".SS ", title);
+}
+
+static void manual_entry(FILE *to, const char *name, const char *what)
+{
+    manual_lines(to, ".TP\n.B ", name);
+    manual_lines(to, "", what);
+}
+
+static void page_group(FILE *to, const char *title)
+{
+    fprintf(to, "\n## %s\n\n", title);
+}
+
+static void page_entry(FILE *to, const char *name, const char *what)
+{
+    fprintf(to, "- `%s`: %s\n", name, what);
+}
+
+static const struct help_markup {
+    void (*group)(FILE *to, const char *title);
+    void (*entry)(FILE *to, const char *name, const char *what);
+} HELP_MANUAL = {manual_group, manual_entry}, HELP_PAGE = {page_group, page_entry};
+
+/* "HELP (default; range). Advanced. Formerly --NAME." */
+static void help_full_option(FILE *to, const struct help_markup *m, int index)
+{
+    static const char *const tiers[]   = {"", " Advanced.", " Expert."};
+    const oxl_option        *o         = cli_option_at(index);
+    const int                has_range = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
+    char                     name[100], standard[HELP_DEFAULT], range[40] = "", alias[60] = "", text[1000];
+    help_default(index, standard);
+    if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) /* else not worth stating */
+        snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
+    if (o->alias)
+        snprintf(alias, sizeof alias, " %s --%s.", o->alias[0] == '=' ? "Also" : "Formerly", o->alias + (o->alias[0] == '='));
+    snprintf(text, sizeof text, standard[0] ? "%s (%s%s).%s%s" : "%s%.0s%.0s.%s%s", o->help, standard, range, tiers[o->tier],
+             alias);
+    m->entry(to, help_option_text(o, name), text);
+}
+
+static void help_full(FILE *to, const struct help_markup *m)
+{
+    for (int g = 0; g < cli_option_count(); g++) {
+        if (!help_group_begins(g)) continue;
+        m->group(to, cli_option_at(g)->group);
+        for (int i = g; i < cli_option_count(); i++)
+            if (help_is_of_group(i, g)) help_full_option(to, m, i);
+    }
+    m->group(to, "What train writes to OUT");
+    for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++)
+        m->entry(to, HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
+}
+
+/* ---------------------------------------------------------------- the manual page, in roff (man(7) macros) */
+
+static void manual_command(FILE *to, enum command command)
+{
+    const struct cli_command *c      = &CLI_COMMANDS[command];
+    const char               *before = "Options: ";
     fprintf(to, ".SS oceanxl %s ", c->name);
     manual_lines(to, "", c->usage);
     manual_lines(to, "", c->purpose);
@@ -160,7 +218,7 @@ static void manual_command(FILE *to, const struct cli_command *c)
     fputs(".PP\n", to);
     for (int i = 0; i < cli_option_count(); i++) {
         char word[40];
-        if (!cli_option_is_of(i, c->command)) continue;
+        if (!cli_option_is_of(i, command)) continue;
         fputs(before, to);
         manual_text(to, cli_option_word(cli_option_at(i), word));
         before = ",\n";
@@ -168,84 +226,24 @@ static void manual_command(FILE *to, const struct cli_command *c)
     fputs(".\n", to);
 }
 
-static void manual_option(FILE *to, int index)
-{
-    static const char *const tiers[] = {"", "Advanced.", "Expert."};
-    const oxl_option        *o       = cli_option_at(index);
-    char                     word[40], standard[HELP_DEFAULT];
-    fputs(".TP\n\\fB", to);
-    manual_text(to, cli_option_word(o, word));
-    fputs("\\fR", to);
-    if (o->value) {
-        fputs(" \\fI", to);
-        manual_text(to, o->value);
-        fputs("\\fR", to);
-    }
-    manual_lines(to, "\n", o->help);
-    if (help_default(index, standard)[0]) {
-        fputs("(", to);
-        manual_text(to, standard);
-        fputs(").\n", to);
-    }
-    if (o->tier != OXL_TIER_BASIC) fprintf(to, "%s\n", tiers[o->tier]);
-    if (o->alias) fprintf(to, "%s \\-\\-%s.\n", o->alias[0] == '=' ? "Also" : "Formerly", o->alias + (o->alias[0] == '='));
-}
-
-static void manual_group(FILE *to, int first)
-{
-    manual_lines(to, ".SS ", cli_option_at(first)->group);
-    for (int i = first; i < cli_option_count(); i++)
-        if (strcmp(cli_option_at(i)->group, cli_option_at(first)->group) == 0) manual_option(to, i);
-}
-
 void help_manual(FILE *to)
 {
     fputs(".\\\" made by: oceanxl \\-\\-man\n.TH OCEANXL 1 \"\" \"OceanXL " OXL_VERSION "\"\n.SH NAME\noceanxl \\- ", to);
     manual_text(to, HELP_PURPOSE);
     fputs(".SH SYNOPSIS\n", to);
-    for (int i = 0; cli_command_at(i); i++) {
-        fprintf(to, ".B oceanxl %s\n", cli_command_at(i)->name);
-        manual_lines(to, "", cli_command_at(i)->usage);
+    for (int i = 1; i < COMMANDS; i++) {
+        fprintf(to, ".B oceanxl %s\n", CLI_COMMANDS[i].name);
+        manual_lines(to, "", CLI_COMMANDS[i].usage);
         fputs("[options]\n.br\n", to);
     }
     manual_lines(to, ".SH COMMANDS\n", HELP_SCENE);
-    for (int i = 0; cli_command_at(i); i++) manual_command(to, cli_command_at(i));
-    fputs(".SH OPTIONS\nDefaults are in parentheses.\n", to);
-    for (int i = 0; i < cli_option_count(); i++)
-        if (help_group_begins(i)) manual_group(to, i);
-    fputs(".SH FILES\nWhat train writes to OUT:\n", to);
-    for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++) {
-        manual_lines(to, ".TP\n", HELP_OUTPUTS[i].name);
-        manual_lines(to, "", HELP_OUTPUTS[i].what);
-    }
+    for (enum command i = COMMAND_TRAIN; i < COMMANDS; i++) manual_command(to, i);
+    fputs(".SH OPTIONS AND OUTPUTS\nDefaults and ranges are in parentheses.\n", to);
+    help_full(to, &HELP_MANUAL);
     manual_lines(to, ".SH EXIT STATUS\n", HELP_CODES);
 }
 
 /* ---------------------------------------------------------------- docs/OPTIONS.md */
-
-/* A number's range, if it is worth stating. */
-static void page_range(FILE *to, const oxl_option *o)
-{
-    const int has = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    if (has && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) fprintf(to, "; %g to %g", o->low, o->high);
-}
-
-static void page_option(FILE *to, int index)
-{
-    static const char *const tiers[] = {"", " Advanced.", " Expert."};
-    const oxl_option        *o       = cli_option_at(index);
-    char                     left[100], standard[HELP_DEFAULT];
-    fprintf(to, "- `%s`: %s", help_option_text(o, left), o->help);
-    help_default(index, standard);
-    if (standard[0]) {
-        fprintf(to, " (%s", standard);
-        page_range(to, o);
-        fputs(")", to);
-    }
-    fprintf(to, ".%s", tiers[o->tier]);
-    if (o->alias) fprintf(to, " %s `--%s`.", o->alias[0] == '=' ? "Also" : "Formerly", o->alias + (o->alias[0] == '='));
-    fputs("\n", to);
-}
 
 void help_page(FILE *to)
 {
@@ -256,14 +254,6 @@ void help_page(FILE *to)
         "Defaults and ranges are in parentheses; shares and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
         "A resumed run keeps the options in OUT/run.json.\n",
         to);
-    for (int g = 0; g < cli_option_count(); g++) {
-        if (!help_group_begins(g)) continue;
-        fprintf(to, "\n## %s\n\n", cli_option_at(g)->group);
-        for (int i = g; i < cli_option_count(); i++)
-            if (strcmp(cli_option_at(i)->group, cli_option_at(g)->group) == 0) page_option(to, i);
-    }
-    fputs("\n## What train writes to OUT\n\n", to);
-    for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++)
-        fprintf(to, "- `%s`: %s.\n", HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
+    help_full(to, &HELP_PAGE);
     fprintf(to, "\nExit codes: %s", HELP_CODES);
 }

@@ -5,17 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct spread { /* 5th, 50th and 95th percentile of the finite values of a plane */
-    float low, middle, high;
-};
-
 static int info_compare(const void *a, const void *b)
 {
     const float x = *(const float *)a, y = *(const float *)b;
     return (x > y) - (x < y);
 }
 
-static struct spread info_spread(const float *plane, size_t count, float *sorted)
+struct spread info_spread(const float *plane, size_t count, float *sorted)
 {
     size_t n = 0;
     for (size_t i = 0; i < count; i++)

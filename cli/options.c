@@ -12,52 +12,58 @@
 #define CLI_COUNT(array) ((int)(sizeof(array) / sizeof *(array)))
 #define IN(command)      (1u << COMMAND_##command)
 
-static const struct cli_command CLI_COMMANDS[] = {
-    {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
-     "oceanxl train survey -o out",
-     "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
-     "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
-    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, trains the merged model, evaluates it.",
-     "oceanxl merge out", "OUT gets the same bytes as from train."},
-    {"check", COMMAND_CHECK, 1, "SCENE", "Checks a survey: what train reads of it, predicted memory and time.",
-     "oceanxl check survey", "Exit code 3: it cannot be trained; the message gives the reason."},
-    {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT", "Splits a survey into blocks of equal work, each a COLMAP text export.",
-     "oceanxl partition survey -o out",
-     "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
-    {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR",
-     "Renders a model from the cameras of a survey, or from above, or along a path.",
-     "oceanxl render out/scene.ply survey -o renders",
-     "One PNG a view, named as its image; --ortho and --path render other views instead."},
-    {"measure", COMMAND_MEASURE, 1, "SCENE --scale-bar ENDS",
-     "Measures in a survey: the length of a scale bar, and from it metres per unit.",
-     "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
-     "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
-    {"eval", COMMAND_EVAL, 2, "MODEL SCENE",
-     "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
-     "oceanxl eval out/scene.ply survey",
-     "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
-     "not available: compare OUT/renders/NAME.png with NAME.image.png by a program that has one."},
-    {"info", COMMAND_INFO, 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
-     "Reads .ply, .spz and .splat."},
-    {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
-     "oceanxl convert out/scene.ply scene.splat",
-     ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view; .glb is glTF with KHR_gaussian_splatting."},
-    {"report", COMMAND_REPORT, 1, "OUT", "Writes one page about a run: input, decisions, metrics.", "oceanxl report out",
-     "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
-    {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
-     "oceanxl synth -o survey",
-     "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
-    {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
-     "oceanxl ablate survey -o ablation --preset standard --seeds 3",
-     "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and a run as of train for each row and seed, in NAME-seedS/. A stopped\n"
-     "one resumes when it is run again. All rows share the options below. Rows: 3dgs (midpoint splits), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
-     "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
-     "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
-    {"tradeoff", COMMAND_TRADEOFF, 1, "SCENE -o OUT",
-     "Measures speed against accuracy on a survey: options one at a time, and the presets.",
-     "oceanxl tradeoff survey -o tradeoff --budget 20m",
-     "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
-     "do not fit the budget are named; the same command with a larger one resumes. Without --max-side images are reduced to fit it."},
+const struct cli_command CLI_COMMANDS[COMMANDS] = {
+    [COMMAND_TRAIN] =
+        {"train", 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
+         "oceanxl train survey -o out",
+         "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+         "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
+    [COMMAND_MERGE] = {"merge", 1, "OUT", "Joins the blocks that train --block K made, trains the merged model, evaluates it.",
+                       "oceanxl merge out", "OUT gets the same bytes as from train."},
+    [COMMAND_CHECK] = {"check", 1, "SCENE", "Checks a survey: what train reads of it, predicted memory and time.",
+                       "oceanxl check survey", "Exit code 3: it cannot be trained; the message gives the reason."},
+    [COMMAND_PARTITION] =
+        {"partition", 1, "SCENE -o OUT", "Splits a survey into blocks of equal work, each a COLMAP text export.",
+         "oceanxl partition survey -o out",
+         "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
+    [COMMAND_RENDER] = {"render", 2, "MODEL SCENE -o DIR",
+                        "Renders a model from the cameras of a survey, or from above, or along a path.",
+                        "oceanxl render out/scene.ply survey -o renders",
+                        "One PNG a view, named as its image; --ortho and --path render other views instead."},
+    [COMMAND_MEASURE] =
+        {"measure", 1, "SCENE --scale-bar ENDS", "Measures in a survey: the length of a scale bar, and from it metres per unit.",
+         "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
+         "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
+    [COMMAND_EVAL] =
+        {"eval", 2, "MODEL SCENE",
+         "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
+         "oceanxl eval out/scene.ply survey",
+         "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
+         "not available: compare OUT/renders/NAME.png with NAME.image.png by a program that has one."},
+    [COMMAND_INFO] = {"info", 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
+                      "Reads .ply, .spz and .splat."},
+    [COMMAND_CONVERT] =
+        {"convert", 2, "IN OUT", "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
+         "oceanxl convert out/scene.ply scene.splat",
+         ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view; .glb is glTF with KHR_gaussian_splatting."},
+    [COMMAND_REPORT] =
+        {"report", 1, "OUT", "Writes one page about a run: input, decisions, metrics.", "oceanxl report out",
+         "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
+    [COMMAND_SYNTH] = {"synth", 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
+                       "oceanxl synth -o survey",
+                       "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
+    [COMMAND_ABLATE] =
+        {"ablate", 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
+         "oceanxl ablate survey -o ablation --preset standard --seeds 3",
+         "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and a run as of train for each row and seed, in NAME-seedS/. A stopped\n"
+         "one resumes when it is run again. All rows share the options below. Rows: 3dgs (midpoint splits), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
+         "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
+         "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
+    [COMMAND_TRADEOFF] =
+        {"tradeoff", 1, "SCENE -o OUT", "Measures speed against accuracy on a survey: options one at a time, and the presets.",
+         "oceanxl tradeoff survey -o tradeoff --budget 20m",
+         "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
+         "do not fit the budget are named; the same command with a larger one resumes. Without --max-side images are reduced to fit it."},
 };
 
 /* ---------------------------------------------------------------- options of the program */
@@ -138,11 +144,6 @@ struct arguments arguments_default(void)
 }
 
 /* ---------------------------------------------------------------- both tables as one */
-
-const struct cli_command *cli_command_at(int index)
-{
-    return index < CLI_COUNT(CLI_COMMANDS) ? &CLI_COMMANDS[index] : NULL;
-}
 
 int cli_option_count(void)
 {

@@ -22,12 +22,6 @@ struct ortho {
     double       corner[2];                        /* of the top-left pixel's centre: world, or along the frame's axes */
 };
 
-static oxl_result ortho_fail(oxl_result rc, char *error, size_t size, const char *text)
-{
-    snprintf(error, size, "%s", text);
-    return rc;
-}
-
 static void ortho_camera(struct ortho *o, const oxl_scene *scene)
 {
     const double *origin = oxl_scene_origin(scene);
@@ -64,14 +58,15 @@ static int ortho_world_file(const struct ortho *o, const char *folder, double un
 }
 
 /* Camera z to height above the frame's centre, in metres or units; NaN where nothing is rendered. In the world's frame: the world's z. */
-static int ortho_heights(const struct ortho *o, const oxl_scene *scene, const char *folder, double unit, float *depth)
+static oxl_result ortho_heights(oxl_context *ctx, const struct ortho *o, const oxl_scene *scene, const char *folder, double unit,
+                                float *depth)
 {
     const size_t pixels = (size_t)o->camera.width * (size_t)o->camera.height;
     const double base   = o->frame.is_world ? o->frame.centre[2] + oxl_scene_origin(scene)[2] : 0;
     char         path[1100];
     for (size_t i = 0; i < pixels; i++) depth[i] = depth[i] > 0 ? (float)((o->distance - (double)depth[i] + base) * unit) : NAN;
     snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
-    return output_write_pfm(path, depth, o->camera.width, o->camera.height);
+    return oxl_write_pfm(ctx, path, depth, o->camera.width, o->camera.height);
 }
 
 static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options,
@@ -85,14 +80,13 @@ static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl
     oxl_result rc     = OXL_OK;
     render.near_plane = (float)(0.5 * o->distance);
     if (options->heights && !depth)
-        rc = ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory for the heights\nfix: a larger --pixel");
+        rc = cli_fail(error, error_size, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
     if (rc == OXL_OK) rc = oxl_render(ctx, model, &o->camera, &render, &image, depth);
     snprintf(path, sizeof path, "%s/ortho.png", options->folder);
     if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
     if (rc == OXL_OK && !ortho_world_file(o, options->folder, unit))
-        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
-    if (rc == OXL_OK && depth && !ortho_heights(o, scene, options->folder, unit, depth))
-        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.height.pfm\nfix: free space on the disk");
+        rc = cli_fail(error, error_size, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
+    if (rc == OXL_OK && depth) rc = ortho_heights(ctx, o, scene, options->folder, unit, depth);
     oxl_image_free(ctx, &image);
     free(depth);
     return rc;
@@ -107,20 +101,19 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     oxl_result   rc = oxl_make_folder(ctx, options->folder);
     if (rc != OXL_OK) return rc;
     if (strlen(options->folder) > 1000)
-        return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long\nfix: -o with a shorter one");
+        return cli_fail(error, error_size, OXL_ERR_USAGE, "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
-        return ortho_fail(OXL_ERR_INPUT, error, error_size,
-                          "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
+        return cli_fail(error, error_size, OXL_ERR_INPUT,
+                        "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
     frame_of(scene, &o.frame);
-    if (!frame_bounds(&o.frame, scene, 0, o.low, o.high))
-        return ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory");
+    if (!frame_bounds(&o.frame, scene, 0, o.low, o.high)) return cli_fail(error, error_size, OXL_ERR_MEMORY, "ortho: no memory");
     side = fmax(o.high[0] - o.low[0], o.high[1] - o.low[1]);
     if (!(side > 0))
-        return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: all points lie in one place\nfix: export the survey again");
+        return cli_fail(error, error_size, OXL_ERR_INPUT, "ortho: all points lie in one place\nfix: export the survey again");
     if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
     if (side / o.pixel > ORTHO_SIDE_MAX)
-        return ortho_fail(OXL_ERR_USAGE, error, error_size,
-                          "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
+        return cli_fail(error, error_size, OXL_ERR_USAGE,
+                        "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
     ortho_camera(&o, scene);
     rc = ortho_draw(ctx, model, scene, options, &o, error, error_size);
     if (rc != OXL_OK) return rc;

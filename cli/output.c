@@ -245,22 +245,6 @@ int output_save(struct output *t, const char *path)
     return output_close(t);
 }
 
-int output_write_pfm(const char *path, const float *value, int width, int height)
-{
-    struct output t = {0};
-    output_open(&t, path);
-    output_add(&t, "Pf\n%d %d\n-1.0\n", width, height);
-    for (int y = height - 1; y >= 0; y--)
-        for (int x = 0; x < width; x++) {
-            uint32_t      bits;
-            unsigned char bytes[4];
-            memcpy(&bits, value + (size_t)y * (size_t)width + (size_t)x, sizeof bits);
-            for (int k = 0; k < 4; k++) bytes[k] = (unsigned char)(bits >> 8 * k);
-            output_bytes(&t, bytes, 4);
-        }
-    return output_close(&t);
-}
-
 /* ---------------------------------------------------------------- strings of JSON */
 
 char *json_string(const char *value)

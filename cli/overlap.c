@@ -20,28 +20,14 @@ enum {
     OVERLAP_SIDE   = 160 /* reduced to so many px on the longer side */
 };
 
-struct overlap_box {
-    double low[3], high[3];
+struct overlap_box { /* of nine tenths along each axis */
+    struct spread axis[3];
 };
-
-static int overlap_compare(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-/* From the 5th to the 95th percentile; value (count) is sorted. */
-static void overlap_axis(struct overlap_box *box, int axis, float *value, size_t count)
-{
-    qsort(value, count, sizeof *value, overlap_compare);
-    box->low[axis]  = (double)value[count / 20];
-    box->high[axis] = (double)value[count - 1 - count / 20];
-}
 
 static double overlap_diagonal(const struct overlap_box *b)
 {
     double sum = 0;
-    for (int a = 0; a < 3; a++) sum += (b->high[a] - b->low[a]) * (b->high[a] - b->low[a]);
+    for (int a = 0; a < 3; a++) sum += pow((double)b->axis[a].high - (double)b->axis[a].low, 2);
     return sqrt(sum);
 }
 
@@ -53,7 +39,8 @@ static double overlap_inside(const struct overlap_box *b, const oxl_point *point
     for (size_t i = 0; i < count; i++) {
         int in = 1;
         for (int a = 0; a < 3; a++)
-            in &= point[i].position[a] >= b->low[a] - margin && point[i].position[a] <= b->high[a] + margin;
+            in &= point[i].position[a] >= (double)b->axis[a].low - margin &&
+                  point[i].position[a] <= (double)b->axis[a].high + margin;
         inside += (size_t)in;
     }
     return (double)inside / (double)count;
@@ -92,15 +79,14 @@ oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_sce
     const oxl_point   *point  = oxl_scene_points(scene);
     const int          boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
     float             *value  = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
-    struct overlap_box its = {{0}, {0}}, own = {{0}, {0}};
+    struct overlap_box its = {{{0}}}, own = {{{0}}};
     double             ratio = 1, inside = 1, empty = 0;
     oxl_result         rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
     warning[0]            = 0;
     for (int a = 0; a < 3 && rc == OXL_OK && boxes; a++) {
         for (size_t i = 0; i < points; i++) value[i] = (float)point[i].position[a];
-        overlap_axis(&its, a, value, points);
-        for (size_t i = 0; i < model->count; i++) value[i] = model->plane[OXL_MEAN + a][i];
-        overlap_axis(&own, a, value, model->count);
+        its.axis[a] = info_spread(value, points, value);
+        own.axis[a] = info_spread(model->plane[OXL_MEAN + a], model->count, value);
     }
     free(value);
     if (rc != OXL_OK) return rc;

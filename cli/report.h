@@ -17,7 +17,6 @@ enum report_column { /* of log.csv */
                      REPORT_LOSS,
                      REPORT_PSNR,
                      REPORT_GAUSSIANS,
-                     REPORT_SECONDS,
                      REPORT_F_MID,
                      REPORT_F_FAR,
                      REPORT_MEMORY,

@@ -59,7 +59,7 @@ static int curve_axes(const struct report *r, const struct curve *c, struct curv
                 if (value > high) high = value;
             }
         }
-    if (!(low <= high)) return 0;
+    if (!(low <= high) || (c->column[0] == REPORT_F_MID && high <= 1)) return 0; /* weights that stayed at 1 are no curve */
     *x = curve_axis_round(0, last);
     *y = curve_axis_round(c->from_zero && low > 0 ? 0 : low, high);
     return 1;
@@ -123,17 +123,6 @@ static void curve_draw(struct output *t, const struct report *r, const struct cu
     output_add(t, "</svg></figure>\n");
 }
 
-/* Weights that stayed at 1 are no curve. */
-static int curve_is_flat(const struct report *r, const struct curve *c)
-{
-    if (c->column[0] != REPORT_F_MID) return 0;
-    for (int k = 0; k < r->parts; k++)
-        for (int i = 0; i < r->block[k].rows; i++)
-            for (int j = 0; j < 2; j++)
-                if (r->block[k].log[(size_t)i * REPORT_COLUMNS + (size_t)c->column[j]] > 1) return 0;
-    return 1;
-}
-
 void chart_section(struct report *r)
 {
     struct output *t    = &r->page;
@@ -142,8 +131,7 @@ void chart_section(struct report *r)
     page_section(t, "Training curves");
     if (rows == 0) output_add(t, "<p>There is no log.csv yet.</p>\n");
     else output_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
-    for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++)
-        if (!curve_is_flat(r, &CURVES[i])) curve_draw(t, r, &CURVES[i]);
+    for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++) curve_draw(t, r, &CURVES[i]);
     if (rows > 0) output_add(t, "</div>\n");
     if (rows > 0 && r->parts > 1 && r->parts <= CURVE_NAMED) {
         output_add(t, "<p><small>");

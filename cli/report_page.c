@@ -32,14 +32,12 @@ static const char *const PAGE_STYLE[] = {
     "grid-template-columns:repeat(auto-fit,minmax(min(19rem,100%),1fr))}.charts figure{margin:0}",
     ".three{display:grid;grid-template-columns:repeat(auto-fit,minmax(9.5rem,1fr));gap:.5rem}.three figure{margin:0}"
     ".three img{width:100%;border-radius:.4rem}@media(max-width:34rem){.three{grid-template-columns:1fr 1fr}"
-    ".three figure:last-child{grid-column:1/-1}.wide{display:none}}",
-    ".bar{display:block;height:.55rem;background:var(--sea);border-radius:.3rem;margin-top:.45rem;min-width:2px;"
-    "-webkit-print-color-adjust:exact;print-color-adjust:exact}pre{background:var(--paper);border:1px solid var(--line);border-radius:.5rem;"
+    ".three figure:last-child{grid-column:1/-1}}",
+    "pre{background:var(--paper);border:1px solid var(--line);border-radius:.5rem;"
     "padding:.7rem .8rem;overflow-x:auto;font:.85rem/1.5 ui-monospace,Menlo,Consolas,monospace;white-space:pre-wrap;overflow-wrap:anywhere}",
     "ul{padding-left:1.2rem;margin:.3rem 0}li{overflow-wrap:anywhere}summary{cursor:pointer;color:var(--sea);font-weight:600;"
-    "padding:.3rem 0}a{color:var(--sea)}.ramp{height:.7rem;margin-top:.8rem;border-radius:.3rem;max-width:20rem;"
-    "-webkit-print-color-adjust:exact;print-color-adjust:exact}",
-    ".chart text{fill:var(--pale);font-size:12px}.chart .last{fill:var(--ink);font-weight:600}.chart .grid{stroke:var(--line);stroke-width:1}"
+    "padding:.3rem 0}a{color:var(--sea)}",
+    ".chart text{fill:var(--pale);font-size:12px}.chart .grid{stroke:var(--line);stroke-width:1}"
     ".chart path{fill:none;stroke-width:1.8;stroke-linejoin:round}.many path{stroke-width:1.1;stroke-opacity:.5}"
     ".map text{fill:#fff;font-size:22px}footer{color:var(--pale);font-size:.85rem;margin-top:1.5rem}",
     "@media print{:root{--paper:#fff;--card:#fff;--ink:#000;--pale:#444;--line:#bbb;--sea:#0a6781;color-scheme:light}body{font-size:11pt}"

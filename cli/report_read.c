@@ -7,8 +7,8 @@
 
 enum { REPORT_BLOCKS = 100000 };
 
-static const char *const REPORT_NAMES[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",  "gaussians",
-                                                         "seconds",   "f_mid", "f_far", "peak_rss_bytes"};
+static const char *const REPORT_NAMES[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",          "gaussians",
+                                                         "f_mid",     "f_far", "peak_rss_bytes"};
 
 /* Our column at each position of the file; -1: none. */
 static int report_columns(const char *text, int *column, int most)

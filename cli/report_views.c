@@ -149,34 +149,16 @@ static void views_show(struct report *r, const char *folder, const struct views_
     oxl_image_free(r->ctx, &clear);
 }
 
-static void views_legend(struct output *t)
-{
-    output_add(t, "<div class=\"ramp\" style=\"background:linear-gradient(90deg");
-    for (int k = 0; k < 5; k++)
-        output_add(t, ",rgb(%d,%d,%d)", (int)(255 * VIEWS_RAMP[k][0]), (int)(255 * VIEWS_RAMP[k][1]),
-                   (int)(255 * VIEWS_RAMP[k][2]));
-    output_add(
-        t,
-        ")\"></div>\n<p><small>Error: mean absolute difference of the three channels, from 0 to %d %% of full white and above.</small></p>\n",
-        (int)(100 * VIEWS_ERROR_FULL));
-}
-
 /* ---------------------------------------------------------------- the section */
 
-static void views_rows(struct output *t, const struct views *v, int from, int to)
+/* flags: with a column for what is wrong with a view. */
+static void views_rows(struct output *t, const struct views *v, int from, int to, int flags)
 {
-    const double best = v->row[v->count - 1].psnr;
-    output_add(
-        t,
-        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th class=\"wide\" style=\"width:30%%\"></tr>\n");
-    for (int i = from; i < to; i++) {
-        const struct views_row *row = &v->row[i];
-        output_add(
-            t,
-            "<tr><td class=\"name\">%S"
-            "<td class=\"n\">%.2f<td class=\"n\">%.3f<td class=\"wide\"><span class=\"bar\" style=\"width:%.1f%%\"></span></tr>\n",
-            row->name, row->psnr, row->ssim, best > 0 ? 100 * fmax(row->psnr, 0) / best : 0);
-    }
+    output_add(t, "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM%s</tr>\n",
+               flags ? "<th>look at" : "");
+    for (int i = from; i < to; i++)
+        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f%s%S</tr>\n", v->row[i].name,
+                   v->row[i].psnr, v->row[i].ssim, flags ? "<td>" : "", v->row[i].flag);
     output_add(t, "</table></div>\n");
 }
 
@@ -184,48 +166,40 @@ void views_section(struct report *r)
 {
     struct output *t     = &r->page;
     struct views   v     = views_read(r, json_member(r->metrics, "views"));
-    char          *split = json_string(json_member(r->metrics, "split"));
-    const int      held  = split && strcmp(split, "test") == 0;
+    const char    *split = json_member(r->metrics, "split");
+    const int      held  = split && strncmp(split, "\"test\"", 6) == 0;
     if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
     page_section(t, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
     if (v.count == 0) output_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
     else {
         output_add(
             t,
-            "<p>%s PSNR is the error in decibels: 3 dB more is half the squared error. SSIM compares structure: 1 is identical. "
-            "Worst first.</p>\n",
             held
-                ? "Training has not seen these images."
-                : "<b class=\"warn\">These are training views, because none is held out: expect lower quality on new views.</b>");
-        views_rows(t, &v, 0, v.count < VIEWS_OPEN ? v.count : VIEWS_OPEN);
+                ? "<p>Training has not seen these images."
+                : "<p><b class=\"warn\">These are training views, because none is held out: expect lower quality on new views.</b>");
+        output_add(
+            t,
+            " PSNR is the error in decibels: 3 dB more is half the squared error. SSIM compares structure: 1 is identical. Worst first.</p>\n");
+        views_rows(t, &v, 0, v.count < VIEWS_OPEN ? v.count : VIEWS_OPEN, 0);
         if (v.count > VIEWS_OPEN) {
             output_add(t, "<details><summary>%d more views</summary>\n", v.count - VIEWS_OPEN);
-            views_rows(t, &v, VIEWS_OPEN, v.count);
+            views_rows(t, &v, VIEWS_OPEN, v.count, 0);
             output_add(t, "</details>\n");
         }
         output_add(t, "</section>\n");
         page_section(t, "Worst views");
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "renders", &v.row[i]);
-        views_legend(t);
+        output_add(
+            t,
+            "<p><small>Error: mean absolute difference of the three channels, from black (none) over blue and green to pale "
+            "yellow (%.0f %% of full white and above).</small></p>\n",
+            100 * VIEWS_ERROR_FULL);
     }
     output_add(t, "</section>\n");
-    free(split);
     views_free(&v);
 }
 
 /* ---------------------------------------------------------------- training images */
-
-static void views_training_rows(struct output *t, const struct views *v)
-{
-    output_add(t, "<div class=\"scroll\"><table><tr><th>image<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th>look at</tr>\n");
-    for (int i = 0; i < v->count && (v->row[i].flag || i < VIEWS_OPEN); i++) {
-        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f<td>", v->row[i].name, v->row[i].psnr,
-                   v->row[i].ssim);
-        if (v->row[i].flag) output_add(t, "%S", v->row[i].flag);
-        output_add(t, "</tr>\n");
-    }
-    output_add(t, "</table></div>\n");
-}
 
 void views_training_section(struct report *r)
 {
@@ -233,6 +207,7 @@ void views_training_section(struct report *r)
     const char    *list    = json_member(r->metrics, "training");
     const double   flagged = json_number(list, "flagged");
     struct views   v       = views_read(r, json_member(list, "views"));
+    int            shown   = 0;
     if (v.count > 0) {
         page_section(t, "Training images that fit worst");
         output_add(
@@ -240,7 +215,8 @@ void views_training_section(struct report *r)
             "<p>%d of %d fit far worse than neighbouring images. The cause is a wrong pose, another exposure or blur: leave "
             "such an image out, or correct it, and train again.</p>\n",
             flagged > 0 ? (int)flagged : 0, v.count);
-        views_training_rows(t, &v);
+        while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
+        views_rows(t, &v, 0, shown, 1);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
         output_add(t, "</section>\n");
     }

@@ -48,11 +48,10 @@ static int scale_view(const oxl_scene *scene, const char *name, size_t length)
 
 static oxl_result scale_fail(char *error, size_t size, const char *what, const char *text, size_t length)
 {
-    snprintf(
-        error, size,
-        "--scale-bar: %s '%.*s'\nfix: as IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, the pixels of both ends, or X,Y,Z:X,Y,Z in the survey's units",
-        what, (int)(length < 200 ? length : 200), text);
-    return OXL_ERR_USAGE;
+    return cli_fail(error, size, OXL_ERR_USAGE,
+                    "--scale-bar: %s '%.*s'\nfix: as IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, the pixels of both ends, or "
+                    "X,Y,Z:X,Y,Z in the survey's units",
+                    what, (int)(length < 200 ? length : 200), text);
 }
 
 static int scale_comma(const char **at, const char *end)
@@ -119,22 +118,16 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
     if (rc != OXL_OK) return rc;
     for (int k = 0; k < 3; k++) units += (end[1][k] - end[0][k]) * (end[1][k] - end[0][k]);
     units = sqrt(units);
-    if (length > 0 && !(units > 0)) {
-        snprintf(error, size,
-                 "--scale-bar: both ends are at the same place, so --length %g has no scale\n"
-                 "fix: give two different ends",
-                 length);
-        return OXL_ERR_INPUT;
-    }
+    if (length > 0 && !(units > 0))
+        return cli_fail(error, size, OXL_ERR_INPUT,
+                        "--scale-bar: both ends are at the same place, so --length %g has no scale\nfix: give two different ends",
+                        length);
     for (int i = 0; i < 2; i++)
-        if (miss[i] > SCALE_MISS * units) {
-            snprintf(
-                error, size,
-                "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most %.0f %% are wanted\n"
-                "fix: mark the same point in all of its images, and check their poses",
-                i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);
-            return OXL_ERR_INPUT;
-        }
+        if (miss[i] > SCALE_MISS * units)
+            return cli_fail(error, size, OXL_ERR_INPUT,
+                            "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most "
+                            "%.0f %% are wanted\nfix: mark the same point in all of its images, and check their poses",
+                            i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);
     for (int i = 0; i < 2; i++)
         fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1, end[i][0] + origin[0],
                 end[i][1] + origin[1], end[i][2] + origin[2], miss[i]);

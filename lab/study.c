@@ -51,12 +51,10 @@ static oxl_result study_choose_row(struct study *s, const char *name, size_t len
     const struct study_row *row = study_find_row(s->kind, name, length);
     if (!row || study_row_index(s, row->name) >= s->kind->has_baseline) return study_wrong_row(s, name, length);
     if (study_row_index(s, row->name) >= 0) return OXL_OK;
-    if (row->like && study_row_index(s, row->like) < 0) {
-        snprintf(s->meter.error, s->meter.error_size,
-                 "--rows: %s seen without %s before it, which it is made equal to\nfix: --rows %s,%s", row->name, row->like,
-                 row->like, row->name);
-        return OXL_ERR_USAGE;
-    }
+    if (row->like && study_row_index(s, row->like) < 0)
+        return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE,
+                        "--rows: %s seen without %s before it, which it is made equal to\nfix: --rows %s,%s", row->name,
+                        row->like, row->like, row->name);
     s->row[s->rows++] = row;
     return OXL_OK;
 }
@@ -65,10 +63,9 @@ static oxl_result study_choose_rows(struct study *s)
 {
     oxl_result  rc   = OXL_OK;
     const char *rows = s->options->rows;
-    if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS) {
-        snprintf(s->meter.error, s->meter.error_size, "--seeds: %d seen, 1 to %d wanted", s->options->seeds, STUDY_SEEDS);
-        return OXL_ERR_USAGE;
-    }
+    if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS)
+        return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE, "--seeds: %d seen, 1 to %d wanted", s->options->seeds,
+                        STUDY_SEEDS);
     if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)

@@ -52,31 +52,32 @@ static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *wha
 static oxl_result synth_check(struct synth_run *s)
 {
     const synth_options *o = s->options;
+    const struct {
+        double      value, low, high;
+        const char *wanted;
+    } limits[] = {{o->views, 2, 1000000, "2 to 1000000 views can be made"},
+                  {o->width, 16, 8192, "images can have 16 to 8192 px a side"},
+                  {o->height, 16, 8192, "images can have 16 to 8192 px a side"},
+                  {o->extent, 0, 2000, "the extent can be 0 to 2000 metres"},
+                  {o->noise, 0, 100, "the noise can be 0 to 100 levels"},
+                  {o->fish, 0, SYNTH_FISH_MAX, "0 to 100 fish per image are possible"},
+                  {(double)o->points, 0, 100000000, "0 to 100000000 points can be made"},
+                  {o->origin[0], -8e6, 8e6, "the origin can lie 8000 km off"},
+                  {o->origin[1], -8e6, 8e6, "the origin can lie 8000 km off"},
+                  {o->origin[2], -8e6, 8e6, "the origin can lie 8000 km off"},
+                  {o->exposure_jitter, 0, 4, "exposure can jitter by 0 to 4 stops"},
+                  {o->lamp, -1, 2, "a lamp can fall off with a power of 0 to 2"},
+                  {o->backscatter, 0, 1, "backscatter can be 0 to 1 of white"},
+                  {o->stereo, 0, 10, "stereo cameras can be 0 to 10 metres apart"}};
     if (!o->out || !o->out[0]) return synth_fail(s, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER", "");
     if (strlen(o->out) > 900) return synth_fail(s, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters", "");
-    if (o->views < 2 || o->views > 1000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 2 to 1000000 views can be made", "");
-    if (o->width < 16 || o->height < 16 || o->width > 8192 || o->height > 8192)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: images can have 16 to 8192 px a side", "");
-    if (!(o->extent >= 0 && o->extent <= 2000))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
-    if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
-    if (o->fish < 0 || o->fish > SYNTH_FISH_MAX)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish per image are possible", "");
-    if (o->points < 0 || o->points > 100000000)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
-    for (int i = 0; i < 3; i++)
-        if (!(fabs(o->origin[i]) <= 8e6)) return synth_fail(s, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off", "");
+    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
+        if (!(limits[i].value >= limits[i].low && limits[i].value <= limits[i].high))
+            return synth_fail(s, OXL_ERR_USAGE, "synth: ", limits[i].wanted);
+    if (o->lamp < 0 && (o->lamp != -1 || o->backscatter > 0))
+        return synth_fail(s, OXL_ERR_USAGE, "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1", "");
     if (synth_scene_of(o) < 0) return synth_fail(s, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not ", o->scene);
-    if (!(o->exposure_jitter >= 0 && o->exposure_jitter <= 4))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: exposure can jitter by 0 to 4 stops", "");
-    if (!(o->lamp == -1 || (o->lamp >= 0 && o->lamp <= 2)))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: a lamp can fall off with a power of 0 to 2", "");
-    if (!(o->backscatter >= 0 && o->backscatter <= 1) || (o->backscatter > 0 && o->lamp < 0))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: backscatter can be 0 to 1 of white, with a lamp\nfix: --lamp 1", "");
-    if (!(o->stereo >= 0 && o->stereo <= 10))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: stereo cameras can be 0 to 10 metres apart", "");
-    if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0 && strcmp(o->path, "forward") != 0 &&
-        strcmp(o->path, "rov") != 0)
+    if (!synth_is_path(o->path))
         return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not ", o->path);
     return OXL_OK;
 }
@@ -91,19 +92,11 @@ int synth_scene_of(const synth_options *o)
     return -1;
 }
 
-static int synth_stopped(const synth_options *o, const char *what, long done, long total)
-{
-    return o->progress && o->progress(o->user, what, done, total);
-}
-
 /* ---------------------------------------------------------------- water */
 
 /* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter changes from blue in
- * the ocean to green and brown at the coast. Backscatter builds up 1.2 times as fast as the direct light fades. */
-static const struct {
-    const char *name;
-    double      direct[3], veil[3];
-} synth_waters[] = {
+ * the ocean to green and brown at the coast. */
+static const struct synth_water synth_waters[] = {
     {"none", {0, 0, 0}, {0, 0, 0}},
     {"I", {.163, .040, .018}, {.06, .27, .52}},
     {"IA", {.174, .046, .025}, {.06, .28, .51}},
@@ -116,20 +109,14 @@ static const struct {
     {"7C", {.478, .494, .693}, {.18, .43, .27}},
     {"9C", {.598, .777, 1.24}, {.22, .40, .20}},
 };
-#define SCATTER_SHARE 1.2
 
 static oxl_result synth_find_water(struct synth_run *s)
 {
-    for (size_t i = 0; i < sizeof synth_waters / sizeof *synth_waters; i++) {
-        if (strcmp(s->options->water, synth_waters[i].name) != 0) continue;
-        s->water.name = synth_waters[i].name;
-        for (int c = 0; c < 3; c++) {
-            s->water.direct[c]  = synth_waters[i].direct[c];
-            s->water.scatter[c] = SCATTER_SHARE * synth_waters[i].direct[c];
-            s->water.veil[c]    = synth_waters[i].veil[c];
+    for (size_t i = 0; i < sizeof synth_waters / sizeof *synth_waters; i++)
+        if (strcmp(s->options->water, synth_waters[i].name) == 0) {
+            s->water = synth_waters[i];
+            return OXL_OK;
         }
-        return OXL_OK;
-    }
     return synth_fail(s, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not ", s->options->water);
 }
 
@@ -146,8 +133,7 @@ static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, d
     static const v3 far_off = {0.08, 0.32, 0.45};
     const v3        ray     = synth_pixel_ray(c, x, y);
     const double    range   = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
-    const double   *r       = c->rotation;
-    if (depth) *depth = range < 0 ? 0 : (float)(range * (r[6] * ray.x + r[7] * ray.y + r[8] * ray.z));
+    if (depth) *depth = range < 0 ? 0 : (float)(range * v3_dot(c->rotation[2], ray));
     if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), share * range / c->f);
     return s->water.veil[1] > 0 ? v3_of(s->water.veil[0], s->water.veil[1], s->water.veil[2]) : far_off;
 }
@@ -282,12 +268,13 @@ static oxl_result synth_write_image(struct synth_run *s, const char *folder, int
 
 static oxl_result synth_write_depth(struct synth_run *s, int view)
 {
-    char name[32], path[1024];
+    char       name[32], path[1024];
+    oxl_result rc;
     synth_image_name(s->options, view, name);
     name[strlen(name) - 4] = 0; /* .png */
     snprintf(path, sizeof path, "%s/truth/depth/%s.pfm", s->options->out, name);
-    if (output_write_pfm(path, s->depth, s->options->width, s->options->height)) return OXL_OK;
-    return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
+    rc = oxl_write_pfm(s->ctx, path, s->depth, s->options->width, s->options->height);
+    return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
 }
 
 /* Into the image, which was still. */
@@ -334,7 +321,7 @@ static oxl_result synth_views(struct synth_run *s)
     oxl_result           rc = synth_make_images(s);
     for (int i = 0; i < o->views && rc == OXL_OK; i++) {
         rc = synth_view(s, i);
-        if (rc == OXL_OK && synth_stopped(o, "images", i + 1, o->views))
+        if (rc == OXL_OK && o->progress && o->progress(o->user, "images", i + 1, o->views))
             rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
     }
     return rc;
@@ -342,29 +329,30 @@ static oxl_result synth_views(struct synth_run *s)
 
 /* ---------------------------------------------------------------- truth in words and numbers */
 
-static void synth_triple(struct output *t, const char *name, const double value[3])
+static void synth_triple(struct output *t, const char *name, v3 value)
 {
-    output_add(t, "%s %.6f %.6f %.6f\n", name, value[0], value[1], value[2]);
+    output_add(t, "%s %.6f %.6f %.6f\n", name, value.x, value.y, value.z);
 }
 
 static void synth_write_water(const struct synth_run *s, struct output *t)
 {
+    const double *bd = s->water.direct, *veil = s->water.veil;
     output_add(t,
                "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
                "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
                "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
                "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
                s->water.name);
-    synth_triple(t, "bD", s->water.direct);
-    synth_triple(t, "bB", s->water.scatter);
-    synth_triple(t, "Binf", s->water.veil);
+    synth_triple(t, "bD", v3_of(bd[0], bd[1], bd[2]));
+    synth_triple(t, "bB", v3_of(SYNTH_SCATTER * bd[0], SYNTH_SCATTER * bd[1], SYNTH_SCATTER * bd[2]));
+    synth_triple(t, "Binf", v3_of(veil[0], veil[1], veil[2]));
     output_add(t, "noise %.6f\n", s->options->noise);
 }
 
 static void synth_write_model(const struct synth_run *s, struct output *t)
 {
-    const synth_options *o     = s->options;
-    const v3             wreck = s->world.wreck, sun = s->world.sun;
+    const synth_options *o      = s->options;
+    const v3             origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
     output_add(t, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
                   "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
                   "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
@@ -381,9 +369,9 @@ static void synth_write_model(const struct synth_run *s, struct output *t)
                       "         black where they are. No points are on them, they throw no shadow.\n\n");
     output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path, synth_scenes[s->world.scene],
                o->views);
-    synth_triple(t, "origin", o->origin);
-    synth_triple(t, "wreck", (double[3]){wreck.x + o->origin[0], wreck.y + o->origin[1], wreck.z + o->origin[2]});
-    synth_triple(t, "sun", (double[3]){sun.x, sun.y, sun.z});
+    synth_triple(t, "origin", origin);
+    synth_triple(t, "wreck", v3_add(s->world.wreck, origin));
+    synth_triple(t, "sun", s->world.sun);
 }
 
 /* The truth, and last what makes a survey: one that can be read is whole. */

@@ -73,7 +73,7 @@ struct synth_world {
     uint32_t          seed;
     enum synth_scene  scene;
     v3                wreck;   /* its centre, at the height of its deck */
-    double            turn[9]; /* world to wreck, row-major */
+    v3                turn[3]; /* world to wreck, rows */
     struct synth_limb mast;    /* in the wreck's frame */
     double            top;     /* maximum height, metres */
     v3                sun;     /* unit, towards it */
@@ -121,8 +121,8 @@ v3     synth_light(v3 albedo, v3 normal, double sun, double open);
 
 struct synth_camera { /* x_c = rotation (x_w - centre); COLMAP's axes */
     v3     centre;
-    double rotation[9];
-    double f, cx, cy; /* px */
+    v3     rotation[3]; /* rows: right, down, ahead */
+    double f, cx, cy;   /* px */
     int    width, height;
 };
 
@@ -137,6 +137,7 @@ struct synth_trajectory {
 /* Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground. 0: out of memory. */
 int  synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
+int  synth_is_path(const char *name);
 void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
@@ -161,9 +162,10 @@ double synth_fish_cast(const struct synth_fish *fish, int count, const struct sy
 
 /* ---------------------------------------------------------------- synth_light.c: water, exposure, lamp */
 
-struct synth_water { /* I = J exp(-direct z) + veil (1 - exp(-scatter z)), z: range in metres; display values */
+#define SYNTH_SCATTER 1.2 /* the veil builds up so many times as fast as the direct light fades */
+struct synth_water {      /* I = J exp(-direct z) + veil (1 - exp(-SYNTH_SCATTER direct z)), z: range in metres; display values */
     const char *name;
-    double      direct[3], scatter[3], veil[3]; /* per metre, per metre, 0..1 */
+    double      direct[3], veil[3]; /* per metre, 0..1 */
 };
 double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
 

@@ -5,6 +5,8 @@
  */
 #include "synth.h"
 
+#include <string.h>
+
 enum { CAMERA_ID = 3 };
 
 static uint64_t export_common_divisor(uint64_t a, uint64_t b)
@@ -63,13 +65,14 @@ void synth_write_cameras(const struct synth_run *s, struct output *t)
                CAMERA_ID, c->width, c->height, c->f, c->f, c->cx, c->cy);
 }
 
-static void export_pose(struct output *t, const struct synth_camera *c, const double origin[3])
+static void export_pose(struct output *to, const struct synth_camera *c, const double origin[3])
 {
-    const double *r = c->rotation, at[3] = {c->centre.x + origin[0], c->centre.y + origin[1], c->centre.z + origin[2]};
-    double        q[4];
+    const v3 at = v3_add(c->centre, v3_of(origin[0], origin[1], origin[2])), t = v3_turn(c->rotation, at);
+    double   r[9], q[4];
+    memcpy(r, c->rotation, sizeof r);
     export_quaternion(r, q);
-    for (int i = 0; i < 4; i++) output_add(t, " %.*f", 15, q[i]);
-    for (int i = 0; i < 3; i++) output_add(t, " %.9f", -(r[3 * i] * at[0] + r[3 * i + 1] * at[1] + r[3 * i + 2] * at[2]));
+    for (int i = 0; i < 4; i++) output_add(to, " %.*f", 15, q[i]);
+    output_add(to, " %.9f %.9f %.9f", -t.x, -t.y, -t.z);
 }
 
 static void export_view(const struct synth_run *s, struct output *t, struct synth_ids ids, int view)

@@ -27,7 +27,7 @@ static const double lamp_centre[2] = {0.46, 0.56}, lamp_radial[2] = {-0.55, 0.12
 
 double synth_through_water(const struct synth_water *w, int c, double colour, double range)
 {
-    return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-w->scatter[c] * range));
+    return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-SYNTH_SCATTER * w->direct[c] * range));
 }
 
 /* Within -1..1, smooth over about a dozen views. */

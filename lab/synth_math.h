@@ -32,10 +32,6 @@ static inline v3 v3_scale(v3 a, double s)
 {
     return v3_of(a.x * s, a.y * s, a.z * s);
 }
-static inline v3 v3_times(v3 a, v3 b)
-{
-    return v3_of(a.x * b.x, a.y * b.y, a.z * b.z);
-}
 static inline v3 v3_along(v3 a, v3 direction, double t)
 {
     return v3_add(a, v3_scale(direction, t));
@@ -55,6 +51,11 @@ static inline double v3_length(v3 a)
 static inline v3 v3_unit(v3 a)
 {
     return v3_scale(a, 1 / v3_length(a));
+}
+/* By the matrix of these rows. */
+static inline v3 v3_turn(const v3 rows[3], v3 p)
+{
+    return v3_of(v3_dot(rows[0], p), v3_dot(rows[1], p), v3_dot(rows[2], p));
 }
 static inline v3 v3_mix(v3 a, v3 b, double t)
 {

@@ -22,10 +22,11 @@
 #define FRAME         2.0 /* px at the border where no feature is found */
 enum { MOST_VIEWS = 64, OBSERVATIONS_MAX = 512, ATTEMPTS = 12, BARE_ATTEMPTS = 60, CHUNK = 8192 };
 
-struct points_track { /* one point as it is made */
-    v3                       position;
-    int                      count, is_outlier;
-    uint8_t                  rgb[3]; /* in load tests */
+struct points_track {                                /* one point as it is made */
+    v3                       position, normal, side; /* side: from where it was first seen, unit; normal, rgb: in load tests */
+    int                      source, is_outlier;     /* source: the view where it was first seen */
+    uint8_t                  rgb[3];
+    int                      count;
     struct synth_observation seen[MOST_VIEWS];
 };
 
@@ -69,33 +70,28 @@ static int points_search_create(struct points_search *s)
 
 /* ---------------------------------------------------------------- one point */
 
-struct points_candidate {
-    v3  p, normal, side; /* the point; its normal; from where it was first seen, unit */
-    int source, is_outlier;
-};
-
 struct points_observation {
     int    view;
     double x, y; /* px, exact */
 };
 
 /* Whether a view has the point in its frame and from a similar side. */
-static int points_in_frame(const struct points_search *s, const struct points_candidate *k, int view, double *x, double *y)
+static int points_in_frame(const struct points_search *s, const struct points_track *t, int view, double *x, double *y)
 {
     const struct synth_camera *c = &s->trajectory->camera[view];
     double                     z;
-    if (!synth_project(c, k->p, x, y, &z) || z > SYNTH_FAR) return 0;
+    if (!synth_project(c, t->position, x, y, &z) || z > SYNTH_FAR) return 0;
     if (*x < FRAME || *y < FRAME || *x > c->width - FRAME || *y > c->height - FRAME) return 0;
-    return v3_dot(v3_unit(v3_sub(c->centre, k->p)), k->side) > SIMILAR_SIDE;
+    return v3_dot(v3_unit(v3_sub(c->centre, t->position)), t->side) > SIMILAR_SIDE;
 }
 
-static int points_visible(const struct points_search *s, const struct points_candidate *k, int view)
+static int points_visible(const struct points_search *s, const struct points_track *t, int view)
 {
-    const v3     toward = v3_sub(k->p, s->trajectory->camera[view].centre);
-    const double range  = v3_length(toward);
-    if (k->is_outlier) return 1;
-    if (!s->options->write_images) return -v3_dot(k->normal, toward) > FACING * range;
-    return synth_cast(s->world, s->trajectory->camera[view].centre, v3_scale(toward, 1 / range), 0.997 * range - 0.004) < 0;
+    const v3     from = s->trajectory->camera[view].centre, toward = v3_sub(t->position, from);
+    const double range = v3_length(toward);
+    if (t->is_outlier) return 1;
+    if (!s->options->write_images) return -v3_dot(t->normal, toward) > FACING * range;
+    return synth_cast(s->world, from, v3_scale(toward, 1 / range), 0.997 * range - 0.004) < 0;
 }
 
 static float points_measured(double exact, double noise, int size) /* as a text export with three decimals holds it */
@@ -103,20 +99,10 @@ static float points_measured(double exact, double noise, int size) /* as a text 
     return (float)(floor(synth_clamp(exact + noise, 0.001, size - 0.001) * 1000 + 0.5) / 1000);
 }
 
-static void points_observe(const struct points_search *s, const struct points_candidate *k, int view, uint64_t bits, double x,
-                           double y, struct points_track *t)
-{
-    const double              sigma = k->is_outlier ? OUTLIER_NOISE : NOISE;
-    struct synth_observation *o     = &t->seen[t->count++];
-    o->view                         = (uint32_t)view;
-    o->x                            = points_measured(x, sigma * synth_random_normal(synth_mix(bits ^ 1)), s->options->width);
-    o->y                            = points_measured(y, sigma * synth_random_normal(synth_mix(bits ^ 2)), s->options->height);
-}
-
 /* Lists the views around that have the point in their frame. */
-static int points_list(const struct points_search *s, const struct points_candidate *k, struct points_observation *list)
+static int points_list(const struct points_search *s, const struct points_track *t, struct points_observation *list)
 {
-    const int here = (int)points_square(s, k->p), hx = here % s->nx, hy = here / s->nx;
+    const int here = (int)points_square(s, t->position), hx = here % s->nx, hy = here / s->nx;
     int       found = 0;
     for (int square = 0; square < 9; square++) {
         const int qx = hx + square % 3 - 1, qy = hy + square / 3 - 1;
@@ -125,26 +111,29 @@ static int points_list(const struct points_search *s, const struct points_candid
         at = (size_t)qy * (size_t)s->nx + (size_t)qx;
         for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < OBSERVATIONS_MAX; i++) {
             list[found].view = (int)s->list[i];
-            found += points_in_frame(s, k, list[found].view, &list[found].x, &list[found].y);
+            found += points_in_frame(s, t, list[found].view, &list[found].x, &list[found].y);
         }
     }
     return found;
 }
 
 /* The source view has the point, each other one with probability `chance` unless it is occluded. */
-static void points_detect(const struct points_search *s, const struct points_candidate *k, uint64_t seed,
-                          const struct points_observation *list, int found, struct points_track *t)
+static void points_detect(const struct points_search *s, uint64_t seed, const struct points_observation *list, int found,
+                          struct points_track *t)
 {
-    const double chance = synth_min(DETECTED, DETECTED * MOST_VIEWS / found);
-    const int    most   = k->is_outlier ? 3 : MOST_VIEWS;
+    const double chance = synth_min(DETECTED, DETECTED * MOST_VIEWS / found), sigma = t->is_outlier ? OUTLIER_NOISE : NOISE;
+    const int    most   = t->is_outlier ? 3 : MOST_VIEWS;
     int          others = 0;
     for (int i = 0; i < found; i++) {
         const uint64_t bits = synth_bits(seed, 5, (uint64_t)list[i].view);
-        if (list[i].view != k->source) {
-            if (others + 1 >= most || synth_unit(bits) >= chance || !points_visible(s, k, list[i].view)) continue;
+        if (list[i].view != t->source) {
+            if (others + 1 >= most || synth_unit(bits) >= chance || !points_visible(s, t, list[i].view)) continue;
             others++;
         }
-        points_observe(s, k, list[i].view, bits, list[i].x, list[i].y, t);
+        t->seen[t->count++] = (struct synth_observation){
+            .view = (uint32_t)list[i].view,
+            .x    = points_measured(list[i].x, sigma * synth_random_normal(synth_mix(bits ^ 1)), s->options->width),
+            .y    = points_measured(list[i].y, sigma * synth_random_normal(synth_mix(bits ^ 2)), s->options->height)};
     }
 }
 
@@ -154,9 +143,9 @@ static int points_by_view(const void *a, const void *b)
     return x->view < y->view ? -1 : x->view > y->view;
 }
 
-static void points_colour(const struct points_search *s, const struct points_candidate *k, double range, struct points_track *t)
+static void points_colour(const struct points_search *s, double range, struct points_track *t)
 {
-    const v3     clean    = synth_shade(s->world, k->p, range / s->trajectory->camera[k->source].f);
+    const v3     clean    = synth_shade(s->world, t->position, range / s->trajectory->camera[t->source].f);
     const double value[3] = {clean.x, clean.y, clean.z};
     for (int c = 0; c < 3; c++)
         t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
@@ -174,29 +163,28 @@ static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 /* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
 static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least, struct points_track *t)
 {
-    const uint64_t seed = synth_bits(s->options->seed ^ 0x9017, number, attempt);
-    const uint64_t pick = s->world->scene == SYNTH_REEF ? number : synth_bits(seed, 3, 0); /* of cameras over sand less */
-    struct points_candidate    k = {.source = (int)(pick % (uint64_t)s->trajectory->count)};
-    const struct synth_camera *c = &s->trajectory->camera[k.source];
+    const uint64_t seed   = synth_bits(s->options->seed ^ 0x9017, number, attempt);
+    const uint64_t pick   = s->world->scene == SYNTH_REEF ? number : synth_bits(seed, 3, 0); /* of cameras over sand less */
+    const int      source = (int)(pick % (uint64_t)s->trajectory->count);
+    const struct synth_camera *c = &s->trajectory->camera[source];
     const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
     const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
     struct points_observation  list[OBSERVATIONS_MAX];
     int                        found;
     if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
-    k.is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
-    if (k.is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
-    k.p    = v3_along(c->centre, ray, range);
-    k.side = v3_scale(ray, -1);
-    if (!s->options->write_images) k.normal = synth_normal(s->world, k.p, 0.02);
-    found         = points_list(s, &k, list);
-    t->position   = k.p;
-    t->is_outlier = k.is_outlier;
     t->count      = 0;
-    if (found >= least) points_detect(s, &k, seed, list, found, t);
+    t->source     = source;
+    t->is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
+    if (t->is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
+    t->position = v3_along(c->centre, ray, range);
+    t->side     = v3_scale(ray, -1);
+    if (!s->options->write_images) t->normal = synth_normal(s->world, t->position, 0.02);
+    found = points_list(s, t, list);
+    if (found >= least) points_detect(s, seed, list, found, t);
     if (t->count < least) return 0;
     qsort(t->seen, (size_t)t->count, sizeof *t->seen, points_by_view);
-    if (!s->options->write_images) points_colour(s, &k, range, t);
+    if (!s->options->write_images) points_colour(s, range, t);
     return 1;
 }
 

@@ -227,8 +227,7 @@ v3 synth_light(v3 albedo, v3 normal, double sun, double open)
     v3 light = v3_scale(v3_of(1.25, 1.15, 0.98), sun);
     light    = v3_along(light, v3_of(0.36, 0.46, 0.50), open * (0.5 + 0.5 * normal.z));
     light    = v3_along(light, v3_of(0.16, 0.13, 0.09), open * (0.5 - 0.5 * normal.z));
-    light    = v3_times(light, albedo);
-    return v3_of(shade_display(light.x), shade_display(light.y), shade_display(light.z));
+    return v3_of(shade_display(light.x * albedo.x), shade_display(light.y * albedo.y), shade_display(light.z * albedo.z));
 }
 
 v3 synth_shade(const struct synth_world *w, v3 p, double footprint)

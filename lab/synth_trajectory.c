@@ -33,13 +33,19 @@ static double trajectory_waver(const synth_options *o, int view, uint64_t what, 
 static void trajectory_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
 {
     const v3 z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
-    const v3 x = v3_add(v3_scale(level, cos(roll)), v3_scale(down, sin(roll))), y = v3_cross(z, x);
-    const v3 rows[3] = {x, y, z};
-    for (int i = 0; i < 3; i++) {
-        c->rotation[3 * i]     = rows[i].x;
-        c->rotation[3 * i + 1] = rows[i].y;
-        c->rotation[3 * i + 2] = rows[i].z;
-    }
+    c->rotation[0] = v3_add(v3_scale(level, cos(roll)), v3_scale(down, sin(roll)));
+    c->rotation[1] = v3_cross(z, c->rotation[0]);
+    c->rotation[2] = z;
+}
+
+/* The leg of so many, flown one after the other, that a view lies on, and its place on it: -1/2 at its beginning, 1/2 at its end. */
+static int trajectory_leg(const synth_options *o, int legs, int view, double *along)
+{
+    const int64_t views = o->views;
+    const int     leg   = (int)(view * (int64_t)legs / views);
+    const int     first = (int)((leg * views + legs - 1) / legs), after = (int)(((leg + 1) * views + legs - 1) / legs);
+    *along = after - first > 1 ? (double)(view - first) / (after - first - 1) - 0.5 : 0;
+    return leg;
 }
 
 static void trajectory_lawnmower(const synth_options *o, struct synth_trajectory *trajectory)
@@ -50,11 +56,9 @@ static void trajectory_lawnmower(const synth_options *o, struct synth_trajectory
     const double length = o->extent > 0 ? o->extent : step * synth_max(1, (double)o->views / rows - 1);
     const double width  = o->extent > 0 ? o->extent : apart * (rows - 1);
     for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c     = &trajectory->camera[i];
-        const int64_t        views = o->views;
-        const int            row   = (int)(i * (int64_t)rows / views);
-        const int            first = (int)((row * views + rows - 1) / rows), after = (int)(((row + 1) * views + rows - 1) / rows);
-        const double         along   = after - first > 1 ? (double)(i - first) / (after - first - 1) - 0.5 : 0;
+        struct synth_camera *c = &trajectory->camera[i];
+        double               along;
+        const int            row     = trajectory_leg(o, rows, i, &along);
         const double         across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
         const double         there   = row % 2 ? -1 : 1; /* to and fro */
         const double         heading = trajectory_waver(o, i, 0, 3 * degree),
@@ -98,14 +102,11 @@ static void trajectory_rov(const synth_options *o, struct synth_trajectory *traj
 {
     const double length = o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
     for (int i = 0; i < o->views; i++) {
-        const int k                  = (int)((int64_t)i * PATH_LEGS / o->views),
-                  first              = (int)(((int64_t)k * o->views + PATH_LEGS - 1) / PATH_LEGS);
-        const int              after = (int)(((int64_t)(k + 1) * o->views + PATH_LEGS - 1) / PATH_LEGS);
-        const struct path_leg *leg   = &path_legs[k];
-        const double           along = (after - first > 1 ? (double)(i - first) / (after - first - 1) : 0.5) - 0.5;
-        const double           turn  = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree,
-                     down            = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
-        const v3 ahead               = v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0);
+        double                 along;
+        const struct path_leg *leg  = &path_legs[trajectory_leg(o, PATH_LEGS, i, &along)];
+        const double           turn = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree,
+                     down           = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
+        const v3 ahead              = v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0);
         trajectory->camera[i].centre =
             v3_of(leg->x + trajectory_waver(o, i, 2, 0.15), leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
                   leg->altitude + trajectory_waver(o, i, 4, 0.12));
@@ -119,13 +120,14 @@ static void trajectory_forward(const synth_options *o, struct synth_trajectory *
 {
     const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
     for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c       = &trajectory->camera[i];
-        const double         along   = o->views > 1 ? (double)i / (o->views - 1) - 0.5 : 0;
+        struct synth_camera *c = &trajectory->camera[i];
+        double               along;
         const double         heading = trajectory_waver(o, i, 0, 3 * degree),
                      pitch           = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
         const v3 level               = v3_of(sin(heading), cos(heading), 0);
-        c->centre                    = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
-                                             FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
+        trajectory_leg(o, 1, i, &along);
+        c->centre = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
+                          FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
         trajectory_aim(c, v3_add(v3_scale(level, cos(pitch)), v3_of(0, 0, -sin(pitch))), v3_of(0, 0, 1),
                        trajectory_waver(o, i, 5, 2 * degree));
     }
@@ -153,25 +155,38 @@ static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
 {
     for (int i = trajectory->count - 1; i >= 0; i--) {
         const struct synth_camera c  = trajectory->camera[i / 2];
-        const v3 side                = v3_scale(v3_of(c.rotation[0], c.rotation[1], c.rotation[2]), (i % 2 ? 0.5 : -0.5) * apart);
         trajectory->camera[i]        = c;
-        trajectory->camera[i].centre = v3_add(c.centre, side);
+        trajectory->camera[i].centre = v3_along(c.centre, c.rotation[0], (i % 2 ? 0.5 : -0.5) * apart);
     }
 }
 
-static void trajectory_fly(const synth_options *o, struct synth_trajectory *trajectory)
+static const struct trajectory_path {
+    const char *name;
+    void (*fly)(const synth_options *o, struct synth_trajectory *trajectory);
+    double range; /* metres: farther objects are out of sight */
+} trajectory_paths[] = {{"lawnmower", trajectory_lawnmower, SYNTH_FAR},
+                        {"orbit", trajectory_orbit, SYNTH_FAR},
+                        {"forward", trajectory_forward, SYNTH_FAR},
+                        {"rov", trajectory_rov, ROV_RANGE}};
+
+static const struct trajectory_path *trajectory_find_path(const char *name)
 {
-    if (strcmp(o->path, "orbit") == 0) trajectory_orbit(o, trajectory);
-    else if (strcmp(o->path, "rov") == 0) trajectory_rov(o, trajectory);
-    else if (strcmp(o->path, "forward") == 0) trajectory_forward(o, trajectory);
-    else trajectory_lawnmower(o, trajectory);
+    for (size_t i = 0; i < sizeof trajectory_paths / sizeof *trajectory_paths; i++)
+        if (strcmp(name, trajectory_paths[i].name) == 0) return &trajectory_paths[i];
+    return NULL;
+}
+
+int synth_is_path(const char *name)
+{
+    return trajectory_find_path(name) != NULL;
 }
 
 int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    synth_options rig  = *o;
-    *trajectory        = (struct synth_trajectory){.count = o->views};
-    trajectory->camera = calloc((size_t)o->views, sizeof *trajectory->camera);
+    const struct trajectory_path *path = trajectory_find_path(o->path);
+    synth_options                 rig  = *o;
+    *trajectory                        = (struct synth_trajectory){.count = o->views};
+    trajectory->camera                 = calloc((size_t)o->views, sizeof *trajectory->camera);
     if (!trajectory->camera) return 0;
     for (int i = 0; i < o->views; i++) { /* the principal point is off the middle, as calibration finds it */
         struct synth_camera *c = &trajectory->camera[i];
@@ -182,9 +197,9 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
         c->cy                  = 0.497 * o->height;
     }
     if (o->stereo > 0) rig.views = (o->views + 1) / 2;
-    trajectory_fly(&rig, trajectory);
+    path->fly(&rig, trajectory);
     if (o->stereo > 0) trajectory_pair(o->stereo, trajectory);
-    trajectory_measure(trajectory, strcmp(o->path, "rov") == 0 ? ROV_RANGE : SYNTH_FAR);
+    trajectory_measure(trajectory, path->range);
     return 1;
 }
 
@@ -211,20 +226,17 @@ void synth_trajectory_free(struct synth_trajectory *trajectory)
 
 v3 synth_pixel_ray(const struct synth_camera *c, double px, double py)
 {
-    const double  x = (px - c->cx) / c->f, y = (py - c->cy) / c->f;
-    const double *r = c->rotation;
-    return v3_unit(v3_of(r[0] * x + r[3] * y + r[6], r[1] * x + r[4] * y + r[7], r[2] * x + r[5] * y + r[8]));
+    const v3 across = v3_scale(c->rotation[0], (px - c->cx) / c->f), down = v3_scale(c->rotation[1], (py - c->cy) / c->f);
+    return v3_unit(v3_add(v3_add(across, down), c->rotation[2]));
 }
 
 int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, double *z)
 {
-    const v3      q = v3_sub(p, c->centre);
-    const double *r = c->rotation;
-    *z              = r[6] * q.x + r[7] * q.y + r[8] * q.z;
-    if (*z < 1e-3) return 0;
-    *px = c->cx + c->f * (r[0] * q.x + r[1] * q.y + r[2] * q.z) / *z;
-    *py = c->cy + c->f * (r[3] * q.x + r[4] * q.y + r[5] * q.z) / *z;
-    return 1;
+    const v3 q = v3_turn(c->rotation, v3_sub(p, c->centre));
+    *z         = q.z;
+    *px        = c->cx + c->f * q.x / q.z;
+    *py        = c->cy + c->f * q.y / q.z;
+    return q.z >= 1e-3;
 }
 
 /* A stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */

@@ -208,10 +208,7 @@ static double world_upper_works(v3 p, double least, enum synth_material *materia
 
 v3 synth_wreck_frame(const struct synth_world *w, v3 p)
 {
-    const v3      q = v3_sub(p, w->wreck);
-    const double *t = w->turn;
-    return v3_of(t[0] * q.x + t[1] * q.y + t[2] * q.z, t[3] * q.x + t[4] * q.y + t[5] * q.z,
-                 t[6] * q.x + t[7] * q.y + t[8] * q.z);
+    return v3_turn(w->turn, v3_sub(p, w->wreck));
 }
 
 /* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
@@ -222,14 +219,11 @@ static void world_place_wreck(struct synth_world *w, v3 at)
     const v3 forward   = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
     const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
     const v3 left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))), up = v3_cross(forward, left);
-    const v3 rows[3] = {forward, left, up};
-    for (int i = 0; i < 3; i++) {
-        w->turn[3 * i]     = rows[i].x;
-        w->turn[3 * i + 1] = rows[i].y;
-        w->turn[3 * i + 2] = rows[i].z;
-    }
-    w->wreck = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
-    w->mast  = world_make_limb(v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035); /* fallen over the side */
+    w->turn[0] = forward;
+    w->turn[1] = left;
+    w->turn[2] = up;
+    w->wreck   = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
+    w->mast    = world_make_limb(v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035); /* fallen over the side */
 }
 
 /* ---------------------------------------------------------------- objects */

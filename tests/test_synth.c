@@ -456,7 +456,7 @@ TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
     synth_trajectory_set_heights(&trajectory, &world);
     for (int i = 0; i < trajectory.count; i++) {
         const struct synth_camera *c = &trajectory.camera[i];
-        CHECK(c->rotation[8] < 0 && c->rotation[8] > -0.6); /* the view direction's z: down, but less than 37 degrees */
+        CHECK(c->rotation[2].z < 0 && c->rotation[2].z > -0.6); /* the view direction's z: down, but less than 37 degrees */
         CHECK(c->centre.z - synth_ground(&world, c->centre.x, c->centre.y) > 0.45);
     }
     synth_test_make(&o, &survey);

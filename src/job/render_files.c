@@ -36,20 +36,24 @@ static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, 
     return rc;
 }
 
-/* Portable float map: rows from the bottom; the sign of the scale is the byte order. */
-static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                        int height)
+/* Rows from the bottom; the sign of the scale is the byte order. */
+oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height)
 {
     const uint16_t   one    = 1;
     const int        small  = *(const unsigned char *)&one; /* little endian */
-    char            *path   = render_file_path(ctx, folder, name, ".depth.pfm");
     struct os_writer writer = {0};
-    oxl_result       rc     = path ? os_writer_open(ctx, path, &writer) : ctx->failed;
-    if (rc != OXL_OK) goto done;
+    const oxl_result rc     = os_writer_open(ctx, path, &writer);
+    if (rc != OXL_OK) return rc;
     fprintf(writer.file, "Pf\n%d %d\n%s\n", width, height, small ? "-1.0" : "1.0");
-    for (int y = height - 1; y >= 0; y--) fwrite(depth + (size_t)y * width, sizeof *depth, (size_t)width, writer.file);
-    rc = os_writer_close(ctx, &writer, OXL_OK);
-done:
+    for (int y = height - 1; y >= 0; y--) fwrite(value + (size_t)y * width, sizeof *value, (size_t)width, writer.file);
+    return os_writer_close(ctx, &writer, OXL_OK);
+}
+
+static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                        int height)
+{
+    char            *path = render_file_path(ctx, folder, name, ".depth.pfm");
+    const oxl_result rc   = path ? oxl_write_pfm(ctx, path, depth, width, height) : ctx->failed;
     oxl_free(ctx, path);
     return rc;
 }
