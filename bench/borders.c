@@ -26,8 +26,8 @@ static oxl_result borders_read(struct borders *b, int k, const char *out)
     oxl_result  rc   = oxl_model_read(b->ctx, path, &b->model[k]);
     if (rc == OXL_OK) oxl_model_move_origin(&b->model[k], oxl_scene_origin(b->scene));
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(b->ctx, b->scene, path);
-    b->imaging[k]            = *scene_imaging(b->scene);
-    *scene_imaging(b->scene) = (struct imaging){0};
+    b->imaging[k]     = b->scene->imaging;
+    b->scene->imaging = (struct imaging){0};
     return rc;
 }
 
