@@ -149,16 +149,15 @@ enum bench_stage {
     STAGE_RASTER,
     STAGE_LOSS,
     STAGE_RASTER_BACK,
-    STAGE_PROJECT_BACK,
-    STAGE_ADAM,
+    STAGE_STEP, /* project backward, and Adam at once */
     STAGES
 };
 static const char *const BENCH_NAMES[STAGES] = {
-    "project", "bin", "raster forward", "loss, there and back", "raster backward", "project backward", "adam"};
+    "project", "bin", "raster forward", "loss, there and back", "raster backward", "project back, Adam"};
 
 struct bench_input {
     const char *name;
-    oxl_model   model, first, second, gradient;
+    oxl_model   model, first, second;
     oxl_camera  camera;
     float      *target;
     float       near_plane;
@@ -169,7 +168,6 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     oxl_render_options        o = oxl_render_options_default();
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
-    struct gaussians          out;
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     double                    t[STAGES + 1];
     o.near_plane = in->near_plane;
@@ -183,15 +181,10 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     t[3] = os_seconds();
     bench_check(ctx, renderer_loss(ctx, r, in->target, NULL, 0.2f, &loss));
     t[4] = os_seconds();
-    bench_check(ctx, render_begin_backward(ctx, r));
-    render_each_tile(ctx, r, r->drgb, raster_backward);
+    bench_check(ctx, renderer_backward(ctx, r, NULL, NULL));
     t[5] = os_seconds();
-    out  = render_gaussians(&in->gradient, r->in.sh_degree);
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int64_t task = 0; task < render_tasks(r); task++) render_project_backward(ctx, r, task, &out);
+    bench_check(ctx, renderer_step(ctx, r, &in->model, NULL, &in->first, &in->second, &still, &skipped));
     t[6] = os_seconds();
-    bench_check(ctx, renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, &still, &skipped));
-    t[7] = os_seconds();
     for (int s = 0; s < STAGES; s++) seconds[s] = t[s + 1] - t[s];
 }
 
@@ -199,7 +192,6 @@ static void bench_input_begin(oxl_context *ctx, struct bench_input *in)
 {
     bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->first));
     bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->second));
-    bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->gradient));
 }
 
 static void bench_input_end(oxl_context *ctx, struct bench_input *in)
@@ -207,7 +199,6 @@ static void bench_input_end(oxl_context *ctx, struct bench_input *in)
     oxl_model_free(ctx, &in->model);
     oxl_model_free(ctx, &in->first);
     oxl_model_free(ctx, &in->second);
-    oxl_model_free(ctx, &in->gradient);
     oxl_free(ctx, in->target);
 }
 
@@ -239,11 +230,6 @@ static void bench_table(oxl_context *ctx, struct bench_input *in, const struct b
             const double rate = 1e-9 * (double)n.pixels / seconds[s][0];
             const double most = s == STAGE_RASTER ? ceiling->forward : ceiling->backward;
             printf("   %.2f Gpairs/s, %.0f %% of the ceiling", rate, 100 * rate / most);
-        }
-        if (s == STAGE_ADAM) {
-            const double bytes = 28.0 * PACK * (double)n.visible / PACK * oxl_model_planes(&in->model);
-            printf("   %.1f GB/s of visible rows, %.0f %% of triad", 1e-9 * bytes / median[s],
-                   1e-7 * bytes / median[s] / ceiling->triad);
         }
         printf("\n");
     }

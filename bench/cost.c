@@ -36,7 +36,6 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, oxl_model *
     cost_check(ctx, renderer_create(ctx, &r.renderer));
     cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.first));
     cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.second));
-    cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.gradient));
     views = OXL_MIN(views, count);
     for (int k = 0; k < views; k++) {
         double least = HUGE_VAL;
