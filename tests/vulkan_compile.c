@@ -27,11 +27,12 @@ int main(void)
 {
     oxl_context_options options = oxl_context_options_default();
     struct vulkan       v       = {0};
+    uint32_t            tried   = 0;
     int                 made    = 0;
     oxl_result          rc;
     if (oxl_context_create(&options, &v.ctx) != OXL_OK) return 1;
     rc = vulkan_start(&v);
-    if (rc == OXL_OK) rc = vulkan_choose(&v, -1, 1);
+    if (rc == OXL_OK) rc = vulkan_choose(&v, -1, 1, &tried);
     if (rc == OXL_OK) rc = vulkan_check(&v);
     if (rc == OXL_OK) rc = vulkan_create_device(&v);
     for (int pass = 0; rc == OXL_OK && pass < PASS_COUNT; pass++)
