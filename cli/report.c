@@ -167,8 +167,6 @@ static void report_warnings(struct report *r)
     output_add(&r->page, "<ul>\n");
     if (!json_is_true(r->run, "finished"))
         report_line(&list, -1, "the run is not finished; run the same command again to resume");
-    for (int k = 0; k < r->blocks && r->blocks > 1; k++)
-        if (!json_is_true(r->block[k].json, "finished")) report_line(&list, k, "not finished");
     if (r->metrics && json_number(r->survey, "test_views") <= 0)
         report_line(&list, -1,
                     "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
