@@ -471,8 +471,7 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
         s.panel[i].stacked = svg_is_stacked(p, &s.panel[i]);
     }
     svg_draw(&s);
-    if (s.t.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of the partition");
-    else rc = os_write_file(ctx, path, s.t.data, s.t.size);
+    rc = os_write_text(ctx, path, &s.t);
 done:
     text_free(&s.t);
     OXL_FREE(ctx, s.colour, s.camera, s.base, s.border);

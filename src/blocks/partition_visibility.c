@@ -10,21 +10,10 @@
 struct visibility_build {
     const struct colmap         *colmap;
     const double                *origin;
-    int32_t                     *view; /* (images of the COLMAP model) -1: none for training */
+    int                         *view; /* (images of the COLMAP model) -1: none for training */
     struct partition_visibility *visibility;
     size_t                      *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
 };
-
-static oxl_result visibility_find_views(oxl_context *ctx, const oxl_scene *scene, struct visibility_build *b)
-{
-    const struct colmap *c = b->colmap;
-    b->view                = oxl_alloc(ctx, c->image_count + 1, sizeof *b->view);
-    if (!b->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu images", c->image_count);
-    for (size_t i = 0; i < c->image_count; i++) b->view[i] = -1;
-    for (int v = 0; v < oxl_scene_view_count(scene); v++)
-        if (!oxl_scene_view(scene, v)->is_test) b->view[scene_source_image(scene, v) - c->image] = v;
-    return OXL_OK;
-}
 
 static void visibility_scan(const struct visibility_build *b, int task, int fill)
 {
@@ -37,7 +26,7 @@ static void visibility_scan(const struct visibility_build *b, int task, int fill
         if (!scene_accepts_point(p, b->origin)) continue;
         for (uint32_t k = 0; k < p->track_count; k++) {
             const struct colmap_track *t    = &c->track[p->first_track + k];
-            const int32_t              view = b->view[t->image_row];
+            const int                  view = b->view[t->image_row];
             if (view < 0) continue;
             if (fill) {
                 b->visibility->point[next[view]]       = (uint32_t)i;
@@ -99,7 +88,7 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%zu points are more than a partition can number (2^32 - 1)\nfix: filter points3D to fewer points",
                       b.colmap->point_count);
-    if (rc == OXL_OK) rc = visibility_find_views(ctx, scene, &b);
+    if (rc == OXL_OK && !(b.view = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN))) rc = ctx->failed;
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++) visibility_scan(&b, task, 0);

@@ -73,6 +73,11 @@ OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx)
     return oxl_fail(ctx, OXL_ERR_INTERRUPTED, "interrupted");
 }
 
+OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress)
+{
+    return callback && callback->progress ? callback->progress(callback->user, progress) : 0;
+}
+
 OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds)
 {
     os_sleep(seconds);

@@ -80,7 +80,8 @@ OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel reg
 /* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no progress; not while the
  * state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
-OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds); /* then as context_stopped */
+OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress); /* callback: or NULL; not 0: stop */
+OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds);                      /* then as context_stopped */
 
 /* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
@@ -120,11 +121,11 @@ struct text {
     size_t       size, capacity;
     int          failed;
 };
-OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
-OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-OXL_INTERNAL void       text_add_number(struct text *t,
-                                        double       value); /* shortest text that parses to the same value; null if not finite */
-OXL_INTERNAL void       text_free(struct text *t);
+OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
+OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
+OXL_INTERNAL void text_add_number(struct text *t, double value);       /* shortest that is read as the same; null: not finite */
+OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value); /* of a JSON object, on a line of its own */
+OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
@@ -196,6 +197,7 @@ OXL_INTERNAL void       os_reader_close(struct os_reader *r);
 
 /* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
+OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t);
 /* Removes temporary files that a killed process left in a folder. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder);
 

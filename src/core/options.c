@@ -292,29 +292,22 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);
     double      mid = 0, back = 0;
-    *out = oxl_ucd_default();
-    if (strcmp(text, "auto") == 0) return OXL_OK;
+    oxl_ucd     ucd   = oxl_ucd_default();
+    int         is_ok = strcmp(text, "auto") == 0 || strcmp(text, "on") == 0 || strcmp(text, "off") == 0;
+    if (strncmp(text, "auto", 4) != 0) ucd.mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
     if (strncmp(text, "auto,", 5) == 0) at += 5;
-    else out->mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
-    if (out->mode == OXL_UCD_OFF || strcmp(text, "on") == 0) return OXL_OK;
-    if (parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
-        out->f_mid = (float)mid;
-        out->f_far = (float)back;
-        out->learn = strcmp(at, ",fixed") != 0;
-        if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
+    if (!is_ok && parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
+        ucd.f_mid = (float)mid;
+        ucd.f_far = (float)back;
+        ucd.learn = strcmp(at, ",fixed") != 0;
+        is_ok     = (!*at || !ucd.learn) && mid >= 1 && back >= mid && back <= UCD_CAP;
     }
+    if (is_ok) *out = ucd;
+    if (is_ok) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
                     "(1.5,2,fixed: not corrected during the run)",
                     text, UCD_CAP);
-}
-
-static int option_read_ucd(const char *text, oxl_ucd *out)
-{
-    oxl_ucd ucd;
-    if (oxl_ucd_parse(NULL, text, &ucd) != OXL_OK) return 0;
-    *out = ucd;
-    return 1;
 }
 
 /* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
@@ -336,26 +329,17 @@ oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out)
 {
     const char *at = text, *end = text + strlen(text);
     double      value;
-    *out = (oxl_keep){OXL_KEEP_ALL, 0};
-    if (strcmp(text, "auto") == 0) *out = (oxl_keep){OXL_KEEP_AUTO, 0};
-    if (strcmp(text, "auto") == 0 || strcmp(text, "all") == 0) return OXL_OK;
-    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15) {
-        if (*at && option_unit(at) > 0) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
-        else if (!*at && value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
-        else if (!*at && value == 1) return OXL_OK;
-        else if (!*at) *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+    if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, OXL_OK;
+    if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, OXL_OK;
+    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15 && (!*at || option_unit(at) > 0)) {
+        if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
+        else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
+        else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
+        else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+        return OXL_OK;
     }
-    if (out->kind != OXL_KEEP_ALL) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE, "cannot keep '%s'\nfix: a share as 0.5, a number as 400000, a size as 80MB, or auto",
                     text);
-}
-
-static int option_read_keep(const char *text, oxl_keep *out)
-{
-    oxl_keep keep;
-    if (oxl_keep_parse(NULL, text, &keep) != OXL_OK) return 0;
-    *out = keep;
-    return 1;
 }
 
 static int option_read_preset(const oxl_option *o, const char *text, void *options)
@@ -400,8 +384,8 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_POINT: return option_read_point(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
-    case OXL_OPTION_UCD: return option_read_ucd(text, field);
-    case OXL_OPTION_KEEP: return option_read_keep(text, field);
+    case OXL_OPTION_UCD: return oxl_ucd_parse(NULL, text, field) == OXL_OK;
+    case OXL_OPTION_KEEP: return oxl_keep_parse(NULL, text, field) == OXL_OK;
     case OXL_OPTION_LIMIT: return option_read_limit(o, text, field);
     default: break;
     }

@@ -283,3 +283,8 @@ OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const 
     if (size > 0 && fwrite(data, 1, size, writer.file) != size) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
     return os_writer_close(ctx, &writer, rc);
 }
+
+OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t)
+{
+    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path) : os_write_file(ctx, path, t->data, t->size);
+}

@@ -36,6 +36,11 @@ OXL_INTERNAL void text_add_number(struct text *t, double value)
     text_add(t, "%s", NUMBER(value));
 }
 
+OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value)
+{
+    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
+}
+
 OXL_INTERNAL void text_free(struct text *t)
 {
     oxl_free(t->ctx, t->data);

@@ -31,8 +31,7 @@ struct block {
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
     const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
-    if (rc == OXL_OK && t->failed) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
-    return rc == OXL_OK ? os_write_file(b->ctx, PATH(b->task->folder, "%s", name), t->data, t->size) : rc;
+    return rc == OXL_OK ? os_write_text(b->ctx, PATH(b->task->folder, "%s", name), t) : rc;
 }
 
 static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
@@ -78,7 +77,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
 }
 
 /* Appends the text inside the brackets of an object or array of a folder's block.json. */
-static oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name, struct text *out)
+OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name, struct text *out)
 {
     struct os_file_map map  = {0};
     const char        *path = PATH(folder, "block.json"), *value;
@@ -92,27 +91,17 @@ static oxl_result block_read_member(oxl_context *ctx, const char *folder, const 
     return rc;
 }
 
-OXL_INTERNAL oxl_result block_read_decisions(oxl_context *ctx, const char *folder, struct text *out)
-{
-    return block_read_member(ctx, folder, "decisions", out);
-}
-
-static void block_add(struct text *t, const char *name, double value)
-{
-    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
-}
-
 static oxl_result block_write_record(struct block *b, const struct block_record *r)
 {
     struct text t = {.ctx = b->ctx};
     oxl_result  rc;
     text_add(&t, "{\n  \"trained\": %s,\n  \"finished\": %s,\n", r->trained ? "true" : "false", r->finished ? "true" : "false");
-    block_add(&t, "iterations_done", r->iterations);
-    block_add(&t, "gaussians", (double)r->gaussians);
-    block_add(&t, "seconds", r->seconds);
-    block_add(&t, "peak_rss_bytes", r->peak);
-    block_add(&t, "predicted_memory_bytes", r->predicted_peak);
-    block_add(&t, "predicted_seconds", r->predicted_seconds);
+    text_add_member(&t, "iterations_done", r->iterations);
+    text_add_member(&t, "gaussians", (double)r->gaussians);
+    text_add_member(&t, "seconds", r->seconds);
+    text_add_member(&t, "peak_rss_bytes", r->peak);
+    text_add_member(&t, "predicted_memory_bytes", r->predicted_peak);
+    text_add_member(&t, "predicted_seconds", r->predicted_seconds);
     nonfinite_add_json(&t, &r->nonfinite);
     text_add(&t, "  \"decisions\": {%s},\n", b->decisions.data ? b->decisions.data : "");
     text_add(&t, "  %s,\n  \"notes\": [%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
@@ -147,12 +136,11 @@ static void block_log_row(struct block *b, const oxl_progress *p)
 
 static int block_progress(void *user, const oxl_progress *progress)
 {
-    struct block       *b     = user;
-    const oxl_callback *next  = b->task->callback;
-    oxl_progress        p     = *progress;
-    const int           every = OXL_MAX(1, p.iterations / BLOCK_LOG_ROWS);
-    const int again = (b->last.iteration == 0 && p.iteration > 1) || p.iteration <= b->last.iteration; /* that row is there */
-    if (p.trial) return next && next->progress ? next->progress(next->user, &p) : 0; /* the log and the record hold what stays */
+    struct block *b     = user;
+    oxl_progress  p     = *progress;
+    const int     every = OXL_MAX(1, p.iterations / BLOCK_LOG_ROWS);
+    const int     again = (b->last.iteration == 0 && p.iteration > 1) || p.iteration <= b->last.iteration; /* that row is there */
+    if (p.trial) return context_report(b->task->callback, &p); /* the log and the record hold what stays */
     if (!again && (p.iteration / every > b->last.iteration / every || p.iteration == p.iterations)) block_log_row(b, &p);
     if (p.seconds - b->log_written > BLOCK_LOG_SECONDS) {
         block_write(b, "log.csv", &b->log); /* a full disk is reported at the end, where it matters */
@@ -160,7 +148,7 @@ static int block_progress(void *user, const oxl_progress *progress)
     }
     b->last       = p;
     b->last.model = NULL;
-    return next && next->progress ? next->progress(next->user, &p) : 0;
+    return context_report(b->task->callback, &p);
 }
 
 /* ---------------------------------------------------------------- the block */
@@ -213,14 +201,13 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
 
 static int block_refine_progress(void *user, const oxl_progress *progress)
 {
-    struct block       *b    = user;
-    const oxl_callback *next = b->task->callback;
-    oxl_progress        p    = *progress;
-    b->last                  = p;
-    b->last.model            = NULL;
+    struct block *b = user;
+    oxl_progress  p = *progress;
+    b->last         = p;
+    b->last.model   = NULL;
     p.iteration += b->before;
     p.iterations += b->before;
-    return next && next->progress ? next->progress(next->user, &p) : 0;
+    return context_report(b->task->callback, &p);
 }
 
 OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
@@ -301,7 +288,7 @@ static oxl_result block_reopen(struct block *b, oxl_scene *scene, oxl_model *mod
     const char *path = PATH(b->task->folder, "model.ply");
     oxl_result  rc   = oxl_model_read(b->ctx, path, model);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(b->ctx, scene, path);
-    if (rc == OXL_OK) rc = block_read_decisions(b->ctx, b->task->folder, &b->decisions);
+    if (rc == OXL_OK) rc = block_read_member(b->ctx, b->task->folder, "decisions", &b->decisions);
     return rc == OXL_OK ? block_read_member(b->ctx, b->task->folder, "notes", &b->notes) : rc;
 }
 

@@ -50,8 +50,7 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
         text_add(&t, "%d %d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width, plan->window[i].height,
                  plan->shows[i]);
     text_add(&t, "%s\n", job->key.data);
-    if (rc == OXL_OK && t.failed) rc = job_no_memory(job);
-    if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t.data, t.size);
+    if (rc == OXL_OK) rc = os_write_text(job->ctx, path, &t);
     text_free(&t);
     return rc;
 }
@@ -101,7 +100,7 @@ OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block
     const char        *path = PATH(JOB_BLOCK(job, block), "plan.txt");
     oxl_result         rc   = OXL_OK;
     *out                    = (struct block_plan){0};
-    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
+    if (os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, job->key.data)) rc = plan_parse(job, map.data, out);
     if (rc == OXL_ERR_INPUT || (rc == OXL_OK && out->views == 0)) block_plan_free(job->ctx, out), rc = OXL_OK;
     if (rc != OXL_OK) block_plan_free(job->ctx, out);

@@ -89,7 +89,7 @@ static oxl_result groups_write_state(const struct groups *g)
     for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
     for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);
     text_add(&t, "\n%s\n", g->job->key.data);
-    rc = t.failed ? job_no_memory(g->job) : os_write_file(g->job->ctx, PATH(g->folder, "groups.txt"), t.data, t.size);
+    rc = os_write_text(g->job->ctx, PATH(g->folder, "groups.txt"), &t);
     text_free(&t);
     return rc;
 }

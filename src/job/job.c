@@ -127,7 +127,6 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
     oxl_model_move_origin(&job->start.model, job->origin);
     job->total.iterations = job->start.after;
     text_free(&job->key);
-    job->key = (struct text){.ctx = job->ctx};
     return job_make_key(job);
 }
 
@@ -163,7 +162,6 @@ static void job_count_iterations(struct job *job, int images)
     job->options.train.iterations = cost_iterations(&job->options, images);
     job->options.iterations_for   = 0;
     text_free(&job->line);
-    job->line = (struct text){.ctx = job->ctx};
     manifest_describe(&job->line, job->scene_path, &job->options);
 }
 

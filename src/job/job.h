@@ -49,7 +49,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
 OXL_INTERNAL int               block_standard_steps(const oxl_train_options *run);
 OXL_INTERNAL oxl_result        block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no block.json. */
-OXL_INTERNAL oxl_result        block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
+OXL_INTERNAL oxl_result        block_read_member(oxl_context *ctx, const char *folder, const char *name, struct text *out);
 /* imaging.txt and block.json of a folder whose model.ply is there. */
 OXL_INTERNAL oxl_result        block_write_finished(oxl_context *ctx, oxl_scene *scene, const char *folder, const char *key,
                                                     const struct block_record *record);

@@ -69,11 +69,6 @@ static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t 
 
 /* ---------------------------------------------------------------- metrics */
 
-static void job_add(struct text *t, const char *name, double value)
-{
-    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
-}
-
 oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
 {
     struct text t  = {.ctx = ctx};
@@ -117,16 +112,16 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_mo
 static void job_add_figures(struct job *job, struct text *t, size_t bytes)
 {
     text_add(t, "{\n  \"split\": \"%s\",\n", job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "train");
-    job_add(t, "gaussians", (double)job->model.count);
-    job_add(t, "lobes", (double)job->model.lobes);
-    job_add(t, "sh_degree", job->model.sh_degree);
-    job_add(t, "bytes", (double)bytes);
-    job_add(t, "blocks", job->partition.block_count);
-    job_add(t, "iterations", job->total.iterations);
-    job_add(t, "seconds", job->total.seconds);
-    job_add(t, "predicted_seconds", job->total.predicted_seconds);
-    job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
-    job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
+    text_add_member(t, "gaussians", (double)job->model.count);
+    text_add_member(t, "lobes", (double)job->model.lobes);
+    text_add_member(t, "sh_degree", job->model.sh_degree);
+    text_add_member(t, "bytes", (double)bytes);
+    text_add_member(t, "blocks", job->partition.block_count);
+    text_add_member(t, "iterations", job->total.iterations);
+    text_add_member(t, "seconds", job->total.seconds);
+    text_add_member(t, "predicted_seconds", job->total.predicted_seconds);
+    text_add_member(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
+    text_add_member(t, "predicted_memory_bytes", job->total.predicted_peak);
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
@@ -187,14 +182,14 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     job_add_partition_decision(job, t);
     if (job->partition.block_count > 1) {
         text_add(t, ", \"coarse\": {");
-        rc = block_read_decisions(job->ctx, JOB_BLOCK(job, job->partition.block_count), t);
+        rc = block_read_member(job->ctx, JOB_BLOCK(job, job->partition.block_count), "decisions", t);
         text_add(t, "}");
     }
     text_add(t, ", \"blocks\": [");
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         const char *folder = JOB_BLOCK(job, k);
         text_add(t, k > 0 ? ", {" : "{");
-        rc = block_read_decisions(job->ctx, folder, t);
+        rc = block_read_member(job->ctx, folder, "decisions", t);
         text_add(t, "}");
     }
     text_add(t, "]},\n");

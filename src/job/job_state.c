@@ -16,7 +16,7 @@ OXL_INTERNAL oxl_result job_no_memory(struct job *job)
 
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t)
 {
-    return t->failed ? job_no_memory(job) : os_write_file(job->ctx, PATH(job->out, "%s", name), t->data, t->size);
+    return os_write_text(job->ctx, PATH(job->out, "%s", name), t);
 }
 
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block)
@@ -93,7 +93,7 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     if (p.blocks > 1 && done > job->done_before)
         p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before); /* the rest as what this process has done */
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
-    return job->callback && job->callback->progress ? job->callback->progress(job->callback->user, &p) : 0;
+    return context_report(job->callback, &p);
 }
 
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
@@ -152,8 +152,7 @@ OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         const char    *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
         struct imaging own  = {0};
-        rc                  = OXL_OK;
-        if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
+        if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && imaging_is_needed(&own)) imaging_merge(out, count, &own);
         imaging_free(job->ctx, &own);
     }

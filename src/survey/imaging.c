@@ -499,7 +499,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
         }
         text_add(&t, " %s\n", oxl_scene_view(scene, i)->name);
     }
-    rc = t.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path) : os_write_file(ctx, path, t.data, t.size);
+    rc = os_write_text(ctx, path, &t);
     text_free(&t);
     return rc;
 }

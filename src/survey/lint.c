@@ -88,16 +88,10 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
     oxl_result           rc = OXL_OK;
     if (!c || c->track_count == 0) return OXL_OK;
     views   = oxl_calloc(ctx, (size_t)count + 1, sizeof *views);
-    view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
-    if (!views || !view_of) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "out of memory comparing %d poses with the points", count);
-        goto done;
-    }
-    for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
-    for (int i = 0; i < count; i++) view_of[scene_source_image(scene, i) - c->image] = i;
-    lint_count(scene, view_of, views);
-    lint_sum_up(ctx, scene, views, s);
-done:
+    view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_ALL);
+    if (!views || !view_of) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d poses with the points", count);
+    if (rc == OXL_OK) lint_count(scene, view_of, views);
+    if (rc == OXL_OK) lint_sum_up(ctx, scene, views, s);
     OXL_FREE(ctx, views, view_of);
     return rc;
 }

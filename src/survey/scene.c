@@ -393,6 +393,17 @@ OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *vi
     return count;
 }
 
+OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split)
+{
+    const struct colmap *c    = &scene->colmap;
+    int                 *view = oxl_alloc(ctx, c->image_count + 1, sizeof *view);
+    if (!view) oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu images", c->image_count);
+    for (size_t i = 0; view && i < c->image_count; i++) view[i] = -1;
+    for (int i = 0; view && i < scene->view_count; i++)
+        if (split == OXL_SPLIT_ALL || !scene->view[i].is_test) view[scene->source[i].image] = i;
+    return view;
+}
+
 const oxl_view *oxl_scene_view(const oxl_scene *scene, int index)
 {
     return index >= 0 && index < scene->view_count ? &scene->view[index] : NULL;

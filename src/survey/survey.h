@@ -213,6 +213,8 @@ OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *sce
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]);
+/* (images of scene_colmap) the view of each, -1: none of the training views, or of all. NULL: error set. Free with oxl_free. */
+OXL_INTERNAL int       *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);
 OXL_INTERNAL int  scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);           /* of decoded images; scenes from arrays keep all */
 OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */

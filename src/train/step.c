@@ -503,5 +503,5 @@ OXL_INTERNAL int step_report(const struct train *t, int trial)
                                     .model        = t->model,
                                     .nonfinite    = t->nonfinite,
                                     .trial        = trial};
-    return callback && callback->progress && callback->progress(callback->user, &progress);
+    return context_report(callback, &progress);
 }

@@ -67,14 +67,12 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     oxl_result           rc = OXL_OK;
     d->started              = 1;
     if (!c || c->track_count == 0) return OXL_OK;
-    view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
+    view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
     d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
     if (!view_of || !d->view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
     if (rc == OXL_OK) {
-        for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
-        for (int v = 0; v < views; v++)
-            if (!oxl_scene_view(scene, v)->is_test && (!window || window[v].width > 0))
-                view_of[scene_source_image(scene, v) - c->image] = v;
+        for (int v = 0; v < views && window; v++)
+            if (window[v].width <= 0) view_of[scene_source_image(scene, v) - c->image] = -1;
         track_depth_add_all(d, scene, view_of); /* counts */
         rc = track_depth_allocate(ctx, d, views);
     }
