@@ -177,6 +177,7 @@ static const struct help_markup {
 /* "HELP (default; range). Advanced. Formerly --NAME." */
 static void help_full_option(FILE *to, const struct help_markup *m, int index)
 {
+    const char *const        quote     = m == &HELP_PAGE ? "`" : "";
     static const char *const tiers[]   = {"", " Advanced.", " Expert."};
     const oxl_option        *o         = cli_option_at(index);
     const int                has_range = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
@@ -185,7 +186,8 @@ static void help_full_option(FILE *to, const struct help_markup *m, int index)
     if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) /* else not worth stating */
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
     if (o->alias)
-        snprintf(alias, sizeof alias, " %s --%s.", o->alias[0] == '=' ? "Also" : "Formerly", o->alias + (o->alias[0] == '='));
+        snprintf(alias, sizeof alias, " %s %s--%s%s.", o->alias[0] == '=' ? "Also" : "Formerly", quote,
+                 o->alias + (o->alias[0] == '='), quote);
     snprintf(text, sizeof text, standard[0] ? "%s (%s%s).%s%s" : "%s%.0s%.0s.%s%s", o->help, standard, range, tiers[o->tier],
              alias);
     m->entry(to, help_option_text(o, name), text);

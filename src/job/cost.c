@@ -17,9 +17,8 @@
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
 #define COST_PROGRAM_BYTES   1.2e7  /* 9 to 10 MB were seen */
 #define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
-#define COST_STEPS_PER_IMAGE \
-    700                 /* at most, of a preset's: beyond it a model learns its training views by heart (docs/TRADEOFF.md) */
-#define COST_WITHIN 3.0 /* factor of uncertainty of times computed from counts */
+#define COST_STEPS_PER_IMAGE 700 /* at most, of a preset's: more overfit (docs/TRADEOFF.md) */
+#define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 {
