@@ -22,7 +22,7 @@
 #define _DARWIN_C_SOURCE /* ru_maxrss */
 #endif
 
-#include "../../oceanxl_job.h"
+#include "../../oceanxl.h"
 
 #include <float.h>
 #include <limits.h>

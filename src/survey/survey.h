@@ -3,6 +3,7 @@
 #define OXL_SURVEY_H
 
 #include "../core/core.h"
+#include "../../oceanxl_job.h" /* oxl_survey */
 
 /* ---------------------------------------------------------------- colmap.c: the files of a COLMAP model, as they are */
 

@@ -9,7 +9,7 @@
  * written under a temporary name; the current one is renamed to checkpoint.prev.oxl; the new one, flushed to disk, is renamed to
  * checkpoint.oxl (os_writer_close in os.c). A crash between the two renames leaves checkpoint.prev.oxl.
  */
-#include "train.h"
+#include "train_parts.h"
 
 #include <errno.h>
 

@@ -11,7 +11,7 @@
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
-#include "train.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define LAMP_FROM 0.11 /* of the run: Gaussians are rough before */

@@ -83,13 +83,13 @@ OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
-    const oxl_train_options *o                  = t->options;
-    const double             short_run_exponent = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
+    const oxl_train_options *o                = t->options;
+    const double             short_run_factor = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
-    const float  mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    const float  mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     const double early =
-        SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_exponent);
+        SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_factor);
     struct adam_params adam = {.beta = RENDERER_BETAS,
                                .step = t->step - (t->output && !t->output->moments ? t->output->first : 0)};
     adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
@@ -97,10 +97,10 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
-                       : k < OXL_OPACITY  ? (float)(short_run_exponent * o->rate_rotation)
+                       : k < OXL_OPACITY  ? (float)(short_run_factor * o->rate_rotation)
                        : k < OXL_SH       ? o->rate_opacity
                        : k < OXL_SH + 3   ? o->rate_sh0
-                       : k < OXL_LOBE     ? (float)(sqrt(short_run_exponent) * o->rate_sh)
+                       : k < OXL_LOBE     ? (float)(sqrt(short_run_factor) * o->rate_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
     for (int k = 0; k < OXL_PLANES; k++)

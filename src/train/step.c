@@ -105,7 +105,7 @@ static oxl_result step_next_image(struct train *t, int *view)
         step_read_ahead(t, slot);
         rc = step_load_image(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
-        nonfinite_of_image(t->ctx, &t->nonfinite);
+        nonfinite_count_unreadable(t->ctx, &t->nonfinite);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT,
@@ -451,13 +451,13 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     return rc;
 }
 
-/* Pruning, when it is due. held_out_loss: mean loss of the validation views; only --keep auto reads it. */
-OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss)
+/* Pruning, when it is due. validation_loss: mean loss of the validation views; only --keep auto reads it. */
+OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
 {
     size_t     drop;
     oxl_result rc;
     t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop               = prune_due(&t->prune, t->step, t->model->count, held_out_loss);
+    drop               = prune_due(&t->prune, t->step, t->model->count, validation_loss);
     if (drop == 0) return OXL_OK;
     rc = step_remove_rows(t, drop);
     if (rc == OXL_OK)

@@ -15,7 +15,7 @@
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
-#include "train.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define WATER_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
