@@ -96,6 +96,7 @@
 #include "src/train/ucd.c"             /* depth weights of density control */
 #include "src/train/prune.c"           /* pruning: schedule and scores */
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */
+#include "src/train/scalar_adam.c"     /* Adam for single numbers, of water and lamp */
 #include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/lamp.c"            /* a light that moves with the camera */
 #include "src/train/exposure_fit.c"    /* log gains per training image */

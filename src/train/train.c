@@ -6,11 +6,11 @@
 #include "../core/vecmath.h"
 
 #define TRAIN_RANDOM_POINTS     10000 /* to start from when the scene has none */
-#define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
-#define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
-#define TRAIN_OPACITY_MAX       0.3   /* up to this */
-#define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS      60.0  /* or so long, whichever comes first */
+#define TRAIN_SHORT_RUN_WIDTH   0.3   /* power of the short-run factor by which the first widths are divided */
+#define TRAIN_SHORT_RUN_OPACITY 0.7   /* power of it by which the first opacities are multiplied */
+#define TRAIN_OPACITY_MAX       0.3   /* the most that this makes of an opacity */
+#define TRAIN_SAVE_STEPS        500   /* iterations between checkpoints, at most */
+#define TRAIN_SAVE_SECONDS      60.0  /* s between checkpoints, at most */
 
 /* ---------------------------------------------------------------- the run */
 

@@ -16,7 +16,6 @@ struct archive {
     uint64_t     sum, left; /* of the bytes written; bytes still to read */
     oxl_result   rc;
 };
-OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value);
 OXL_INTERNAL void archive_int(struct archive *a, int *value);
 OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
@@ -177,6 +176,11 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, 
                                         const struct transients_view *view, int update);
 OXL_INTERNAL void       transients_describe(const struct transients *t, char *out, size_t size); /* the masked share, as text */
 OXL_INTERNAL void       transients_archive(struct archive *a, struct transients *t);
+
+/* ---------------------------------------------------------------- scalar_adam.c: Adam for single numbers */
+
+/* `at` and its moments; step: of this number, from 1. */
+OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step);
 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
