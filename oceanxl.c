@@ -64,6 +64,7 @@
 #include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
+#include "src/render/real.h"           /* the number type of the kernels and its arithmetic */
 #include "src/render/kernels.h"        /* types of the kernels */
 #include "src/render/medium.h"         /* water between camera and Gaussians, inlined into: */
 #include "src/render/project.c"        /* Gaussians to splats: forward and backward */
