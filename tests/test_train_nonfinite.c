@@ -48,7 +48,7 @@ static void nonfinite_test_step_with_pixel(struct nonfinite_test_case *c, float 
     c->t.step++;
     CHECK_OK(step_load_image(&c->t, 2));
     c->t.renderer->target[100] = value;
-    CHECK_OK(step_on_view(&c->t, &(struct train_deferred){.step = c->t.step, .view = 2}));
+    CHECK_OK(step_on_view(&c->t, &(struct train_deferred){.step = c->t.step, .view = 2}, 0));
     CHECK_OK(train_density(&c->t));
 }
 
