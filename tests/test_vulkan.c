@@ -1526,7 +1526,7 @@ static uint64_t vulkan_timeout_with(struct vulkan *v)
 }
 
 /* A CPU may take as long as it takes. */
-static void vulkan_check_timeout(oxl_context *device)
+static void vulkan_check_timeout_of_kinds(oxl_context *device)
 {
     static const VkPhysicalDeviceType gpu[] = {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU,
                                                VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU, VK_PHYSICAL_DEVICE_TYPE_OTHER};
@@ -3309,7 +3309,7 @@ TEST(vulkan_keeps_uploads_when_an_error_follows)
 
 TEST(vulkan_waits_for_a_gpu_up_to_its_timeout_and_for_a_cpu_without_a_limit)
 {
-    ON_DEVICE(vulkan_check_timeout);
+    ON_DEVICE(vulkan_check_timeout_of_kinds);
 }
 
 TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)

@@ -37,19 +37,20 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-OXL_INTERNAL void                      nonfinite_count_unreadable(oxl_context   *ctx,
-                                                                  oxl_nonfinite *n); /* why it cannot be read is the context's error */
-OXL_INTERNAL void                      nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
-                                                         struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
-OXL_INTERNAL oxl_result                nonfinite_end(oxl_context *ctx, oxl_nonfinite *n,
-                                                     oxl_model *model); /* removes such Gaussians and logs the counts */
-OXL_INTERNAL void                      nonfinite_archive(struct archive *a, oxl_nonfinite *n);
+/* Logs the context's error, which says why the image cannot be read. */
+OXL_INTERNAL void       nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n);
+OXL_INTERNAL void       nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
+                                          struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
+/* The loss of a view is not finite, and these rows were cleared. */
+OXL_INTERNAL void       nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
+                                          struct renderer_nonfinite cleared);
+/* Removes such Gaussians and logs the counts. */
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model);
+OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *n);
+
 /* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
 OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
                                                        oxl_model *second);
-/* The loss of a view is not finite, and these rows were cleared. */
-OXL_INTERNAL void                      nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
-                                                         struct renderer_nonfinite cleared);
 
 /* ---------------------------------------------------------------- density.c: split, prune, reset */
 
