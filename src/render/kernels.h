@@ -187,8 +187,8 @@ struct exposure_job {
     const float     *gain, *shape;       /* (3); (LAMP_TERMS) the lamp's, or NULL */
     const float     *x;                  /* (3,H,W) rendered */
     float           *y, *lamp_map;       /* (3,H,W) times the gains; (H,W) the lamp's: written by forward, read by backward */
-    const float     *dy;                 /* (3,H,W) backward only: dL/dy, */
-    float           *dx;                 /* (3,H,W) dL/dx, overwritten by backward; may be dy */
+    const float     *dy;                 /* (3,H,W) dL/dy; backward only */
+    float           *dx;                 /* (3,H,W) dL/dx: overwritten by backward; may be dy */
     double          *dlog_gain, *dshape; /* (3), (LAMP_TERMS) dL/d(log gain), dL/d(shape), overwritten by backward */
 };
 OXL_INTERNAL void exposure_forward(int isa, const struct exposure_job *job);
@@ -210,8 +210,8 @@ struct loss_value {
 struct loss_scratch { /* kept between steps, to avoid allocations */
     void  *strip, *rows, *sums, *valid;
     size_t strip_capacity, rows_capacity, sums_capacity, valid_capacity;
-    size_t cleared; /* number of values cleared, */
-    int    width;   /* for this width */
+    size_t cleared; /* number of values cleared */
+    int    width;   /* the width that they were cleared for */
 };
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
                                               struct loss_value *out);

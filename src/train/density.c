@@ -20,10 +20,10 @@
 /* Of a child, with the longest standard deviation s and the opacity o of its parent: its standard deviation there, and its distance from
  * the parent's mean, are sqrt(1/2) s, so the pair has the variance s^2 / 2 + s^2 / 2; 1 - o' = (1 - o)^sqrt(1/2). */
 #define DENSITY_SQRT_HALF     0.70710678118654752
-#define DENSITY_CAP_HIGH      1e30  /* density_cap searches its threshold from 0 to here, */
-#define DENSITY_CAP_LOW       1e-12 /* in factors down to here: first the order of magnitude, */
-#define DENSITY_CAP_GEOMETRIC 50    /* by so many geometric means, */
-#define DENSITY_CAP_ROUNDS    100   /* then the last bits, by arithmetic means up to so many in all */
+#define DENSITY_CAP_HIGH      1e30  /* upper end of the search of density_cap for its threshold */
+#define DENSITY_CAP_LOW       1e-12 /* its lower end, while it searches the order of magnitude */
+#define DENSITY_CAP_GEOMETRIC 50    /* number of geometric means, which find the order of magnitude */
+#define DENSITY_CAP_ROUNDS    100   /* number of means in all; the arithmetic ones find the last bits */
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 

@@ -15,8 +15,8 @@
 #include "../core/vecmath.h"
 
 #define LAMP_FROM 0.11 /* of the run: Gaussians are rough before */
-#define LAMP_RATE 0.01 /* of the first step, in log units, */
-#define LAMP_LAST 0.05 /* and of that at the end of the run */
+#define LAMP_RATE 0.01 /* learning rate at the start, in log units */
+#define LAMP_LAST 0.05 /* of LAMP_RATE: the rate at the end of the run */
 
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued)
 {

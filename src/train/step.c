@@ -2,11 +2,10 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define STEP_ORDER        (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
-#define STEP_DROPOUT      (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */
-#define STEP_READ_AHEAD   64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
-#define STEP_SMOOTHING    0.02 /* of loss and PSNR in progress reports: about the last 50 views */
-#define STEP_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
+#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
+#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */
+#define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
+#define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
 static void step_shuffle(struct train *t, int epoch)
@@ -202,7 +201,7 @@ static oxl_result step_skip(struct train *t, int step, int view)
 static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                               struct renderer_nonfinite skipped)
 {
-    const double                   psnr     = -STEP_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double                   psnr     = -TRAIN_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
     const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
     const struct exposure_gradient gradient = {.step      = of->step,
                                                .view      = of->view,

@@ -13,6 +13,8 @@ struct train_deferred { /* a step that the device has not reported yet */
     float gain[3]; /* that the step began with */
 };
 
+#define TRAIN_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
+
 struct train {
     oxl_context               *ctx;
     oxl_scene                 *scene;
@@ -50,8 +52,8 @@ struct train {
     double                     started;    /* when it did */
     double                     seconds;    /* that others had spent on the run before */
     const struct train_output *output;     /* of its checkpoints, or NULL */
-    int                        saved_step; /* of the last checkpoint, */
-    double                     saved_at;   /* and when it was */
+    int                        saved_step; /* step of the last checkpoint */
+    double                     saved_at;   /* its time, os_seconds */
     const oxl_callback        *callback;
     struct text                decisions; /* members of a JSON object: decisions and evidence */
 };
