@@ -39,13 +39,14 @@ static void report_test_picture(const char *name, float grey)
 /* Two blocks; the worst view's name is as bad as a name can be. */
 static void report_test_run(void)
 {
-    test_write("out/run.json",
-               "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
-               "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
-               "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
-               "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
-               "{\"level\": \"info\", \"text\": \"a line of the log\"}],\n"
-               "\"decisions\": {\"partition\": {\"chosen\": \"2d\", \"blocks\": 2, \"evidence\": \"16000 points; l3/l2 = 0.1\"}}}");
+    test_write(
+        "out/run.json",
+        "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
+        "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
+        "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
+        "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
+        "{\"level\": \"info\", \"text\": \"a line of the log\"}],\n"
+        "\"decisions\": {\"partition\": {\"chosen\": \"2d\", \"blocks\": 2, \"evidence\": \"16000 points; l3/l2 = 0.1\"}}}");
     test_write("out/metrics.json",
                "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
                "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
@@ -122,11 +123,13 @@ TEST(report_has_the_decisions_of_the_merged_model)
     char *page;
     report_test_run();
     test_write("out/blocks/coarse/block.json", "{\"finished\": true, \"decisions\": {}}");
-    test_write("out/blocks/whole/block.json",
-               "{\"finished\": true, \"iterations_done\": 55, \"decisions\": {\"keep\": {\"chosen\": \"1600\", \"evidence\": \"1600 of 3200 "
-               "after density control: as set\"}, \"dog\": {\"chosen\": \"0 of 1600\"}}}");
+    test_write(
+        "out/blocks/whole/block.json",
+        "{\"finished\": true, \"iterations_done\": 55, \"decisions\": {\"keep\": {\"chosen\": \"1600\", \"evidence\": \"1600 of 3200 "
+        "after density control: as set\"}, \"dog\": {\"chosen\": \"0 of 1600\"}}}");
     page = report_test_page();
-    CHECK_TEXT(page, "<dt>Pruning (--keep)</dt><dd>0.5<small>merged model: 1600: 1600 of 3200 after density control: as set</small>");
+    CHECK_TEXT(page,
+               "<dt>Pruning (--keep)</dt><dd>0.5<small>merged model: 1600: 1600 of 3200 after density control: as set</small>");
     CHECK_TEXT(page, "<dt>Second lobes (--dog)</dt><dd>selective</dd>"); /* without evidence: not shown */
     CHECK_TEXT(page, "<tr><td>merged model<td class=\"n\">55<td");
     free(page);
