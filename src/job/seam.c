@@ -1,7 +1,7 @@
 /* seam.c - PSNR near the borders between blocks, compared with PSNR elsewhere.
  *
- * A pixel's position follows from the rendered depth. Blocks are trained independently, so where two meet, their colours may
- * not: that would show as a PSNR that is lower near the border than elsewhere.
+ * A pixel's position follows from the rendered depth. Blocks are trained as parts of one model, each with the others'
+ * Gaussians as context; where their colours do not meet all the same, the PSNR is lower near the border than elsewhere.
  *
  * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
  */
