@@ -20,7 +20,7 @@ static oxl_model tviews_model(void)
 
 /* A third of the light from the scene is left, and the water is bright. */
 static const struct medium tviews_water = {
-    .on = 1, .direct = {0.4f, 0.3f, 0.2f}, .scatter = {0.3f, 0.2f, 0.2f}, .veil = {0.1f, 0.35f, 0.45f}};
+    .on = 1, .attenuation = {0.4f, 0.3f, 0.2f}, .backscatter = {0.3f, 0.2f, 0.2f}, .veiling_light = {0.1f, 0.35f, 0.45f}};
 
 static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_water, oxl_image *out)
 {

@@ -283,16 +283,18 @@ static int option_read_limit(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
-oxl_ucd oxl_ucd_default(void)
+static oxl_ucd option_default_ucd(void)
 {
     return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
-oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
+/* on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on, corrected during the run, with
+ * ",fixed" not; after "auto,": automatic with these. */
+static int option_read_ucd(const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);
     double      mid = 0, back = 0;
-    oxl_ucd     ucd   = oxl_ucd_default();
+    oxl_ucd     ucd   = option_default_ucd();
     int         is_ok = strcmp(text, "auto") == 0 || strcmp(text, "on") == 0 || strcmp(text, "off") == 0;
     if (strncmp(text, "auto", 4) != 0) ucd.mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
     if (strncmp(text, "auto,", 5) == 0) at += 5;
@@ -303,11 +305,7 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
         is_ok     = (!*at || !ucd.learn) && mid >= 1 && back >= mid && back <= UCD_CAP;
     }
     if (is_ok) *out = ucd;
-    if (is_ok) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
-                    "(1.5,2,fixed: not corrected during the run)",
-                    text, UCD_CAP);
+    return is_ok;
 }
 
 /* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
@@ -325,21 +323,18 @@ static double option_unit(const char *s)
     return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
 }
 
-oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out)
+static int option_read_keep(const char *text, oxl_keep *out)
 {
     const char *at = text, *end = text + strlen(text);
     double      value;
-    if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, OXL_OK;
-    if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, OXL_OK;
-    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15 && (!*at || option_unit(at) > 0)) {
-        if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
-        else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
-        else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
-        else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
-        return OXL_OK;
-    }
-    return oxl_fail(ctx, OXL_ERR_USAGE, "cannot keep '%s'\nfix: a share as 0.5, a number as 400000, a size as 80MB, or auto",
-                    text);
+    if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, 1;
+    if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, 1;
+    if (!parse_double(&at, end, &value) || !(value > 0 && value <= 1e15) || (*at && !(option_unit(at) > 0))) return 0;
+    if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
+    else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
+    else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
+    else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+    return 1;
 }
 
 static int option_read_preset(const oxl_option *o, const char *text, void *options)
@@ -384,8 +379,8 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_POINT: return option_read_point(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
-    case OXL_OPTION_UCD: return oxl_ucd_parse(NULL, text, field) == OXL_OK;
-    case OXL_OPTION_KEEP: return oxl_keep_parse(NULL, text, field) == OXL_OK;
+    case OXL_OPTION_UCD: return option_read_ucd(text, field);
+    case OXL_OPTION_KEEP: return option_read_keep(text, field);
     case OXL_OPTION_LIMIT: return option_read_limit(o, text, field);
     default: break;
     }
@@ -460,7 +455,7 @@ static void option_get_percent(float value, char *out, size_t size)
 static void option_get_ucd(const oxl_ucd *ucd, char *out, size_t size)
 {
     static const char *const modes[] = {"off", "on", "auto"};
-    const oxl_ucd            plain   = oxl_ucd_default();
+    const oxl_ucd            plain   = option_default_ucd();
     char                     mid[NUMBER_TEXT_MAX], distant[NUMBER_TEXT_MAX];
     if (ucd->mode == OXL_UCD_OFF || (ucd->f_mid == plain.f_mid && ucd->f_far == plain.f_far && ucd->learn == plain.learn)) {
         snprintf(out, size, "%s", (unsigned)ucd->mode < OXL_COUNT(modes) ? modes[ucd->mode] : "unknown");
