@@ -64,6 +64,7 @@
 #include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
+#include "src/render/real.h"           /* the number type of the kernels and its arithmetic */
 #include "src/render/kernels.h"        /* types of the kernels */
 #include "src/render/medium.h"         /* water between camera and Gaussians, inlined into: */
 #include "src/render/project.c"        /* Gaussians to splats: forward and backward */
@@ -96,9 +97,10 @@
 #include "src/train/ucd.c"             /* depth weights of density control */
 #include "src/train/prune.c"           /* pruning: schedule and scores */
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */
+#include "src/train/scalar_adam.c"     /* Adam for single numbers, of water and lamp */
 #include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/lamp.c"            /* a light that moves with the camera */
-#include "src/train/exposure.c"        /* log gains per training image */
+#include "src/train/exposure_fit.c"    /* log gains per training image */
 #include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
 #include "src/train/track_depth.c"     /* depths that the tracks give */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
@@ -106,7 +108,8 @@
 #include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
-#include "src/train/train.c"           /* the training loop */
+#include "src/train/train_imaging.c"   /* exposure, lamp and water of a run, before and after its steps */
+#include "src/train/train.c"           /* the training loop: one step with the decisions after it */
 #include "src/job/metrics.c"           /* two images compared: PSNR, SSIM, MS-SSIM */
 #include "src/job/evaluate.c"          /* a model's images against those of a survey */
 #include "src/job/seam.c"              /* image error at the borders between blocks */

@@ -144,7 +144,7 @@ static void device_deferred_step(oxl_context *ctx, struct device_run *r)
 /* GB/s read and written, from one buffer of 64 MiB to another. */
 static double device_copy(oxl_context *ctx)
 {
-    struct vulkan       *v = ctx->vulkan;
+    struct vulkan       *v = ctx->backend->vulkan;
     struct vulkan_buffer a = {0}, b = {0};
     const VkBufferCopy   copy = {0, 0, 64u << 20};
     double               best = 1e9;
@@ -172,7 +172,7 @@ static double device_peak(oxl_context *ctx)
 {
     enum { ROUNDS = 512, EACH = 64 };
     const uint32_t       push[3] = {ROUNDS, vulkan_bits(0.999f), vulkan_bits(0.001f)};
-    struct vulkan       *v       = ctx->vulkan;
+    struct vulkan       *v       = ctx->backend->vulkan;
     struct vulkan_buffer out     = {0};
     double               best = 0, seconds = 0;
     vulkan_reserve(v, &out, 256, sizeof(float), "numbers");
@@ -268,20 +268,20 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
     device_step(ctx, &r); /* makes the shaders, and takes the model there */
     renderer_defer(r.renderer, 1);
     for (int k = 0; k < 2; k++) device_deferred_step(ctx, &r); /* and the room */
-    vulkan_finish(ctx->vulkan);
-    device_check(ctx, vulkan_measure(ctx->vulkan));
-    before = device_counts(ctx->vulkan);
+    vulkan_finish(ctx->backend->vulkan);
+    device_check(ctx, vulkan_measure(ctx->backend->vulkan));
+    before = device_counts(ctx->backend->vulkan);
     if (all.evaluations == 0) all.evaluations = 256 * ((struct vulkan_renderer *)r.renderer->device)->most_pairs;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
         const double begun = os_seconds();
         device_deferred_step(ctx, &r);
         seconds[k] = os_seconds() - begun;
     }
-    after = device_counts(ctx->vulkan);
-    device_check(ctx, vulkan_finish(ctx->vulkan)); /* the last one's passes are timed, too */
+    after = device_counts(ctx->backend->vulkan);
+    device_check(ctx, vulkan_finish(ctx->backend->vulkan)); /* the last one's passes are timed, too */
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
     renderer_defer(r.renderer, 0);
-    device_table(ctx->vulkan, &r, seconds, &all, &before, &after);
+    device_table(ctx->backend->vulkan, &r, seconds, &all, &before, &after);
     printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --mask-transients", 1e3 * device_robust(ctx, &r));
     device_end(ctx, &r);
 }

@@ -29,7 +29,7 @@ static void fuzz_write_seed(const char *path)
     t.scene         = fuzz_scene(ctx);
     text_add(&log, "iteration,loss\n");
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
-    for (t.step = 1; t.step <= 3; t.step++) fuzz_promise(selection_step(&t) == OXL_OK, "a step");
+    for (t.step = 1; t.step <= 3; t.step++) fuzz_promise(train_step(&t) == OXL_OK, "a step");
     fuzz_promise(train_save(&t) == OXL_OK && os_read_file(ctx, fuzz_path("checkpoint.oxl"), &map) == OXL_OK, "a checkpoint");
     fuzz_promise(os_write_file(ctx, path, map.data + head, map.size - head - 8) == OXL_OK, "the seed can be written");
     exit(0);

@@ -309,7 +309,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     fuzz_explained(ctx, rc);
     for (int i = 0; i < 3 && rc == OXL_OK && t.step < options.iterations; i++) {
         t.step++;
-        rc = selection_step(&t);
+        rc = train_step(&t);
         fuzz_explained(ctx, rc);
     }
     train_end(&t);

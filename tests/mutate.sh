@@ -12,7 +12,7 @@ cd "$(dirname "$0")/.." || exit 1
 work=build/mutate
 formulas=$(find src -name project.c -o -name colour.h -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name density.c | sort)
 kernels="$formulas $(find src/render -name 'medium.[ch]' -o -name exposure.c -o -name depth_loss.c | sort)"
-constants=$(find src -name kernels.h)
+constants=$(find src -name kernels.h -o -name real.h)
 # How much room there is, how the work is cut up, how finely a threshold is searched, and the last of some names: a larger number changes no
 # result, by the invariants at the top of their files.
 sizes='TILE_PIXELS TILE_BLOCKS SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_MIN BIN_NARROW

@@ -28,7 +28,7 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;
-        CHECK_OK(selection_step(&c->t));
+        CHECK_OK(train_step(&c->t));
     }
     CHECK_OK(model_copy(test_ctx, &c->model, &c->before));
 }
@@ -48,8 +48,8 @@ static void nonfinite_test_step_with_pixel(struct nonfinite_test_case *c, float 
     c->t.step++;
     CHECK_OK(step_load_image(&c->t, 2));
     c->t.renderer->target[100] = value;
-    CHECK_OK(step_on_view(&c->t, &(struct train_deferred){.step = c->t.step, .view = 2}));
-    CHECK_OK(selection_density(&c->t));
+    CHECK_OK(step_on_view(&c->t, &(struct train_deferred){.step = c->t.step, .view = 2}, 0));
+    CHECK_OK(train_density(&c->t));
 }
 
 static int nonfinite_test_model_is_finite(const oxl_model *m)
@@ -69,7 +69,7 @@ TEST(nonfinite_pixel_skips_one_step_only)
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
         CHECK_TEXT(nonfinite_log, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
-        CHECK_OK(selection_step(&c.t));
+        CHECK_OK(train_step(&c.t));
         CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
         nonfinite_test_free(&c);
     }
@@ -85,7 +85,7 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
         c.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
         while (c.t.step < 25) {
             c.t.step++;
-            CHECK_OK(selection_step(&c.t));
+            CHECK_OK(train_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
         if (k == 0) CHECK_TEXT(nonfinite_log, "Gaussian 77 met a number that is not finite: the step is skipped, 1 cleared");

@@ -9,14 +9,14 @@
 #define ON_DEVICE(check) SKIP("a build without the Vulkan backend (make VULKAN=1)")
 #else
 
-/* Runs check(context with a device); complaints of the validation layer fail it. */
-#define ON_DEVICE(check)                                            \
-    do {                                                            \
-        oxl_context *device = vulkan_test_begin();                  \
-        if (!device) SKIP("no Vulkan device here");                 \
-        check(device);                                              \
-        if (device->vulkan) CHECK(device->vulkan->complaints == 0); \
-        oxl_context_free(device);                                   \
+/* Runs check(context with a device); messages of the validation layer fail it. */
+#define ON_DEVICE(check)                                                                       \
+    do {                                                                                       \
+        oxl_context *device = vulkan_test_begin();                                             \
+        if (!device) SKIP("no Vulkan device here");                                            \
+        check(device);                                                                         \
+        if (device->backend->vulkan) CHECK(device->backend->vulkan->validation_messages == 0); \
+        oxl_context_free(device);                                                              \
     } while (0)
 
 static void vulkan_test_log(void *user, oxl_log_level level, const char *text)
@@ -134,7 +134,7 @@ static float *vulkan_noise(size_t count, uint64_t seed)
 static void vulkan_download_rows(oxl_context *device, struct renderer *renderer)
 {
     struct vulkan_renderer *r = renderer->device;
-    struct vulkan          *v = device->vulkan;
+    struct vulkan          *v = device->backend->vulkan;
     const size_t            n = r->count, rows = renderer->bins.packs * PACK;
     float(*a)[4]   = oxl_alloc(device, 3 * n + 1, sizeof *a);
     uint32_t *seen = oxl_alloc(device, n + 1, sizeof *seen);
@@ -207,7 +207,7 @@ static void vulkan_check_infinity(oxl_context *device)
 
 static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
 {
-    struct vulkan          *v    = device->vulkan;
+    struct vulkan          *v    = device->backend->vulkan;
     const size_t            most = n == 1 << 16 ? n : n + 9000; /* more groups than keys, or all of 32 are full */
     uint32_t               *host = oxl_alloc(test_ctx, 2 * n + 2, sizeof *host), *got = host + n + 1, count = (uint32_t)n;
     struct vulkan_renderer *r;
@@ -243,7 +243,7 @@ static void vulkan_check_sorts(oxl_context *device)
 
 static void vulkan_check_scan(oxl_context *device, size_t n)
 {
-    struct vulkan          *v  = device->vulkan;
+    struct vulkan          *v  = device->backend->vulkan;
     uint32_t               *in = oxl_alloc(test_ctx, 2 * n, sizeof *in), *out = in + n, total = 0, sum = 0;
     struct vulkan_renderer *r;
     void                   *made;
@@ -401,20 +401,20 @@ static void vulkan_draw_limited(oxl_context *device, uint32_t slab_rows, uint32_
 {
     const oxl_camera   camera  = vulkan_camera(2100, 40);
     oxl_render_options options = oxl_render_options_default();
-    struct vulkan      old     = *device->vulkan;
+    struct vulkan      old     = *device->backend->vulkan;
     struct renderer   *r;
     const float       *image;
     oxl_model          m;
     vulkan_scene(2000, 1, 700, &m);
-    device->vulkan->slab_rows  = slab_rows;
-    device->vulkan->groups_max = groups_max;
+    device->backend->vulkan->slab_rows  = slab_rows;
+    device->backend->vulkan->groups_max = groups_max;
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
     CHECK_OK(renderer_image(device, r, &image));
     memcpy(rgb, image, 3 * 2100 * 40 * sizeof *rgb);
     renderer_free(device, r);
-    device->vulkan->slab_rows  = old.slab_rows;
-    device->vulkan->groups_max = old.groups_max;
+    device->backend->vulkan->slab_rows  = old.slab_rows;
+    device->backend->vulkan->groups_max = old.groups_max;
     oxl_model_free(test_ctx, &m);
 }
 
@@ -447,13 +447,13 @@ static void vulkan_check_refusal(oxl_context *device)
     oxl_render_options options = oxl_render_options_default();
     struct renderer   *r;
     oxl_model          m;
-    const size_t       range = device->vulkan->range;
+    const size_t       range = device->backend->vulkan->range;
     vulkan_scene(1000, 0, 0, &m);
     CHECK_OK(renderer_create(device, &r));
-    device->vulkan->range = 8192;
+    device->backend->vulkan->range = 8192;
     CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_MEMORY); /* so --backend auto goes on with the CPU */
     CHECK_TEXT(oxl_error_text(device), "in one array");
-    device->vulkan->range = range;
+    device->backend->vulkan->range = range;
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* still usable */
     renderer_free(device, r);
     oxl_model_free(test_ctx, &m);
@@ -583,8 +583,8 @@ static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_play_lookup(VkDevice devi
  * is named there is no next. */
 static void vulkan_check_next_device(oxl_context *device)
 {
-    struct vulkan v = *device->vulkan;
-    vulkan_behind   = device->vulkan;
+    struct vulkan v = *device->backend->vulkan;
+    vulkan_behind   = device->backend->vulkan;
     memset((char *)&v + offsetof(struct vulkan, physical), 0, sizeof v - offsetof(struct vulkan, physical));
     v.EnumeratePhysicalDevices               = vulkan_play_two;
     v.GetPhysicalDeviceProperties            = vulkan_play_properties;
@@ -618,7 +618,7 @@ static void vulkan_check_next_device(oxl_context *device)
 /* 16384 bytes is what Vulkan 1.0 promises of any device. */
 static void vulkan_check_shared(oxl_context *device)
 {
-    const struct vulkan *v = device->vulkan;
+    const struct vulkan *v = device->backend->vulkan;
     CHECK(vulkan_shared() <= 16384);
     CHECK(vulkan_batch(16384) == 4 && vulkan_batch(32768) == 8);
     CHECK(v->batch == vulkan_batch(v->properties.limits.maxComputeSharedMemorySize));
@@ -651,7 +651,7 @@ static void vulkan_check_loss_of(oxl_context *device, int width, int height, flo
     CHECK_CLOSE(loss[1].mse, loss[0].mse, 1e-5);
     CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
     r = t.r[1]->device;
-    vulkan_download(device->vulkan, &r->drgb, 0, drgb, 3 * t.pixels * sizeof *drgb);
+    vulkan_download(device->backend->vulkan, &r->drgb, 0, drgb, 3 * t.pixels * sizeof *drgb);
     CHECK_CLOSE(vulkan_distance(t.r[0]->drgb, drgb, 3 * t.pixels).relative, 0, 1e-3);
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, target);
@@ -693,8 +693,8 @@ static void vulkan_check_image_of(oxl_context *device, int width, int height, in
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
         CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     }
-    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == (device->vulkan->image_bytes_max > 0 ? stays : 0));
-    CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->image_bytes_max > 0) && !renderer_has_image(t.r[1], 2));
+    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == (device->backend->vulkan->image_bytes_max > 0 ? stays : 0));
+    CHECK(renderer_has_image(t.r[1], 3) == (device->backend->vulkan->image_bytes_max > 0) && !renderer_has_image(t.r[1], 2));
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, bytes);
     vulkan_twins_free(&t);
@@ -705,7 +705,7 @@ static void vulkan_check_images(oxl_context *device)
     vulkan_check_image_of(device, 41, 33, 1, 0);
     vulkan_check_image_of(device, 81, 65, 1, 1);
     vulkan_check_image_of(device, 41, 33, 0, 0);
-    device->vulkan->image_bytes_max = 0;
+    device->backend->vulkan->image_bytes_max = 0;
     vulkan_check_image_of(device, 40, 31, 0, 0);
 }
 
@@ -747,7 +747,7 @@ static void vulkan_check_gradient(oxl_context *device)
 /* Devices with less shared memory hold smaller batches: the same sums in another order. */
 static void vulkan_check_small_batches(oxl_context *device)
 {
-    device->vulkan->batch = 4;
+    device->backend->vulkan->batch = 4;
     vulkan_check_gradient_of(device, 0, 100);
 }
 
@@ -835,7 +835,7 @@ static void vulkan_check_steps(oxl_context *device)
         struct vulkan_twins t    = vulkan_twins(device, 64, 48);
         float              *drgb = vulkan_noise(3 * t.pixels, 52);
         struct vulkan_run   run[2];
-        device->vulkan->slab_rows = 256; /* several slabs */
+        device->backend->vulkan->slab_rows = 256; /* several slabs */
         for (int k = 0; k < 2; k++) {
             run[k] = vulkan_run_begin(600, 1, lobes);
             vulkan_run_steps(t.ctx[k], t.r[k], &t.camera, &run[k], drgb, 1, 3, 0);
@@ -892,7 +892,7 @@ static void vulkan_check_cleared(oxl_context *device)
     struct renderer_nonfinite cleared[2];
     struct vulkan_run         run[2];
     size_t                    read;
-    device->vulkan->slab_rows = 256;
+    device->backend->vulkan->slab_rows = 256;
     for (int k = 0; k < 2; k++) {
         run[k] = vulkan_run_begin(600, 1, 300);
         for (int i = 0; i < 3; i++) run[k].model.plane[OXL_MEAN + i][400] = i == 2 ? 2.6f : -1.5f;
@@ -911,9 +911,9 @@ static void vulkan_check_cleared(oxl_context *device)
         CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &run[k].model, &t.camera, &options));
     }
     cleared[0] = nonfinite_clear(t.r[0], &run[0].model, &run[0].first, &run[0].second);
-    read       = device->vulkan->read_bytes;
+    read       = device->backend->vulkan->read_bytes;
     CHECK_OK(renderer_clear_nonfinite(device, t.r[1], &run[1].model, &run[1].first, &run[1].second, &cleared[1]));
-    CHECK(device->vulkan->read_bytes - read == 12);
+    CHECK(device->backend->vulkan->read_bytes - read == 12);
     for (int k = 0; k < 2; k++) CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
     CHECK_OK(renderer_download(device, t.r[1], DOWNLOAD_TO_READ));
     vulkan_check_same_model(&run[0].model, &run[1].model);
@@ -990,7 +990,7 @@ static void vulkan_check_same_run(const struct vulkan_deferral *a, const struct 
 static void vulkan_check_deferral(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan                *v = device->vulkan;
+    struct vulkan                *v = device->backend->vulkan;
     struct renderer_loss          loss[7], none;
     struct renderer_report        report;
     size_t                        waits = 0, dispatches = 0;
@@ -1085,7 +1085,7 @@ static void vulkan_check_no_halt_stays(oxl_context *device)
 static void vulkan_check_transfers(oxl_context *device)
 {
     static struct vulkan_deferral d;
-    struct vulkan                *v     = device->vulkan;
+    struct vulkan                *v     = device->backend->vulkan;
     const size_t                  model = 300 * 23 * 4 + 100 * 4 * 4, statistics = 300 * 16, counts = 4 + 32 + 12;
     struct renderer_loss          loss;
     size_t                        sent, read;
@@ -1158,18 +1158,18 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
-    device->vulkan->QueueSubmit         = vulkan_play_loss;
-    device->vulkan->DestroyDevice       = vulkan_play_destroy;
-    listens                             = device->vulkan->messenger != VK_NULL_HANDLE;
-    vulkan_real_lookup                  = device->vulkan->GetInstanceProcAddr;
-    vulkan_stopped_listening            = 0;
-    device->vulkan->GetInstanceProcAddr = vulkan_note_lookup;
+    device->backend->vulkan->QueueSubmit         = vulkan_play_loss;
+    device->backend->vulkan->DestroyDevice       = vulkan_play_destroy;
+    listens                                      = device->backend->vulkan->messenger != VK_NULL_HANDLE;
+    vulkan_real_lookup                           = device->backend->vulkan->GetInstanceProcAddr;
+    vulkan_stopped_listening                     = 0;
+    device->backend->vulkan->GetInstanceProcAddr = vulkan_note_lookup;
     CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
     renderer_free(device, r);
-    CHECK(device->vulkan->complaints == 0);
-    vulkan_close(device->vulkan);
-    device->vulkan = NULL;
+    CHECK(device->backend->vulkan->validation_messages == 0);
+    vulkan_close(device->backend->vulkan);
+    device->backend->vulkan = NULL;
     CHECK(vulkan_lost_calls == 1 && vulkan_stopped_listening == listens);
     oxl_free(test_ctx, before);
 }
@@ -1204,9 +1204,9 @@ static void vulkan_check_loss_of_device(oxl_context *device, enum vulkan_fault f
     CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
     CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped));
-    if (fault == FAULT_TIMEOUT) device->vulkan->WaitForFences = vulkan_play_timeout;
-    else device->vulkan->QueueSubmit = fault == FAULT_LOST ? vulkan_play_loss : vulkan_play_nothing;
-    if (fault == FAULT_NOTHING_DONE) device->vulkan->WaitForFences = vulkan_play_end;
+    if (fault == FAULT_TIMEOUT) device->backend->vulkan->WaitForFences = vulkan_play_timeout;
+    else device->backend->vulkan->QueueSubmit = fault == FAULT_LOST ? vulkan_play_loss : vulkan_play_nothing;
+    if (fault == FAULT_NOTHING_DONE) device->backend->vulkan->WaitForFences = vulkan_play_end;
     vulkan_check_given_up(device, r, &run, fault == FAULT_TIMEOUT ? "did not answer in time" : "the device is lost");
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
@@ -1237,7 +1237,7 @@ static void vulkan_check_short_submit(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
     struct vulkan_renderer       *r;
-    struct vulkan                *v       = device->vulkan;
+    struct vulkan                *v       = device->backend->vulkan;
     struct adam_params            adam    = {.beta = {0.7, 0.9995}, .step = 7};
     const oxl_render_options      options = oxl_render_options_default();
     struct renderer_nonfinite     skipped;
@@ -1275,7 +1275,7 @@ static void vulkan_check_short_submit(oxl_context *device)
     renderer_free(device, d[1].r);
     vulkan_run_free(&d[1].run);
     vulkan_close(v); /* it would wait, and destroy, were it not given up */
-    device->vulkan = NULL;
+    device->backend->vulkan = NULL;
 }
 
 /* A submission finds no memory twice: images that it does not name leave, and it is done. */
@@ -1283,7 +1283,7 @@ static void vulkan_check_submit_drops(oxl_context *device)
 {
     static struct vulkan_deferral d;
     const struct training_image   image = {64, 48, d.bytes, NULL};
-    struct vulkan                *v     = device->vulkan;
+    struct vulkan                *v     = device->backend->vulkan;
     struct renderer_loss          none;
     struct renderer_report        report;
     vulkan_deferral_begin(device, &d);
@@ -1325,7 +1325,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice device, VkQuery
 /* A clock of 36 bits begins again at 0 within a pass. */
 static void vulkan_check_clock(oxl_context *device)
 {
-    struct vulkan *v = device->vulkan;
+    struct vulkan *v = device->backend->vulkan;
     CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 && vulkan_stamp_mask(0) == 0);
     if (vulkan_measure(v) != OXL_OK) return;
     v->stamp_mask          = vulkan_stamp_mask(36);
@@ -1347,7 +1347,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_begin(VkCommandBuffer co
 static void vulkan_check_short_begin(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan                *v = device->vulkan;
+    struct vulkan                *v = device->backend->vulkan;
     struct renderer_loss          none;
     vulkan_real_begin = v->BeginCommandBuffer;
     for (int k = 0; k < 2; k++) {
@@ -1376,7 +1376,7 @@ static void vulkan_check_short_end(oxl_context *device)
     const oxl_camera          camera = vulkan_camera(64, 48);
     float                    *drgb = vulkan_noise((size_t)3 * 64 * 48, 52), *rgb = vulkan_noise((size_t)3 * 64 * 48, 53);
     struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
-    struct vulkan            *v       = device->vulkan;
+    struct vulkan            *v       = device->backend->vulkan;
     oxl_render_options        options = oxl_render_options_default();
     struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
     struct renderer_nonfinite skipped;
@@ -1410,7 +1410,7 @@ static void vulkan_check_short_end(oxl_context *device)
     oxl_free(test_ctx, drgb);
     oxl_free(test_ctx, rgb);
     vulkan_close(v);
-    device->vulkan = NULL;
+    device->backend->vulkan = NULL;
 }
 
 static PFN_vkQueueSubmit vulkan_fenced_submit;
@@ -1428,7 +1428,7 @@ static void vulkan_check_lost_commands(oxl_context *device)
     const oxl_camera         camera  = vulkan_camera(64, 48);
     const oxl_render_options options = oxl_render_options_default();
     const uint32_t           word    = 0;
-    struct vulkan           *v       = device->vulkan;
+    struct vulkan           *v       = device->backend->vulkan;
     struct vulkan_buffer     b       = {0};
     struct vulkan_renderer  *d;
     struct renderer         *r;
@@ -1440,9 +1440,9 @@ static void vulkan_check_lost_commands(oxl_context *device)
     vulkan_real_end = v->EndCommandBuffer, v->EndCommandBuffer = vulkan_play_short_end;
     vulkan_fenced_submit = v->QueueSubmit, v->QueueSubmit = vulkan_note_fence;
     vulkan_unfenced = vulkan_ends_short = 0;
-    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
     vulkan_flush(v);
-    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
     CHECK(vulkan_unfenced == 1);
     vulkan_ends_short = 1;
     CHECK(vulkan_finish(v) == OXL_ERR_MEMORY && !v->lost && vulkan_unfenced == 0);
@@ -1450,31 +1450,31 @@ static void vulkan_check_lost_commands(oxl_context *device)
     vulkan_enter(v);
     CHECK(v->rc == OXL_OK);
     vulkan_reserve(v, &b, 256, 4, "numbers");
-    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
     vulkan_ends_short = 1;
     vulkan_reserve(v, &b, 512, 4, "numbers");
     CHECK(v->rc == OXL_ERR_MEMORY && b.size == 1280);
     vulkan_enter(v);
     d = r->device;
-    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
     vulkan_ends_short = 1;
     d->pairs *= 8;
     vulkan_make_pair_room(d, 0);
-    CHECK(v->rc == OXL_ERR_MEMORY && !d->tight && !d->pair_key[0].handle && !v->lost);
+    CHECK(v->rc == OXL_ERR_MEMORY && !d->low_memory && !d->pair_key[0].handle && !v->lost);
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
-    vulkan_update(v, &v->nothing, 0, &word, sizeof word);
+    vulkan_update(v, &v->dummy, 0, &word, sizeof word);
     vulkan_ends_short = 2; /* nor can the fence be had */
     CHECK(vulkan_finish(v) == OXL_ERR_FAILED && v->lost);
     renderer_free(device, r);
     oxl_model_free(test_ctx, &m);
     vulkan_close(v);
-    device->vulkan = NULL;
+    device->backend->vulkan = NULL;
 }
 
 /* What is uploaded when an error comes counts as uploaded: a shape, an image that is kept. */
 static void vulkan_check_uploads(oxl_context *device)
 {
-    struct vulkan                *v = device->vulkan;
+    struct vulkan                *v = device->backend->vulkan;
     static struct vulkan_deferral d[2];
     const oxl_render_options      options = oxl_render_options_default();
     const size_t                  range   = v->range;
@@ -1517,34 +1517,34 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_wait(VkDevice device, uint32_t
 }
 
 /* How long it is waited for this device now. */
-static uint64_t vulkan_patience_with(struct vulkan *v)
+static uint64_t vulkan_timeout_with(struct vulkan *v)
 {
     vulkan_waited = 0;
-    vulkan_fill(v, &v->nothing, 0, VK_WHOLE_SIZE, 0);
+    vulkan_fill(v, &v->dummy, 0, VK_WHOLE_SIZE, 0);
     CHECK(vulkan_finish(v) == OXL_OK);
     return vulkan_waited;
 }
 
 /* A CPU may take as long as it takes. */
-static void vulkan_check_patience(oxl_context *device)
+static void vulkan_check_timeout_of_kinds(oxl_context *device)
 {
     static const VkPhysicalDeviceType gpu[] = {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU,
                                                VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU, VK_PHYSICAL_DEVICE_TYPE_OTHER};
-    struct vulkan                    *v     = device->vulkan;
+    struct vulkan                    *v     = device->backend->vulkan;
     const VkPhysicalDeviceType        type  = v->properties.deviceType;
     vulkan_real_wait                        = v->WaitForFences;
     v->WaitForFences                        = vulkan_note_wait;
-    CHECK(vulkan_patience_with(v) == (type == VK_PHYSICAL_DEVICE_TYPE_CPU ? UINT64_MAX : VULKAN_WAIT));
+    CHECK(vulkan_timeout_with(v) == (type == VK_PHYSICAL_DEVICE_TYPE_CPU ? UINT64_MAX : VULKAN_WAIT));
     for (size_t i = 0; i < OXL_COUNT(gpu); i++) {
         v->properties.deviceType = gpu[i];
         vulkan_set_times(v);
-        CHECK(vulkan_patience_with(v) == 60000000000ull);
+        CHECK(vulkan_timeout_with(v) == 60000000000ull);
         CHECK(v->part == (i == 1 ? 4 : 1) * VULKAN_PART);
     }
     CHECK(4 * VULKAN_PART * 256.0 * 55 < 20e9); /* docs/log/SPEED.md: less than 1 s */
     v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_CPU;
     vulkan_set_times(v);
-    CHECK(vulkan_patience_with(v) == UINT64_MAX && v->part == 0);
+    CHECK(vulkan_timeout_with(v) == UINT64_MAX && v->part == 0);
     v->WaitForFences         = vulkan_real_wait;
     v->properties.deviceType = type;
 }
@@ -1558,8 +1558,8 @@ static void vulkan_check_hang(oxl_context *device)
     struct renderer         *r;
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
-    device->vulkan->WaitForFences = vulkan_play_timeout;
-    device->vulkan->rc            = OXL_ERR_MEMORY;
+    device->backend->vulkan->WaitForFences = vulkan_play_timeout;
+    device->backend->vulkan->rc            = OXL_ERR_MEMORY;
     vulkan_check_given_up(device, r, &run, "did not answer in time");
     vulkan_run_free(&run);
 }
@@ -1582,7 +1582,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_sets(VkDevice device, const Vk
 static void vulkan_check_half_step(oxl_context *device)
 {
     struct vulkan_run         run     = vulkan_run_begin(700, 1, 0);
-    struct vulkan            *v       = device->vulkan;
+    struct vulkan            *v       = device->backend->vulkan;
     const oxl_camera          camera  = vulkan_camera(64, 48);
     float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
     oxl_render_options        options = oxl_render_options_default();
@@ -1608,13 +1608,13 @@ static void vulkan_check_half_step(oxl_context *device)
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
     vulkan_close(v);
-    device->vulkan = NULL;
+    device->backend->vulkan = NULL;
 }
 
 /* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
 static void vulkan_check_slots(oxl_context *device)
 {
-    struct vulkan           *v       = device->vulkan;
+    struct vulkan           *v       = device->backend->vulkan;
     const oxl_camera         camera  = vulkan_camera(100, 75);
     const oxl_render_options options = oxl_render_options_default();
     struct vulkan_renderer  *d;
@@ -1700,7 +1700,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, con
 /* At half its sides, then whole: the target grows, where the first allocation fails. */
 static void vulkan_check_image_in_use(oxl_context *device, VkResult shortage)
 {
-    struct vulkan        *v = device->vulkan;
+    struct vulkan        *v = device->backend->vulkan;
     static uint8_t        rgb[3 * 64 * 48];
     struct training_image image = {64, 48, rgb, NULL};
     struct renderer      *r;
@@ -1732,9 +1732,9 @@ static void vulkan_check_full(oxl_context *device)
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
     CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == 4 * 4 * t.pixels); /* with masks, and not a byte more */
     CHECK(renderer_has_image(t.r[1], 0) && renderer_has_image(t.r[1], 3));
-    vulkan_play_full(device->vulkan, 0); /* the first fails, images leave, and the second is the real one */
+    vulkan_play_full(device->backend->vulkan, 0); /* the first fails, images leave, and the second is the real one */
     while (vulkan_take_and_draw(&t, 1, &larger, 3, &loss[1]) == OXL_ERR_MEMORY && tries < 60)
-        vulkan_play_full(device->vulkan, ++tries);
+        vulkan_play_full(device->backend->vulkan, ++tries);
     CHECK(tries > 0 && tries < 60);
     CHECK(!renderer_has_image(t.r[1], 0));
     CHECK_OK(vulkan_take_and_draw(&t, 0, &larger, 3, &loss[0]));
@@ -1838,7 +1838,7 @@ static void vulkan_check_near_kinds(struct vulkan *v)
                 {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 15, 1, 1}};
     struct vulkan_kinds kinds;
     VkDeviceMemory      none = VK_NULL_HANDLE;
-    v->make_room             = vulkan_play_room;
+    v->evict                 = vulkan_play_room;
     for (size_t i = 0; i < OXL_COUNT(want); i++) {
         vulkan_rooms_made        = 0;
         v->properties.deviceType = want[i].type;
@@ -1854,7 +1854,7 @@ static void vulkan_check_near_kinds(struct vulkan *v)
     CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) != 0);
     v->portable        = 0;
     v->budgets         = 0;
-    v->make_room       = vulkan_play_room_lost;
+    v->evict           = vulkan_play_room_lost;
     vulkan_full_kinds  = 3;
     vulkan_kinds_tried = 0;
     kinds              = vulkan_memory_kinds(v, 31, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
@@ -1875,7 +1875,7 @@ static void vulkan_check_small_heap(struct vulkan *device)
         .memoryHeapCount = 3,
         .memoryHeaps     = {{small, 1}, {large, 1}, {4 * gib, 0}}};
     v.budgets                     = 0;
-    v.make_room                   = NULL;
+    v.evict                       = NULL;
     vulkan_real_allocate          = v.AllocateMemory;
     v.AllocateMemory              = vulkan_play_kinds;
     v.GetBufferMemoryRequirements = vulkan_play_needs;
@@ -1913,7 +1913,7 @@ static void vulkan_check_heap(const struct vulkan *v)
     vulkan_budget = 100, vulkan_usage = 30; /* of heap 0; twice, three times that of those behind it */
     CHECK(vulkan_memory_left(&other, 0) == 210 && vulkan_memory_left(&other, 1) == 140 && vulkan_memory_left(&other, 2) == 70);
     other.GetBufferMemoryRequirements = vulkan_play_requirements;
-    other.make_room                   = NULL;
+    other.evict                       = NULL;
     vulkan_play_full(&other, 0);
     for (int for_host = 0; for_host < 2; for_host++) {
         other.rc = OXL_OK;
@@ -1926,7 +1926,7 @@ static void vulkan_check_heap(const struct vulkan *v)
 static void vulkan_check_budget(oxl_context *device)
 {
     struct vulkan_twins  t     = vulkan_twins(device, 64, 48);
-    struct vulkan       *v     = device->vulkan;
+    struct vulkan       *v     = device->backend->vulkan;
     const size_t         bytes = 4 * t.pixels, most = v->image_bytes_max;
     struct renderer_loss loss;
     oxl_model            m, larger;
@@ -1970,14 +1970,14 @@ static void vulkan_check_score_falls_back(oxl_context *device)
     vulkan_scene(300, 1, 0, &m);
     memset(views, 0, sizeof views), memset(score, 0, sizeof score);
     CHECK_OK(renderer_forward(device, t.r[1], &m, &t.camera, &options));
-    vulkan_play_full(device->vulkan, 0);
+    vulkan_play_full(device->backend->vulkan, 0);
     for (int k = 0; k < 2; k++) {
         struct prune_pass pass = {one, views[k], drgb, 0};
         CHECK_OK(prune_score_view(t.ctx[k], t.r[k], &m, &t.camera, &options, &pass, score[k]));
     }
     CHECK(t.r[1]->device == NULL && score[0][0] + score[0][7] + score[0][11] > 0);
     CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && memcmp(views[0], views[1], sizeof views[0]) == 0);
-    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, drgb);
     vulkan_twins_free(&t);
@@ -2004,14 +2004,14 @@ static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral 
     int                      moved = 0;
     oxl_model                m;
     for (uint32_t i = 0; i < 299; i++) from[i] = i;
-    CHECK(r->tight && r->count == 300);
+    CHECK(r->low_memory && r->count == 300);
     vulkan_largest = SIZE_MAX;
     CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
-    CHECK(moved && !r->tight);
-    r->tight = 1;
+    CHECK(moved && !r->low_memory);
+    r->low_memory = 1;
     vulkan_scene(200, 1, 0, &m);
     CHECK_OK(renderer_forward(device, d->r, &m, &d->camera, &options));
-    CHECK(!r->tight);
+    CHECK(!r->low_memory);
     oxl_model_free(test_ctx, &m);
 }
 
@@ -2020,7 +2020,7 @@ static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral 
 static void vulkan_check_tight(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan                *v = device->vulkan;
+    struct vulkan                *v = device->backend->vulkan;
     struct vulkan_renderer       *r;
     struct vulkan_buffer          b = {0};
     struct renderer_loss          none;
@@ -2035,7 +2035,7 @@ static void vulkan_check_tight(oxl_context *device)
         v->AllocateMemory = vulkan_play_largest;
         CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
         vulkan_step_of(device, &d[k], 2, &none);
-        CHECK((vulkan_refusals > 0) == k && r->tight == k && r->room > 0);
+        CHECK((vulkan_refusals > 0) == k && r->low_memory == k && r->room > 0);
         if (k) CHECK(r->room * 16 <= vulkan_largest && r->sums_a.size <= vulkan_largest);
         vulkan_refusals = 0;
         vulkan_step_of(device, &d[k], 3, &none);
@@ -2065,23 +2065,23 @@ static void vulkan_check_fallback(oxl_context *device)
     struct renderer_loss loss[2];
     oxl_model            m;
     vulkan_scene(300, 1, 0, &m);
-    vulkan_play_full(device->vulkan, 3); /* the image fits, the model does not */
+    vulkan_play_full(device->backend->vulkan, 3); /* the image fits, the model does not */
     CHECK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]) == OXL_ERR_MEMORY);
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
     CHECK_TEXT(oxl_error_text(device), "fix: ");
     device->options.backend = OXL_BACKEND_AUTO;
-    vulkan_play_full(device->vulkan, 1); /* again: the image had left for the model */
+    vulkan_play_full(device->backend->vulkan, 1); /* again: the image had left for the model */
     CHECK_OK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]));
     CHECK(t.r[1]->device == NULL);
     CHECK_OK(vulkan_take_and_draw(&t, 0, &m, 0, &loss[0]));
     CHECK_CLOSE(loss[0].total, loss[1].total, 1e-6); /* its bytes made floats on the device */
     oxl_model_free(test_ctx, &m);
     vulkan_twins_free(&t);
-    vulkan_play_full(device->vulkan, 0);
+    vulkan_play_full(device->backend->vulkan, 0);
     t = vulkan_twins(device, 64, 48);
     CHECK(t.r[1]->device == NULL);
     vulkan_twins_free(&t);
-    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     vulkan_check_score_falls_back(device);
 }
 
@@ -2152,13 +2152,13 @@ static void vulkan_hear_cpu(void *user, oxl_log_level level, const char *text)
 static void vulkan_check_draws_without_device(oxl_context *device, const oxl_model *m, const struct vulkan_output cpu[2])
 {
     static struct vulkan_output none;
-    struct vulkan              *v      = device->vulkan;
+    struct vulkan              *v      = device->backend->vulkan;
     const size_t                before = v->submissions;
     CHECK(!vulkan_gives(device, m, 1, &cpu[1]));
     vulkan_submits_left = (int)(v->submissions - before) - 1;
     vulkan_real_submit  = v->QueueSubmit;
     v->QueueSubmit      = vulkan_play_late_loss;
-    vulkan_said_cpu = device->said_cpu = 0;
+    vulkan_said_cpu = device->backend->said_cpu = 0;
     CHECK(vulkan_submits_left > 3 && vulkan_gives(device, m, 1, &cpu[1]));
     CHECK(v->lost == VK_ERROR_DEVICE_LOST && vulkan_said_cpu == 1);
     CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_said_cpu == 1);
@@ -2168,16 +2168,16 @@ static void vulkan_check_draws_without_device(oxl_context *device, const oxl_mod
         CHECK(vulkan_output_of(device, m, gradient, &none) == OXL_ERR_FAILED);
         CHECK_TEXT(oxl_error_text(device), "the device is lost");
     }
-    CHECK(v->complaints == 0);
+    CHECK(v->validation_messages == 0);
     vulkan_close(v);
-    device->vulkan = NULL;
+    device->backend->vulkan = NULL;
 }
 
 /* --backend auto: wherever an image or a gradient finds no memory, the CPU does all of it. */
 static void vulkan_check_draws_fall_back(oxl_context *device)
 {
     static struct vulkan_output cpu[2], none;
-    struct vulkan              *v = device->vulkan;
+    struct vulkan              *v = device->backend->vulkan;
     oxl_model                   m;
     vulkan_scene(300, 1, 0, &m);
     device->options.log = vulkan_hear_cpu;
@@ -2186,7 +2186,7 @@ static void vulkan_check_draws_fall_back(oxl_context *device)
         CHECK_OK(vulkan_output_of(test_ctx, &m, gradient, &cpu[gradient]));
         vulkan_play_full(v, 1000);
         device->options.backend = OXL_BACKEND_VULKAN;
-        device->drew            = 0;
+        device->backend->drew   = 0;
         CHECK(!vulkan_gives(device, &m, gradient, &cpu[gradient]));
         CHECK(strcmp(oxl_backend_name(device), v->properties.deviceName) == 0);
         all = 1000 - vulkan_allocations_left;
@@ -2194,8 +2194,8 @@ static void vulkan_check_draws_fall_back(oxl_context *device)
         CHECK(vulkan_output_of(device, &m, gradient, &none) == OXL_ERR_MEMORY);
         CHECK(!none.image.rgb && none.gradient.count == 0);
         device->options.backend = OXL_BACKEND_AUTO;
-        device->drew            = 0;
-        vulkan_said_cpu = device->said_cpu = 0;
+        device->backend->drew   = 0;
+        vulkan_said_cpu = device->backend->said_cpu = 0;
         for (int k = 0; k < all; k++) {
             vulkan_play_full(v, k);
             CHECK(vulkan_gives(device, &m, gradient, &cpu[gradient]) && vulkan_said_cpu == 1);
@@ -2218,7 +2218,7 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     struct renderer_loss       loss;
     uint32_t                   from[1200];
     struct renderer_move       move = {.from = from};
-    struct vulkan             *v    = device->vulkan;
+    struct vulkan             *v    = device->backend->vulkan;
     size_t                     sent, read;
     int                        moved = 0;
     vulkan_deferral_begin(device, d);
@@ -2236,9 +2236,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     move.sh_degree = 1;
     move.count     = 300 - change.removed + change.split;
     CHECK(change.removed > 40 && (change.split > 100) == !lobes && move.lobes == (lobes ? 85 : 0));
-    if (moves == 2) vulkan_play_full(device->vulkan, 3);
+    if (moves == 2) vulkan_play_full(device->backend->vulkan, 3);
     if (moves) CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
-    if (moves == 2) device->vulkan->AllocateMemory = vulkan_real_allocate;
+    if (moves == 2) device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     CHECK(moved == (moves == 1));
     CHECK_OK(density_apply(test_ctx, density, &d->run.model, &d->run.first, &d->run.second, &change, moved));
     if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 0));
@@ -2255,7 +2255,7 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
 static void vulkan_check_moves(oxl_context *device)
 {
     static struct vulkan_deferral d[3];
-    device->vulkan->slab_rows = 256; /* several slabs */
+    device->backend->vulkan->slab_rows = 256; /* several slabs */
     for (size_t lobes = 0; lobes <= 100; lobes += 100) {
         for (int moves = 0; moves < 3; moves++) vulkan_densify(device, &d[moves], lobes, moves);
         for (int k = 1; k < 3; k++) {
@@ -2279,16 +2279,16 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_barrier(VkCommandBuffer commands, 
 
 static int vulkan_complains(struct vulkan *v)
 {
-    const int complaints = v->complaints;
-    v->complaints        = 0;
-    return complaints > 0;
+    const int messages     = v->validation_messages;
+    v->validation_messages = 0;
+    return messages > 0;
 }
 
 /* That validation is silent in the other tests says something when it is not here: barriers left out, and a write past the end of a
  * buffer, which only GPU-assisted validation sees (OXL_VULKAN_VALIDATE=gpu; the device keeps it from harm, or not: on lavapipe it does). */
 static void vulkan_check_validation(oxl_context *device)
 {
-    struct vulkan                 *v       = device->vulkan;
+    struct vulkan                 *v       = device->backend->vulkan;
     const PFN_vkCmdPipelineBarrier barrier = v->CmdPipelineBarrier;
     const int                      gpu     = strcmp(getenv("OXL_VULKAN_VALIDATE"), "gpu") == 0;
     struct vulkan_buffer           small = {0}, number = {0};
@@ -2311,24 +2311,24 @@ static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
     const oxl_camera   camera  = vulkan_camera(200, 150);
     oxl_render_options options = oxl_render_options_default();
     float             *rgb     = oxl_alloc(test_ctx, 3 * 200 * 150, sizeof *rgb);
-    struct vulkan     *v       = device->vulkan;
+    struct vulkan     *v       = device->backend->vulkan;
     struct renderer   *r;
     const float       *image;
     vulkan_real_wait = v->WaitForFences;
     CHECK_OK(renderer_create(device, &r));
     for (int k = 0; k < 2; k++) {
-        const uint64_t patience = v->patience;
-        size_t         before   = v->submissions, parts;
+        const uint64_t timeout_ns = v->timeout_ns;
+        size_t         before     = v->submissions, parts;
         CHECK_OK(renderer_forward(device, r, m, &camera, &options));
         parts            = ((struct vulkan_renderer *)r->device)->pairs / 10;
-        v->patience      = k ? 1000000000 : patience;
+        v->timeout_ns    = k ? 1000000000 : timeout_ns;
         v->WaitForFences = vulkan_note_wait;
         vulkan_waited    = 0;
         if (k) CHECK(parts > VULKAN_COMMANDS && v->submissions - before > parts);
         CHECK_OK(renderer_image(device, r, &image));
-        if (k) CHECK(vulkan_waited > v->patience && vulkan_waited <= VULKAN_COMMANDS * v->patience);
+        if (k) CHECK(vulkan_waited > v->timeout_ns && vulkan_waited <= VULKAN_COMMANDS * v->timeout_ns);
         v->WaitForFences = vulkan_real_wait;
-        v->patience      = patience;
+        v->timeout_ns    = timeout_ns;
         if (k == 0) memcpy(rgb, image, 3 * 200 * 150 * sizeof *rgb);
         v->part = 10;
     }
@@ -2350,18 +2350,18 @@ static void vulkan_check_parts(oxl_context *device)
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         const float     *image;
-        size_t           before = device->vulkan->submissions;
-        device->vulkan->part    = k ? 500 : 0;
+        size_t           before       = device->backend->vulkan->submissions;
+        device->backend->vulkan->part = k ? 500 : 0;
         CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
         memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
         CHECK_OK(renderer_create(device, &r));
         CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
-        CHECK((device->vulkan->submissions - before > 5) == k); /* two rows of tiles each */
+        CHECK((device->backend->vulkan->submissions - before > 5) == k); /* two rows of tiles each */
         CHECK_OK(renderer_image(device, r, &image));
         memcpy(rgb + 3 * pixels * (size_t)k, image, 3 * pixels * sizeof *rgb);
-        before = device->vulkan->submissions;
+        before = device->backend->vulkan->submissions;
         CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
-        CHECK((device->vulkan->submissions - before > 5) == k);
+        CHECK((device->backend->vulkan->submissions - before > 5) == k);
         CHECK_OK(renderer_gradient(device, r, &gradient[k]));
         renderer_free(device, r);
     }
@@ -2416,7 +2416,7 @@ static void vulkan_check_unbalanced(oxl_context *device)
 {
     const oxl_camera         camera  = vulkan_camera(320, 240);
     const oxl_render_options options = oxl_render_options_default();
-    struct vulkan           *v       = device->vulkan;
+    struct vulkan           *v       = device->backend->vulkan;
     struct vulkan_renderer  *d;
     struct renderer         *r;
     oxl_model                m;
@@ -2505,7 +2505,7 @@ static void vulkan_check_one_upload(oxl_context *device)
 {
     oxl_scene              *scene = vulkan_survey(device, 0);
     const oxl_render_output what  = {.split = OXL_SPLIT_ALL, .depth = 1};
-    struct vulkan          *v     = device->vulkan;
+    struct vulkan          *v     = device->backend->vulkan;
     oxl_metrics             metrics;
     oxl_model               m;
     size_t                  before = v->sent;
@@ -2730,8 +2730,8 @@ static void vulkan_check_kept_rows(oxl_context *device)
     struct train      t[2];
     size_t            bytes[2];
     float             moment[2][120];
-    options.sh_degree_interval = 0.001;
-    device->vulkan->slab_rows  = 64; /* several slabs */
+    options.sh_degree_interval         = 0.001;
+    device->backend->vulkan->slab_rows = 64; /* several slabs */
     for (int k = 0; k < 2; k++) {
         t[k] = (struct train){.ctx       = device,
                               .scene     = vulkan_survey(device, 0),
@@ -2763,7 +2763,7 @@ static void vulkan_check_kept_rows(oxl_context *device)
 static void vulkan_check_run_falls_back(oxl_context *device)
 {
     oxl_train_options       options = train_options(60);
-    struct vulkan          *v       = device->vulkan;
+    struct vulkan          *v       = device->backend->vulkan;
     oxl_model               model;
     struct vulkan_renderer *d;
     struct train            t = {
@@ -2777,7 +2777,7 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     vulkan_release(v, &d->target);
     vulkan_play_full(v, 0);
     v->image_bytes_max      = 0;
-    v->make_room            = NULL;
+    v->evict                = NULL;
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_two_steps(&t);
     CHECK(!renderer_has_device(t.renderer) && t.last_loss > 0 && t.last_loss < 1);
@@ -2820,7 +2820,7 @@ static void vulkan_check_lost_run(oxl_context *device)
     int                stop     = 33;
     const oxl_callback callback = {vulkan_stops_at, &stop};
     uint64_t           saved[2] = {0, 1};
-    struct vulkan     *v        = device->vulkan;
+    struct vulkan     *v        = device->backend->vulkan;
     oxl_model          model[2], none;
     CHECK_OK(vulkan_saved_run(device, NULL, &model[0], NULL));
     CHECK(vulkan_saved_run(device, &callback, &none, &saved[0]) == OXL_ERR_INTERRUPTED);
@@ -2834,9 +2834,9 @@ static void vulkan_check_lost_run(oxl_context *device)
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again, it continues from the last checkpoint");
     CHECK(vulkan_submits_left == -3 && none.count == 0); /* once more after images have left */
     CHECK(saved[0] == saved[1]);
-    CHECK(v->lost && v->complaints == 0);
+    CHECK(v->lost && v->validation_messages == 0);
     vulkan_close(v);
-    device->vulkan          = NULL;
+    device->backend->vulkan = NULL;
     device->options.backend = OXL_BACKEND_VULKAN;
     CHECK_OK(vulkan_saved_run(device, NULL, &model[1], NULL));
     vulkan_check_same_model(&model[0], &model[1]);
@@ -2847,7 +2847,7 @@ static void vulkan_check_lost_run(oxl_context *device)
 static void vulkan_check_lost_trial(oxl_context *device)
 {
     oxl_train_options options = train_options(60);
-    struct vulkan    *v       = device->vulkan;
+    struct vulkan    *v       = device->backend->vulkan;
     oxl_model         model;
     struct train      t = {
              .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .model = &model, .decisions = {.ctx = device}};
@@ -2864,7 +2864,7 @@ static void vulkan_check_lost_trial(oxl_context *device)
     oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
     vulkan_close(v);
-    device->vulkan = NULL;
+    device->backend->vulkan = NULL;
 }
 
 /* A job in its own folder, on a device that allocates so often: what run.json says of it. */
@@ -2874,12 +2874,12 @@ static void vulkan_check_run_json_of(oxl_context *device, const char *folder, in
     char                  out[512], run[600], words[400];
     snprintf(out, sizeof out, "%s", test_path(folder));
     snprintf(run, sizeof run, "%s/run.json", out);
-    vulkan_play_full(device->vulkan, allocations);
+    vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(oxl_job_run(device, job_test_survey(), out, &options, NULL));
-    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     snprintf(words, sizeof words, "\"backend\": \"%s\",", rendered);
     CHECK(job_test_has(run, words));
-    snprintf(words, sizeof words, "\"device\": \"%s\"}", device->vulkan->properties.deviceName);
+    snprintf(words, sizeof words, "\"device\": \"%s\"}", device->backend->vulkan->properties.deviceName);
     CHECK(job_test_has(run, words));
     CHECK(job_test_has(run, "continuing on the CPU") == (allocations == 0));
 }
@@ -2887,10 +2887,10 @@ static void vulkan_check_run_json_of(oxl_context *device, const char *folder, in
 /* `device` of the job is what a run is to be repeated with; `backend` says what did the work. */
 static void vulkan_check_run_json(oxl_context *device)
 {
-    const char *name        = device->vulkan->properties.deviceName;
+    const char *name        = device->backend->vulkan->properties.deviceName;
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_check_run_json_of(device, "on_device", 10000, name);
-    device->drew = 0;
+    device->backend->drew = 0;
     vulkan_check_run_json_of(device, "on_cpu", 0, "cpu");
     vulkan_check_run_json_of(device, "on_cpu", 0, "cpu"); /* whatever has rendered, the job is the same one, and finished */
 }
@@ -2916,9 +2916,9 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
              .ctx = device, .scene = scene, .options = &options, .model = &model, .decisions = {.ctx = device}, .step = 1};
     options.mask_transients = 1;
     CHECK_OK(train_begin(&t));
-    vulkan_play_full(device->vulkan, allocations);
+    vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(step_on_next_view(&t));
-    device->vulkan->AllocateMemory = vulkan_real_allocate;
+    device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     CHECK(t.transients.points > 0 && t.last_loss > 0 && t.last_loss < 1);
     CHECK(renderer_has_device(t.renderer) == !falls_back);
     train_end(&t);
@@ -2941,7 +2941,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_refusal(VkDevice device, VkPip
 static void vulkan_check_refused_shader(oxl_context *device)
 {
     static struct vulkan_deferral d;
-    struct vulkan                *v       = device->vulkan;
+    struct vulkan                *v       = device->backend->vulkan;
     const oxl_render_options      options = oxl_render_options_default();
     struct vulkan_renderer       *r;
     vulkan_deferral_begin(device, &d);
@@ -2956,7 +2956,7 @@ static void vulkan_check_refused_shader(oxl_context *device)
     vulkan_real_compile               = v->CreateComputePipelines;
     v->CreateComputePipelines         = vulkan_note_refusal;
     CHECK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options) == OXL_ERR_MEMORY);
-    CHECK(vulkan_refusals_made == 1 && !r->tight && !r->pair_key[0].handle && !r->sums_a.handle);
+    CHECK(vulkan_refusals_made == 1 && !r->low_memory && !r->pair_key[0].handle && !r->sums_a.handle);
     v->CreateComputePipelines = vulkan_real_compile;
     CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
     vulkan_deferral_end(device, &d);
@@ -2966,7 +2966,7 @@ static void vulkan_check_refused_shader(oxl_context *device)
 static void vulkan_check_first_step_falls_back(oxl_context *device)
 {
     static const enum vulkan_pass late[] = {PASS_OBSERVE, PASS_STEP, PASS_LOSS_BACKWARD};
-    struct vulkan                *v      = device->vulkan;
+    struct vulkan                *v      = device->backend->vulkan;
     const int                     all    = vulkan_masked_step(device, 1000, 0);
     device->options.backend              = OXL_BACKEND_AUTO;
     CHECK(all > 20);
@@ -3041,14 +3041,14 @@ static void vulkan_check_exposure(oxl_context *device)
     size_t    waits;
     vulkan_train_exposed(test_ctx, VULKAN_STRAIGHT, &model[0], cpu);
     oxl_model_free(test_ctx, &model[0]);
-    waits = device->vulkan->waits;
+    waits = device->backend->vulkan->waits;
     vulkan_train_exposed(device, VULKAN_STRAIGHT, &model[0], gain[0]);
-    CHECK(device->vulkan->waits - waits < 80);
-    vulkan_real_push                 = device->vulkan->CmdPushConstants;
-    device->vulkan->CmdPushConstants = vulkan_play_push;
+    CHECK(device->backend->vulkan->waits - waits < 80);
+    vulkan_real_push                          = device->backend->vulkan->CmdPushConstants;
+    device->backend->vulkan->CmdPushConstants = vulkan_play_push;
     vulkan_counted = vulkan_halted = 0;
     vulkan_train_exposed(device, VULKAN_WITHOUT_ROOM, &model[1], gain[1]);
-    device->vulkan->CmdPushConstants = vulkan_real_push;
+    device->backend->vulkan->CmdPushConstants = vulkan_real_push;
     CHECK(vulkan_counted > 20 && vulkan_halted > 6);
     vulkan_train_exposed(device, VULKAN_STOPPED, &model[2], gain[2]);
     CHECK(cpu[0] - cpu[3] > 0.03);
@@ -3131,11 +3131,11 @@ static void vulkan_check_repeated(oxl_context *device)
     oxl_model model[2];
     double    psnr[2];
     vulkan_train(device, 60, &model[0], &psnr[0]);
-    vulkan_real_push                 = device->vulkan->CmdPushConstants;
-    device->vulkan->CmdPushConstants = vulkan_play_push;
+    vulkan_real_push                          = device->backend->vulkan->CmdPushConstants;
+    device->backend->vulkan->CmdPushConstants = vulkan_play_push;
     vulkan_counted = vulkan_halted = 0;
     vulkan_train(device, 60, &model[1], &psnr[1]);
-    device->vulkan->CmdPushConstants = vulkan_real_push;
+    device->backend->vulkan->CmdPushConstants = vulkan_real_push;
     CHECK(vulkan_counted > 20 && vulkan_halted > 6);
     CHECK(psnr[0] == psnr[1] && model[0].count == model[1].count);
     for (int k = 0; k < oxl_model_planes(&model[0]) && model[0].count == model[1].count; k++)
@@ -3307,9 +3307,9 @@ TEST(vulkan_keeps_uploads_when_an_error_follows)
     ON_DEVICE(vulkan_check_uploads);
 }
 
-TEST(vulkan_waits_for_a_gpu_up_to_its_patience_and_for_a_cpu_without_a_limit)
+TEST(vulkan_waits_for_a_gpu_up_to_its_timeout_and_for_a_cpu_without_a_limit)
 {
-    ON_DEVICE(vulkan_check_patience);
+    ON_DEVICE(vulkan_check_timeout_of_kinds);
 }
 
 TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)

@@ -75,7 +75,7 @@ static struct kernel_camera view_kernel_camera(const struct wide *w)
 {
     const oxl_camera    *c = &w->camera;
     const double        *r = c->rotation, *t = c->translation;
-    struct kernel_camera l = {.width       = c->width,
+    struct kernel_camera k = {.width       = c->width,
                               .height      = c->height,
                               .fx          = c->fx,
                               .fy          = c->fy,
@@ -88,12 +88,12 @@ static struct kernel_camera view_kernel_camera(const struct wide *w)
                               .near_plane  = w->near_plane,
                               .alpha_min   = w->alpha_min,
                               .cutoff_bits = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
-    l.rotation.x           = vec3(r[0], r[1], r[2]);
-    l.rotation.y           = vec3(r[3], r[4], r[5]);
-    l.rotation.z           = vec3(r[6], r[7], r[8]);
-    l.translation          = vec3(t[0], t[1], t[2]);
-    l.eye                  = scale3(-1, mat3_transposed_times(l.rotation, l.translation));
-    return l;
+    k.rotation.x           = vec3(r[0], r[1], r[2]);
+    k.rotation.y           = vec3(r[3], r[4], r[5]);
+    k.rotation.z           = vec3(r[6], r[7], r[8]);
+    k.translation          = vec3(t[0], t[1], t[2]);
+    k.eye                  = scale3(-1, mat3_transposed_times(k.rotation, k.translation));
+    return k;
 }
 
 static struct project_job view_project(const struct view *v)

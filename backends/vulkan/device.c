@@ -33,13 +33,13 @@ static int vulkan_load(struct vulkan *v)
     return v->CreateInstance != NULL;
 }
 
-static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_complaint(VkDebugUtilsMessageSeverityFlagBitsEXT      severity,
-                                                       VkDebugUtilsMessageTypeFlagsEXT             types,
-                                                       const VkDebugUtilsMessengerCallbackDataEXT *data, void *user)
+static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_log_validation(VkDebugUtilsMessageSeverityFlagBitsEXT      severity,
+                                                            VkDebugUtilsMessageTypeFlagsEXT             types,
+                                                            const VkDebugUtilsMessengerCallbackDataEXT *data, void *user)
 {
     struct vulkan *v = user;
     (void)severity, (void)types;
-    if (v->complaints++ < 10) oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan validation: %s", data->pMessage);
+    if (v->validation_messages++ < 10) oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan validation: %s", data->pMessage);
     return VK_FALSE;
 }
 
@@ -128,7 +128,7 @@ static oxl_result vulkan_start(struct vulkan *v)
         .sType           = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
         .messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
         .messageType     = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT,
-        .pfnUserCallback = vulkan_complaint,
+        .pfnUserCallback = vulkan_log_validation,
         .pUserData       = v};
     PFN_vkCreateDebugUtilsMessengerEXT create;
     if (!vulkan_load(v))
@@ -270,7 +270,7 @@ static void vulkan_set_times(struct vulkan *v)
 {
     const VkPhysicalDeviceType type = v->properties.deviceType;
     const int                  cpu  = type == VK_PHYSICAL_DEVICE_TYPE_CPU;
-    v->patience                     = cpu ? UINT64_MAX : VULKAN_WAIT;
+    v->timeout_ns                   = cpu ? UINT64_MAX : VULKAN_WAIT;
     v->part                         = cpu ? 0 : type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ? 4 * VULKAN_PART : VULKAN_PART;
 }
 
@@ -368,7 +368,7 @@ static oxl_result vulkan_open_device(struct vulkan *v)
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
     if (rc != OXL_OK) return rc;
     vulkan_create(v, &v->staging, VULKAN_MARKS + VULKAN_FRAMES * sizeof(uint32_t), 1);
-    vulkan_create(v, &v->nothing, 256, 0);
+    vulkan_create(v, &v->dummy, 256, 0);
     if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
     v->mapped          = mapped;
     v->image_bytes_max = vulkan_memory_left(v, v->kind) / VULKAN_IMAGE_SHARE;
@@ -386,7 +386,7 @@ static void vulkan_close_device(struct vulkan *v)
             v->DestroyDescriptorSetLayout(v->device, p->set, NULL);
         }
         vulkan_release(v, &v->staging);
-        vulkan_release(v, &v->nothing);
+        vulkan_release(v, &v->dummy);
         v->DestroyQueryPool(v->device, v->clock, NULL);
         for (int k = 0; k < VULKAN_FRAMES; k++) {
             v->DestroyDescriptorPool(v->device, v->frame[k].descriptor_pool, NULL);

@@ -1,7 +1,7 @@
 /* memory.c - buffers on the device, and how much memory there is for them.
  *
  * Where an allocation would exceed the memory budgets, or fails, of every kind of memory that is near, images that are kept on the device
- * make room (vulkan.make_room); then kinds that are far, and those beyond their budgets. What still fails is OXL_ERR_MEMORY, and with
+ * make room (vulkan.evict); then kinds that are far, and those beyond their budgets. What still fails is OXL_ERR_MEMORY, and with
  * --backend auto the CPU takes over (src/render/renderer.c).
  */
 #include "state.h"
@@ -110,7 +110,7 @@ static VkResult vulkan_allocate_of(struct vulkan *v, VkDeviceSize size, const st
 static VkResult vulkan_allocate(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, VkDeviceMemory *out)
 {
     VkResult result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
-    if (vulkan_is_short(result) && v->make_room && v->make_room(v, 0) > 0)
+    if (vulkan_is_short(result) && v->evict && v->evict(v, 0) > 0)
         result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
     if (v->lost) return v->lost; /* while images were waited for */
     return result == VK_ERROR_OUT_OF_DEVICE_MEMORY ? vulkan_allocate_of(v, size, from, from->count, !v->portable, out) : result;

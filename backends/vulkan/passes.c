@@ -89,7 +89,7 @@ OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
 
 OXL_INTERNAL int vulkan_may_retry(struct vulkan *v)
 {
-    if (v->rc != OXL_ERR_MEMORY || v->stays || v->lost) return 0;
+    if (v->rc != OXL_ERR_MEMORY || v->is_permanent || v->lost) return 0;
     v->rc = OXL_OK;
     return 1;
 }
@@ -220,11 +220,11 @@ static int vulkan_is_done(const struct vulkan *v, const struct vulkan_frame *f)
     return mark == f->mark;
 }
 
-/* Until the device is done with a frame, each of its submissions within the patience. A wait that finds no memory is repeated. */
+/* Until the device is done with a frame, each of its submissions within the time limit. A wait that finds no memory is repeated. */
 static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 {
     const uint64_t submissions = (uint64_t)f->command_at + 1;
-    const uint64_t most        = v->patience > UINT64_MAX / submissions ? UINT64_MAX : v->patience * submissions;
+    const uint64_t most        = v->timeout_ns > UINT64_MAX / submissions ? UINT64_MAX : v->timeout_ns * submissions;
     VkResult       result      = VK_ERROR_OUT_OF_HOST_MEMORY;
     if (!f->under_way || v->lost) return;
     for (int tries = 0; tries < 3 && vulkan_is_short(result); tries++)
@@ -239,13 +239,13 @@ static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 }
 
 /* A command buffer that could not be ended is lost. Where the host relies on nothing in it, that is a lack of memory like others, but for
- * what comes behind it (vulkan.stays); the next one is used, since only the whole pool is reset. */
+ * what comes behind it (vulkan.is_permanent); the next one is used, since only the whole pool is reset. */
 static int vulkan_fail_end(struct vulkan *v, VkResult result)
 {
     const int last = vulkan_frame(v)->command_at + 1 == VULKAN_COMMANDS;
     if (!vulkan_is_short(result) || v->relied_on || v->clock || last) return vulkan_give_up(v, result);
     vulkan_frame(v)->command_at++;
-    v->stays = 1;
+    v->is_permanent = 1;
     return vulkan_ok(v, result, "recording");
 }
 
@@ -264,7 +264,7 @@ static int vulkan_submit(struct vulkan *v, VkFence fence)
     result = v->QueueSubmit(v->queue, 1, &submit, fence);
     for (int k = 1; k < VULKAN_FRAMES && vulkan_is_short(result); k++) vulkan_wait(v, &v->frame[(v->at + k) % VULKAN_FRAMES]);
     if (vulkan_is_short(result) && !v->lost) result = v->QueueSubmit(v->queue, 1, &submit, fence);
-    if (vulkan_is_short(result) && !v->lost && v->make_room && v->make_room(v, vulkan_frame_number(v)) > 0)
+    if (vulkan_is_short(result) && !v->lost && v->evict && v->evict(v, vulkan_frame_number(v)) > 0)
         result = v->QueueSubmit(v->queue, 1, &submit, fence);
     if (v->lost) return 0;
     return result == VK_SUCCESS || vulkan_give_up(v, result);
@@ -336,7 +336,7 @@ OXL_INTERNAL void vulkan_enter(struct vulkan *v)
     if (v->rc == OXL_OK) return;
     v->reads = 0;
     vulkan_finish(v);
-    v->stays = 0;
+    v->is_permanent = 0;
     if (v->lost) vulkan_say_lost(v);
     else v->rc = OXL_OK;
 }
@@ -482,8 +482,8 @@ OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32
     if (v->rc != OXL_OK || v->pipeline[pass].variant[variant]) return;
     vulkan_make_variant(v, pass, variant);
     if (v->rc == OXL_OK) return;
-    v->stays = v->rc != OXL_ERR_MEMORY;
-    v->rc    = OXL_ERR_MEMORY;
+    v->is_permanent = v->rc != OXL_ERR_MEMORY;
+    v->rc           = OXL_ERR_MEMORY;
 }
 
 /* Shaders are compiled as if no two bindings shared memory, so one buffer must not be bound twice. */
@@ -491,7 +491,8 @@ static void vulkan_check_bindings(struct vulkan *v, enum vulkan_pass pass, const
 {
     for (uint32_t i = 0; v->validates && i < VULKAN_PASSES[pass].bindings; i++)
         for (uint32_t k = 0; k < i; k++)
-            if (buffer[i] && buffer[k] && buffer[i]->handle && buffer[i]->handle == buffer[k]->handle && v->complaints++ < 10)
+            if (buffer[i] && buffer[k] && buffer[i]->handle && buffer[i]->handle == buffer[k]->handle &&
+                v->validation_messages++ < 10)
                 oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan: pass %d binds one buffer as %u and %u", (int)pass, k, i);
 }
 
@@ -512,7 +513,7 @@ static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, cons
     if (!vulkan_ok(v, v->AllocateDescriptorSets(v->device, &info, &set), "descriptors")) return VK_NULL_HANDLE;
     for (uint32_t i = 0; i < count; i++)
         whole[i] =
-            (VkDescriptorBufferInfo){buffer[i] && buffer[i]->handle ? buffer[i]->handle : v->nothing.handle, 0, VK_WHOLE_SIZE};
+            (VkDescriptorBufferInfo){buffer[i] && buffer[i]->handle ? buffer[i]->handle : v->dummy.handle, 0, VK_WHOLE_SIZE};
     write.dstSet = set;
     v->UpdateDescriptorSets(v->device, 1, &write, 0, NULL);
     return set;

@@ -48,22 +48,22 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
 {
     const uint32_t       on = HALT_NONE;
-    struct kernel_camera l  = render_kernel_camera(c, o->near_plane);
-    render_set_alpha_min(&l, o->alpha_min);
-    r->view  = (struct vulkan_view){.rotation    = {l.rotation.x.x, l.rotation.x.y, l.rotation.x.z, l.rotation.y.x, l.rotation.y.y,
-                                                    l.rotation.y.z, l.rotation.z.x, l.rotation.z.y, l.rotation.z.z},
-                                    .translation = {l.translation.x, l.translation.y, l.translation.z},
-                                    .eye         = {l.eye.x, l.eye.y, l.eye.z},
-                                    .fx          = l.fx,
-                                    .fy          = l.fy,
-                                    .cx          = l.cx,
-                                    .cy          = l.cy,
-                                    .limit_x     = l.limit_x,
-                                    .limit_y     = l.limit_y,
-                                    .near_plane  = l.near_plane,
+    struct kernel_camera k  = render_kernel_camera(c, o->near_plane);
+    render_set_alpha_min(&k, o->alpha_min);
+    r->view  = (struct vulkan_view){.rotation    = {k.rotation.x.x, k.rotation.x.y, k.rotation.x.z, k.rotation.y.x, k.rotation.y.y,
+                                                    k.rotation.y.z, k.rotation.z.x, k.rotation.z.y, k.rotation.z.z},
+                                    .translation = {k.translation.x, k.translation.y, k.translation.z},
+                                    .eye         = {k.eye.x, k.eye.y, k.eye.z},
+                                    .fx          = k.fx,
+                                    .fy          = k.fy,
+                                    .cx          = k.cx,
+                                    .cy          = k.cy,
+                                    .limit_x     = k.limit_x,
+                                    .limit_y     = k.limit_y,
+                                    .near_plane  = k.near_plane,
                                     .background  = {o->background[0], o->background[1], o->background[2]},
-                                    .alpha_min   = l.alpha_min,
-                                    .cut         = l.cutoff_bits,
+                                    .alpha_min   = k.alpha_min,
+                                    .cut         = k.cutoff_bits,
                                     .width       = (uint32_t)c->width,
                                     .height      = (uint32_t)c->height,
                                     .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,
@@ -173,7 +173,7 @@ static void vulkan_draw(struct vulkan_renderer *r, int depths)
 
 static void vulkan_reserve_pairs(struct vulkan_renderer *r, struct vulkan_buffer *b, size_t element)
 {
-    if (r->tight) vulkan_reserve_exactly(r->v, b, r->pairs, element, "(tile, splat) pairs");
+    if (r->low_memory) vulkan_reserve_exactly(r->v, b, r->pairs, element, "(tile, splat) pairs");
     else vulkan_reserve(r->v, b, r->pairs, element, "(tile, splat) pairs");
 }
 
@@ -220,7 +220,7 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
 static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
 {
     if (r->deferred && r->room == 0) {
-        const size_t more = r->tight ? 0 : r->pairs / VULKAN_ROOM + VULKAN_BLOCK;
+        const size_t more = r->low_memory ? 0 : r->pairs / VULKAN_ROOM + VULKAN_BLOCK;
         r->room           = OXL_MIN(r->pairs + more, (size_t)UINT32_MAX - 1);
         r->pairs          = r->room;
     }
@@ -253,10 +253,10 @@ static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
     vulkan_reserve_view(r, steps);
     if (v->rc == OXL_OK) return;
     vulkan_release_pairs(r);
-    if (!counted || (r->tight && r->pairs == found) || !vulkan_may_retry(v)) return;
-    r->tight = 1;
-    r->room  = 0;
-    r->pairs = found;
+    if (!counted || (r->low_memory && r->pairs == found) || !vulkan_may_retry(v)) return;
+    r->low_memory = 1;
+    r->room       = 0;
+    r->pairs      = found;
     vulkan_reserve_view(r, steps);
     if (v->rc != OXL_OK) vulkan_release_pairs(r);
 }

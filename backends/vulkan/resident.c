@@ -40,15 +40,15 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
 {
     struct vulkan_renderer *r      = oxl_calloc(ctx, 1, sizeof *r);
-    struct vulkan          *v      = ctx->vulkan;
+    struct vulkan          *v      = ctx->backend->vulkan;
     void                   *mapped = NULL;
     *out                           = NULL;
     if (!r) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
-    r->v         = v;
-    r->using     = -1;
-    r->next      = v->renderers;
-    v->renderers = r;
-    v->make_room = vulkan_drop_images;
+    r->v           = v;
+    r->pinned_view = -1;
+    r->next        = v->renderers;
+    v->renderers   = r;
+    v->evict       = vulkan_drop_images;
     vulkan_enter(v);
     vulkan_reserve(v, &r->view_buffer, 1, sizeof r->view, "views");
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
@@ -154,7 +154,7 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
     r->model_here = r->moments_here = r->stepped = 0;
     r->room                                      = 0;
-    r->tight                                     = 0;
+    r->low_memory                                = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_rows(r);
     if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, r->planes, 1);
@@ -266,9 +266,9 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
         r->sh_degree = old.sh_degree, r->lobe_plane = old.lobe_plane;
         return v->rc == OXL_ERR_MEMORY ? OXL_OK : v->rc;
     }
-    r->room    = 0;
-    r->tight   = 0;
-    r->stepped = 1; /* the host has not got all of it */
+    r->room       = 0;
+    r->low_memory = 0;
+    r->stepped    = 1; /* the host has not got all of it */
     return OXL_OK;
 }
 
@@ -322,7 +322,7 @@ OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but)
     for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
         for (size_t i = 0; i < r->image_capacity; i++) {
             const size_t size = r->image[i].bytes.size;
-            if (!r->image[i].bytes.handle || (int)i == r->using || (but && r->image[i].frame == but)) continue;
+            if (!r->image[i].bytes.handle || (int)i == r->pinned_view || (but && r->image[i].frame == but)) continue;
             vulkan_release(v, &r->image[i].bytes);
             r->image_bytes -= OXL_MIN(r->image_bytes, size);
             r->images--;
@@ -388,15 +388,15 @@ OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct t
     const uint32_t               width = p ? p->width : (uint32_t)image->width, height = p ? p->height : (uint32_t)image->height;
     r->target_pixels = (size_t)(width >> halved) * (size_t)(height >> halved);
     r->masked        = p ? p->mask_at > 0 : image->mask != NULL;
-    r->using         = view;
+    r->pinned_view   = view;
     vulkan_enter(v);
     vulkan_reserve_target(r, r->target_pixels);
     if (!p) p = vulkan_add_image(r, view, image, &passing);
     VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
                VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
-    p->frame = vulkan_frame_number(v);
-    r->using = -1;
+    p->frame       = vulkan_frame_number(v);
+    r->pinned_view = -1;
     return v->rc;
 }
 

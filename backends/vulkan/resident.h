@@ -65,17 +65,17 @@ struct vulkan_renderer {
     struct vulkan_training_image *image;                               /* (image_capacity) by view, those that are here */
     size_t                        image_capacity, image_bytes, images; /* images: how many are here */
     size_t                        target_pixels;                       /* of the image that was taken last */
-    int using;                                                         /* the view whose image is worked on: it stays; -1: none */
-    int                  masked;                                       /* whether the one that was taken last is */
+    int                           pinned_view; /* the view whose image is worked on, and is not evicted; -1: none */
+    int                           masked;      /* whether the one that was taken last is */
     /* the last view */
-    struct vulkan_view   view;
-    size_t               tiles, pairs; /* pairs: at most, when deferred */
-    size_t               room;         /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
-    size_t               most_pairs;   /* of the views so far, as deferred steps reported them */
-    int                  tight; /* memory was short for this model: there is room for as many pairs as were found, and no more */
-    float                ssim_weight, gain[3];
-    int                  exposed;  /* 1: the loss is that of the rendered image times `gain` */
-    int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
+    struct vulkan_view            view;
+    size_t                        tiles, pairs; /* pairs: at most, when deferred */
+    size_t                        room; /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
+    size_t                        most_pairs; /* of the views so far, as deferred steps reported them */
+    int   low_memory; /* memory was short for this model: there is room for as many pairs as were found, and no more */
+    float ssim_weight, gain[3];
+    int   exposed;  /* 1: the loss is that of the rendered image times `gain` */
+    int   sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2], row_pairs, row_slots,
         mean2d, statistics, score, moves;
@@ -97,7 +97,7 @@ OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
 OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v,
-                                       uint32_t       but); /* of every renderer, but the one that is in use: make_room */
+                                       uint32_t       but); /* of every renderer, but the one that is in use: vulkan.evict */
 OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what);
 OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved);
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity);

@@ -128,9 +128,10 @@ struct vulkan_renderer;
 struct vulkan {
     oxl_context            *ctx;
     struct vulkan_renderer *renderers; /* a list of all that are there */
-    /* Releases what can be had again; how many buffers. but: what this frame names stays, and all others have ended; 0: all, after a
-     * wait. NULL: nothing */
-    size_t (*make_room)(struct vulkan *v, uint32_t but);
+    /* Frees device memory whose contents can be uploaded again (cached images) and returns how many buffers that were; NULL: there are
+     * none. but: a frame (vulkan_frame_number) that is still recorded, while all others have ended: its buffers are kept. 0: waits for
+     * all frames first. */
+    size_t (*evict)(struct vulkan *v, uint32_t but);
     void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
@@ -139,7 +140,7 @@ struct vulkan {
     VkInstance                instance;
     VkDebugUtilsMessengerEXT  messenger;
     int              properties2; /* VK_KHR_get_physical_device_properties2 is on: portability and budgets depend on it */
-    int              validates, complaints; /* whether the validation layer is on; its messages so far */
+    int              validates, validation_messages; /* whether the validation layer is on; its messages so far */
     /* from here on of the device: vulkan_close_device clears it */
     VkPhysicalDevice physical;
     int              budgets; /* VK_EXT_memory_budget is on */
@@ -156,7 +157,7 @@ struct vulkan {
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
     struct vulkan_pipeline           pipeline[PASS_COUNT];
-    struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
+    struct vulkan_buffer             staging, dummy;   /* dummy: for bindings that a pass does not use */
     char                            *mapped;           /* staging, as the host sees it */
     size_t                           sent, read_bytes; /* by vulkan_upload; by vulkan_queue_read: so far */
     size_t                           waits;            /* of the host, with nothing left for the device to do: so far */
@@ -174,9 +175,9 @@ struct vulkan {
     double      pass_seconds[PASS_COUNT];
     int         pass_runs[PASS_COUNT];
     oxl_result  rc;
-    int         stays;    /* the failure: what was recorded is lost, or a shader is refused, and a smaller buffer mends nothing */
-    uint64_t    patience; /* ns: of a wait, for each submission */
-    size_t      range;    /* bytes: the largest array */
+    int         is_permanent; /* the failure `rc`, even with smaller buffers: what was recorded is lost, or a shader is refused */
+    uint64_t    timeout_ns;   /* of a wait, for each submission */
+    size_t      range;        /* bytes: the largest array */
     size_t      image_bytes_max; /* bytes of images that a renderer may keep */
     uint32_t    slab_rows;       /* at most */
     uint32_t    groups_max;      /* in one dimension of a dispatch */

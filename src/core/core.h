@@ -22,7 +22,7 @@
 #define _DARWIN_C_SOURCE /* ru_maxrss */
 #endif
 
-#include "../../oceanxl_job.h"
+#include "../../oceanxl.h"
 
 #include <float.h>
 #include <limits.h>
@@ -57,15 +57,11 @@
 
 /* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory */
 
-enum { DREW_CPU = 1, DREW_DEVICE = 2 };
-
 struct oxl_context {
     oxl_context_options options;
-    int                 threads;  /* resolved: at least 1 */
-    int                 isa;      /* enum isa of simd.h */
-    struct vulkan      *vulkan;   /* device that renders; NULL: the CPU */
-    int                 drew;     /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
-    int                 said_cpu; /* for which failures of a device, by bits of oxl_result, it was said that the CPU continues */
+    int                 threads; /* resolved: at least 1 */
+    int                 isa;     /* enum isa of simd.h */
+    struct backend     *backend; /* of the renderer; NULL: none was begun */
     char                error[1024];
     struct text        *notes;  /* copies of log lines, as elements of a JSON array; NULL: not kept */
     oxl_result          failed; /* code of `error`, for functions that return a pointer or NULL */

@@ -12,6 +12,7 @@
  * bits. Text does not depend on the locale.
  */
 #include "core.h"
+#include "../../oceanxl_job.h"
 
 #include <errno.h>
 #include <stddef.h>

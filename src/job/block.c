@@ -40,7 +40,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
     return rc == OXL_OK ? model_file_write_ply(b->ctx, PATH(b->task->folder, "%s", name), model, model->sh_degree) : rc;
 }
 
-/* The gains of the images; without any, no file. */
+/* The gains of the images, lamp and water; without any, no file. */
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     const char      *path = PATH(b->task->folder, "imaging.txt");
@@ -218,24 +218,24 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
 /* Learning rates of the whole run before its cool-down, not those of a run of `steps`; momentum as in Kerbl 2023. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
-    const double      short_run_exponent = schedule_short_run_factor(run);
-    oxl_train_options o                  = *run;
-    o.iterations                         = steps;
-    o.sh_degree                          = sh_degree;
-    o.short_run_exponent                 = 0;
-    o.rate_mean_last                     = (float)(short_run_exponent * run->rate_mean_last);
-    o.rate_mean_first                    = o.rate_mean_last;
-    o.rate_log_scale                     = schedule_scale_rate(run);
-    o.rate_rotation                      = (float)(short_run_exponent * run->rate_rotation);
-    o.rate_sh                            = (float)(sqrt(short_run_exponent) * run->rate_sh);
-    o.densify_until                      = 0;
-    o.coarse                             = 0;
-    o.reset_opacity_every                = 0;
-    o.ucd.mode                           = OXL_UCD_OFF;
-    o.keep.kind                          = OXL_KEEP_ALL;
-    o.dog                                = OXL_DOG_OFF;
-    o.alpha_min                          = 0;
-    o.dropout                            = 0;
+    const double      short_run_factor = schedule_short_run_factor(run);
+    oxl_train_options o                = *run;
+    o.iterations                       = steps;
+    o.sh_degree                        = sh_degree;
+    o.short_run_exponent               = 0;
+    o.rate_mean_last                   = (float)(short_run_factor * run->rate_mean_last);
+    o.rate_mean_first                  = o.rate_mean_last;
+    o.rate_log_scale                   = schedule_scale_rate(run);
+    o.rate_rotation                    = (float)(short_run_factor * run->rate_rotation);
+    o.rate_sh                          = (float)(sqrt(short_run_factor) * run->rate_sh);
+    o.densify_until                    = 0;
+    o.coarse                           = 0;
+    o.reset_opacity_every              = 0;
+    o.ucd.mode                         = OXL_UCD_OFF;
+    o.keep.kind                        = OXL_KEEP_ALL;
+    o.dog                              = OXL_DOG_OFF;
+    o.alpha_min                        = 0;
+    o.dropout                          = 0;
     if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the model has it */
     return o;
 }

@@ -377,7 +377,7 @@ static oxl_result groups_read_gains(const struct groups *g)
 {
     const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
     imaging_free(g->job->ctx, &g->job->scene->imaging);
-    if (g->gains == 0 || !os_is_file(path)) return job_join_gains(g->job, &g->job->scene->imaging);
+    if (g->gains == 0 || !os_is_file(path)) return job_join_imaging(g->job, &g->job->scene->imaging);
     return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 

@@ -306,8 +306,8 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .started    = os_seconds(),
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
-    ctx->notes    = &job->notes;
-    ctx->said_cpu = 0; /* each run's notes tell */
+    ctx->notes = &job->notes;
+    backend_begin_run(ctx);
     manifest_describe(&job->line, scene, &job->options);
 }
 

@@ -98,8 +98,6 @@ OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, co
 
 /* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */
 
-#define SEAM_WIDTH 0.02 /* near: this share of the block's size along the axis that the border cuts */
-
 struct seam { /* of all pixels of a split that count: by squared error, not the mean of views; NaN of no pixels */
     double near_psnr, elsewhere_psnr;
     size_t near_pixels, elsewhere_pixels;

@@ -141,7 +141,7 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard,
     return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
 }
 
-OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
+OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
 {
     const int    views  = oxl_scene_view_count(job->scene);
     int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
@@ -161,14 +161,14 @@ OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
     return rc;
 }
 
-/* The gains become the scene's. */
+/* The blocks' gains, lamp and water become the scene's. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
     if (rc == OXL_OK) imaging_free(job->ctx, &job->scene->imaging);
-    if (rc == OXL_OK) rc = job_join_gains(job, &job->scene->imaging);
+    if (rc == OXL_OK) rc = job_join_imaging(job, &job->scene->imaging);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
         rc = job_read_model(job, k, standard, &part);

@@ -53,8 +53,9 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded im
  * machine whose disk is full has no files. */
 OXL_INTERNAL void       job_set_cache(const struct job *job, size_t most);
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
-                                  oxl_model *out);                            /* the blocks' models side by side, gains joined */
-OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out); /* of several blocks, with zero mean */
+                                  oxl_model *out); /* the blocks' models side by side, imaging joined */
+/* Of several blocks: gains, of mean 0 in the log, lamp and water. */
+OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t); /* a file of OUT */
 OXL_INTERNAL void       job_remove_decoded(struct job *job);
@@ -90,7 +91,6 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-OXL_INTERNAL oxl_result rounds_train_merged(struct job *job); /* after all blocks: the merged model */
 OXL_INTERNAL oxl_result groups_run(struct job *job,
                                    const char *folder);  /* groups.c: the merged model, if memory does not hold it */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */

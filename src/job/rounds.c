@@ -412,7 +412,8 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
     return rc;
 }
 
-OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
+/* After all blocks: the merged model. */
+static oxl_result rounds_train_merged(struct job *job)
 {
     const char         *folder = JOB_BLOCK(job, job->partition.block_count + 1);
     struct block_record record = {0};

@@ -72,9 +72,6 @@ OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *pa
 
 /* ---------------------------------------------------------------- model_pages.c: a model that stays in its file */
 
-/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a view. */
-OXL_INTERNAL int        model_sphere_shows(const oxl_camera *camera, double near_plane, const double centre[3], double radius,
-                                           double sigma);
 OXL_INTERNAL int        model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row);
 OXL_INTERNAL size_t     model_pages_count(const oxl_model *model);
 OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out);

@@ -28,7 +28,8 @@ struct oxl_model_pages {
 
 /* ---------------------------------------------------------------- what a view may show */
 
-OXL_INTERNAL int model_sphere_shows(const oxl_camera *c, double near_plane, const double centre[3], double radius, double sigma)
+/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a view. */
+static int pages_sphere_shows(const oxl_camera *c, double near_plane, const double centre[3], double radius, double sigma)
 {
     const double focal[2] = {c->fx, c->fy}, middle[2] = {c->cx, c->cy}, size[2] = {c->width, c->height};
     double       p[3], z[2];
@@ -59,7 +60,7 @@ OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, co
     const float *scale[]  = {m->plane[OXL_LOG_SCALE], m->plane[OXL_LOG_SCALE + 1], m->plane[OXL_LOG_SCALE + 2]};
     const float *factor[] = {m->plane[OXL_LOBE + 1], m->plane[OXL_LOBE + 2], m->plane[OXL_LOBE + 3]};
     const double p[]      = {m->plane[OXL_MEAN][row], m->plane[OXL_MEAN + 1][row], m->plane[OXL_MEAN + 2][row]};
-    return model_sphere_shows(camera, near_plane, p, 0, pages_sigma(scale, row, factor, m->lobes));
+    return pages_sphere_shows(camera, near_plane, p, 0, pages_sigma(scale, row, factor, m->lobes));
 }
 
 /* ---------------------------------------------------------------- pages */
@@ -193,7 +194,7 @@ OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *mode
         size_t    kept = 0;
         oxl_model rows = {0};
         if (p->page[k].radius < 0 ||
-            !model_sphere_shows(&moved, near_plane, p->page[k].centre, p->page[k].radius, p->page[k].sigma))
+            !pages_sphere_shows(&moved, near_plane, p->page[k].centre, p->page[k].radius, p->page[k].sigma))
             continue;
         rc = pages_read(ctx, p, &file, k, model->lobes ? p->layout.lobes : 0, &rows);
         for (size_t i = 0; i < rows.count && rc == OXL_OK; i++)

@@ -13,7 +13,8 @@
  */
 #include "kernels.h"
 
-#define ADAM_EPSILON ((real)1e-15)
+#define ADAM_EPSILON      ((real)1e-15)
+#define ADAM_GRADIENT_MAX ((real)1e18) /* its square is a finite float */
 
 /* One pack of one plane (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a NaN. */
 SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate, real *restrict parameter,
@@ -22,7 +23,7 @@ SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const int  on = seen >> l & 1;
-        const real g = gradient[l], limited = OXL_CLAMP(g, (real)-1e18, (real)1e18);
+        const real g = gradient[l], limited = OXL_CLAMP(g, -ADAM_GRADIENT_MAX, ADAM_GRADIENT_MAX);
         const real m = muladd(fused, job->beta1, first[l], (1 - job->beta1) * limited);
         const real v = muladd(fused, job->beta2, second[l], (1 - job->beta2) * limited * limited);
         const real p = parameter[l] - rate * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));

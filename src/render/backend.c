@@ -8,33 +8,46 @@
 #include "../../backends/vulkan/vulkan.h"
 #endif
 
+static oxl_result backend_create(oxl_context *ctx)
+{
+    if (!ctx->backend) ctx->backend = oxl_calloc(ctx, 1, sizeof *ctx->backend);
+    return ctx->backend ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+}
+
+OXL_INTERNAL void backend_begin_run(oxl_context *ctx)
+{
+    if (ctx->backend) ctx->backend->said_cpu = 0;
+}
+
 #ifdef OXL_VULKAN
 
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
 {
-    const int wants = ctx->options.backend == OXL_BACKEND_VULKAN;
-    if (ctx->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return OXL_OK;
-    if (vulkan_open(ctx, ctx->options.device, wants, &ctx->vulkan) == OXL_OK) return OXL_OK;
+    const int        wants = ctx->options.backend == OXL_BACKEND_VULKAN;
+    const oxl_result rc    = backend_create(ctx);
+    if (rc != OXL_OK || ctx->backend->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return rc;
+    if (vulkan_open(ctx, ctx->options.device, wants, &ctx->backend->vulkan) == OXL_OK) return OXL_OK;
     if (wants) return ctx->failed;
     ctx->options.backend = OXL_BACKEND_CPU; /* search once */
     oxl_log(ctx, OXL_LOG_INFO, "rendering on the CPU: %s", ctx->error);
     return OXL_OK;
 }
 
-OXL_INTERNAL void backend_end(oxl_context *ctx)
+static void backend_end(oxl_context *ctx)
 {
-    vulkan_close(ctx->vulkan);
-    ctx->vulkan = NULL;
+    if (ctx->backend) vulkan_close(ctx->backend->vulkan);
+    oxl_free(ctx, ctx->backend);
 }
 
 OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
 {
-    return ctx->vulkan ? vulkan_name(ctx->vulkan, 0) : NULL;
+    return ctx->backend && ctx->backend->vulkan ? vulkan_name(ctx->backend->vulkan, 0) : NULL;
 }
 
 const char *oxl_backend_name(const oxl_context *ctx)
 {
-    return ctx->vulkan && ctx->drew != DREW_CPU ? vulkan_name(ctx->vulkan, ctx->drew & DREW_CPU) : "cpu";
+    const struct backend *b = ctx->backend;
+    return b && b->vulkan && b->drew != DREW_CPU ? vulkan_name(b->vulkan, b->drew & DREW_CPU) : "cpu";
 }
 
 oxl_result oxl_devices(oxl_context *ctx, char **out)
@@ -57,12 +70,12 @@ static oxl_result backend_missing(oxl_context *ctx)
 
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
 {
-    return ctx->options.backend == OXL_BACKEND_VULKAN ? backend_missing(ctx) : OXL_OK;
+    return ctx->options.backend == OXL_BACKEND_VULKAN ? backend_missing(ctx) : backend_create(ctx);
 }
 
-OXL_INTERNAL void backend_end(oxl_context *ctx)
+static void backend_end(oxl_context *ctx)
 {
-    (void)ctx;
+    oxl_free(ctx, ctx->backend);
 }
 
 OXL_INTERNAL const char *backend_device(const oxl_context *ctx)

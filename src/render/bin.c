@@ -14,6 +14,13 @@
 #define BIN_RADIX_BITS 11
 #define BIN_RADIX      (1 << BIN_RADIX_BITS)
 
+/* Rounding must not lose a pixel of the contour. */
+#define BIN_CONTOUR_FACTOR ((real)1.0001) /* on the contour's level */
+#define BIN_CONTOUR_MARGIN ((real)0.001)  /* bits: added to it */
+#define BIN_SLACK          ((real)0.001)  /* px: to the left and right of the contour */
+#define BIN_SLACK_SHARE    ((real)1e-5)   /* of the half box: added to it, since rounding grows with the splat */
+#define BIN_ALMOST_HALF    ((real)0.4999) /* px: 0.5 less what rounding may add */
+
 struct bin_key {
     uint32_t depth; /* bits of a positive float: they sort like the number */
     uint32_t row;
@@ -130,10 +137,10 @@ struct bin_spans { /* blocks of each of PACK rows, inclusive; none: first is INT
 SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cutoff_bits)
 {
     struct bin_contour c;
-    c.r       = (s->peak + cutoff_bits) * (real)1.0001 + (real)0.001;
+    c.r       = (s->peak + cutoff_bits) * BIN_CONTOUR_FACTOR + BIN_CONTOUR_MARGIN;
     c.inverse = 1 / s->a;
     c.extreme = s->k * c.r / (s->e * s->half_x);
-    c.slack   = (real)0.001 + (real)1e-5 * s->half_x;
+    c.slack   = BIN_SLACK + BIN_SLACK_SHARE * s->half_x;
     return c;
 }
 
@@ -151,10 +158,11 @@ SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour 
         const real y0 = top > -half_y ? top : -half_y, y1 = bottom < half_y ? bottom : half_y;
         const real yl = OXL_CLAMP(extreme, y0, y1), yr = OXL_CLAMP(-extreme, y0, y1);
         const real cl = r - e * yl * yl, cr = r - e * yr * yr;
-        const real left  = u - k * yl - real_sqrt((cl > 0 ? cl : 0) * inverse) - slack;
-        const real right = u - k * yr + real_sqrt((cr > 0 ? cr : 0) * inverse) + slack;
-        const int  meets = (y0 <= y1) & (right >= leftmost) & (left <= rightmost);
-        const real from = left + (real)0.4999, to = right - (real)0.5; /* from: the first pixel whose centre is not left of it */
+        const real left     = u - k * yl - real_sqrt((cl > 0 ? cl : 0) * inverse) - slack;
+        const real right    = u - k * yr + real_sqrt((cr > 0 ? cr : 0) * inverse) + slack;
+        const int  meets    = (y0 <= y1) & (right >= leftmost) & (left <= rightmost);
+        const real from     = left + BIN_ALMOST_HALF,
+                   to       = right - (real)0.5; /* from: the first pixel whose centre is not left of it */
         const int32_t first = (int32_t)((meets & (from > 0)) ? from : 0),
                       last  = (int32_t)((meets & (to < rightmost)) ? to : rightmost);
         const int some      = meets & (first <= last);

@@ -31,8 +31,10 @@ struct project_geometry {
     real        det;                /* its determinant */
 };
 
-#define PROJECT_HUGE   ((real)1e30)    /* px or 1/px^2: larger has overflowed, or soon does; such a splat is not drawn */
-#define QUATERNION_MIN ((real)1.2e-38) /* shorter ones count as the identity: the inverse would overflow in float */
+#define PROJECT_BOX_FACTOR ((real)1.0001)  /* on the half box: rounding must not make it too small */
+#define PROJECT_BOX_MARGIN ((real)0.001)   /* px: added to it */
+#define PROJECT_HUGE       ((real)1e30)    /* px or 1/px^2: larger has overflowed, or soon does; such a splat is not drawn */
+#define QUATERNION_MIN     ((real)1.2e-38) /* shorter ones count as the identity: the inverse would overflow in float */
 
 /* Quaternions need not be normalised. Dividing by the largest component first avoids overflow and underflow of squares. */
 SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project_geometry *g)
@@ -171,8 +173,8 @@ SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g,
     struct project_shape s;
     s.reach         = (peak + cutoff_bits) * 2 * LN_2; /* 2 ln(o / alpha_min) */
     const real safe = s.reach > 0 ? s.reach : 0;
-    s.half_x        = real_sqrt(safe * g->xx / g->shrink2) * (real)1.0001 + (real)0.001;
-    s.half_y        = real_sqrt(safe * g->yy / g->shrink2) * (real)1.0001 + (real)0.001;
+    s.half_x        = real_sqrt(safe * g->xx / g->shrink2) * PROJECT_BOX_FACTOR + PROJECT_BOX_MARGIN;
+    s.half_y        = real_sqrt(safe * g->yy / g->shrink2) * PROJECT_BOX_FACTOR + PROJECT_BOX_MARGIN;
     s.a             = LOG2_E / 2 * (g->yy / g->det) * g->shrink2;
     s.k             = -g->xy / g->yy;
     s.e             = LOG2_E / 2 * g->shrink2 / g->yy;

@@ -6,9 +6,16 @@
 
 /* ---------------------------------------------------------------- backend.c: which machine draws */
 
-/* Opens the device of the context's options, once; ctx->vulkan stays NULL with OXL_OK: the CPU. */
+enum { DREW_CPU = 1, DREW_DEVICE = 2 };
+
+struct backend {             /* of a context */
+    struct vulkan *vulkan;   /* device that renders; NULL: the CPU */
+    int            drew;     /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
+    int            said_cpu; /* for which failures of a device, by bits of oxl_result, it was said that the CPU continues */
+};
+/* Opens the device of the context's options, once; backend->vulkan stays NULL with OXL_OK: the CPU. */
 OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
-OXL_INTERNAL void        backend_end(oxl_context *ctx);
+OXL_INTERNAL void        backend_begin_run(oxl_context *ctx); /* failures of a device are said again: each run's notes tell */
 /* Its name, whether or not it has rendered; NULL: there is none. */
 OXL_INTERNAL const char *backend_device(const oxl_context *ctx);
 
@@ -129,7 +136,6 @@ OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct render
 OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
 OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
-OXL_INTERNAL float      renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
 
 struct renderer_counts {                   /* of the last view */
     size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image */
@@ -169,8 +175,6 @@ struct renderer_device {
 #ifdef OXL_VULKAN
 OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
 #endif
-
-struct archive; /* checkpoint.c */
 
 enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
        MEDIUM_DIRECT  = 0, /* three channels each */

@@ -6,6 +6,8 @@
  */
 #include "renderer_state.h"
 
+#define RENDER_TILE_COST 16 /* cost of an empty tile, in (tile, splat) pairs */
+
 oxl_render_options oxl_render_options_default(void)
 {
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
@@ -15,8 +17,9 @@ oxl_render_options oxl_render_options_default(void)
 OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 {
     const int kind = 1 << ctx->failed;
-    if (!(ctx->said_cpu & kind)) oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
-    ctx->said_cpu |= kind;
+    if (!(ctx->backend->said_cpu & kind))
+        oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
+    ctx->backend->said_cpu |= kind;
     return OXL_OK;
 }
 
@@ -34,7 +37,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     *out = oxl_calloc(ctx, 1, sizeof **out);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
 #ifdef OXL_VULKAN
-    if (ctx->vulkan) {
+    if (ctx->backend->vulkan) {
         (*out)->backend = vulkan_functions();
         rc              = (*out)->backend->create(ctx, &(*out)->device);
         if (render_can_fall_back(ctx, rc)) rc = render_say_cpu(ctx, ctx->error);
@@ -76,7 +79,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, float near_plane)
 {
-    struct kernel_camera l = {.width       = c->width,
+    struct kernel_camera k = {.width       = c->width,
                               .height      = c->height,
                               .half_width  = 0.5f * (float)c->width,
                               .half_height = 0.5f * (float)c->height,
@@ -91,22 +94,22 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, floa
                               .cutoff_bits = LOG2_255};
     double               eye[3];
     camera_position(c, eye);
-    l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
-    l.rotation.y  = vec3((float)c->rotation[3], (float)c->rotation[4], (float)c->rotation[5]);
-    l.rotation.z  = vec3((float)c->rotation[6], (float)c->rotation[7], (float)c->rotation[8]);
-    l.translation = vec3((float)c->translation[0], (float)c->translation[1], (float)c->translation[2]);
-    l.eye         = vec3((float)eye[0], (float)eye[1], (float)eye[2]);
-    return l;
+    k.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
+    k.rotation.y  = vec3((float)c->rotation[3], (float)c->rotation[4], (float)c->rotation[5]);
+    k.rotation.z  = vec3((float)c->rotation[6], (float)c->rotation[7], (float)c->rotation[8]);
+    k.translation = vec3((float)c->translation[0], (float)c->translation[1], (float)c->translation[2]);
+    k.eye         = vec3((float)eye[0], (float)eye[1], (float)eye[2]);
+    return k;
 }
 
 /* The camera of a window: the limits and units of the projection are those of the full image. */
-static void render_set_full_size(struct kernel_camera *l, const oxl_camera *c, const int full[2])
+static void render_set_full_size(struct kernel_camera *k, const oxl_camera *c, const int full[2])
 {
     if (full[0] == 0) return;
-    l->half_width  = 0.5f * (float)full[0];
-    l->half_height = 0.5f * (float)full[1];
-    l->limit_x     = (float)(FRUSTUM_CLAMP * full[0] / (2 * c->fx));
-    l->limit_y     = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
+    k->half_width  = 0.5f * (float)full[0];
+    k->half_height = 0.5f * (float)full[1];
+    k->limit_x     = (float)(FRUSTUM_CLAMP * full[0] / (2 * c->fx));
+    k->limit_y     = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
 }
 
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height)
@@ -116,11 +119,11 @@ OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int
     memcpy(r->at, at, sizeof r->at);
 }
 
-OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *l, float alpha_min)
+OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *k, float alpha_min)
 {
     if (!(alpha_min > ALPHA_MIN)) return;
-    l->alpha_min   = OXL_MIN(alpha_min, ALPHA_MAX);
-    l->cutoff_bits = (float)(-vecmath_log(l->alpha_min) * LOG2_E);
+    k->alpha_min   = OXL_MIN(alpha_min, ALPHA_MAX);
+    k->cutoff_bits = (float)(-vecmath_log(k->alpha_min) * LOG2_E);
 }
 
 OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
@@ -187,7 +190,7 @@ OXL_INTERNAL int64_t render_tasks(const struct renderer *r)
     return render_tasks_of(r->packs);
 }
 
-OXL_INTERNAL int render_has_medium(const struct renderer *r)
+static int render_has_medium(const struct renderer *r)
 {
     return r->medium.on || r->medium.has_falloff;
 }
@@ -414,7 +417,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
-        if (rc == OXL_OK && r->device) ctx->drew |= DREW_DEVICE;
+        if (rc == OXL_OK && r->device) ctx->backend->drew |= DREW_DEVICE;
         if (rc != OXL_OK || r->device) return rc;
     }
     rc = render_begin(ctx, r, model, camera, options);
@@ -423,7 +426,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
-    if (rc == OXL_OK) ctx->drew |= DREW_CPU;
+    if (rc == OXL_OK) ctx->backend->drew |= DREW_CPU;
     return rc;
 }
 

@@ -6,7 +6,6 @@
 
 #define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
 #define RENDER_STEP_PART 8  /* packs whose gradients a thread holds in a step: in its first-level cache */
-#define RENDER_TILE_COST 16 /* cost of an empty tile, in pairs */
 
 /* Consecutive tiles that a thread starts with. */
 struct render_tile_range {
@@ -23,8 +22,8 @@ struct renderer {
     struct kernel_camera kernel_camera;
     float                background[3];
     struct gaussians     in;
-    int                  full[2]; /* of renderer_set_window, */
-    float                at[2];   /* too */
+    int                  full[2]; /* px: of the full image, where the camera is a window of it; 0: it is whole */
+    float                at[2];   /* px: where in it the window begins */
     const oxl_model     *context; /* rendered behind the model's rows and left alone; or NULL */
     size_t               packs;   /* of the model: those of the context follow */
     struct splat        *splat;   /* (count) */
@@ -53,8 +52,8 @@ struct renderer {
     struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
     int                depth_points;
     double             depth_weight;
-    int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on, */
-    oxl_model          part;        /* (threads * RENDER_STEP_PART * PACK rows) with these gradients */
+    int                unprojected; /* 1: the backward pass ended with `sums`; renderer_step computes the gradients of the rows */
+    oxl_model          part;        /* (threads * RENDER_STEP_PART * PACK rows) gradients of the rows that a thread steps */
     float (*sums)[SPLAT_SUMS];
     float                    *score; /* (slots) */
     struct bins               bins;
@@ -71,7 +70,6 @@ OXL_INTERNAL struct gaussians   render_gaussians(const oxl_model *m, int sh_degr
 OXL_INTERNAL size_t             render_packs(size_t count);
 OXL_INTERNAL int64_t            render_tasks(const struct renderer *r);
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task);
-OXL_INTERNAL int                render_has_medium(const struct renderer *r);
 OXL_INTERNAL void               render_add_medium_sums(struct renderer *r);
 OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work);
 OXL_INTERNAL int                render_can_fall_back(const oxl_context *ctx, oxl_result rc);

@@ -121,7 +121,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)s->count; i++)
         if (renderer_row_visible(r, (size_t)i) && render_shows_centre(r, (size_t)i)) {
-            render_depth_sums(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
+            render_depth_sums(s, r->splat[i].depth)[i] += renderer_mean_gradient(r, (size_t)i);
             s->views[i] += 1;
         }
     return OXL_OK;
@@ -192,11 +192,6 @@ OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row)
 OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)
 {
     return r->dmean2d[row];
-}
-
-OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row)
-{
-    return r->splat[row].depth;
 }
 
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)

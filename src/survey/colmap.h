@@ -19,7 +19,6 @@ struct colmap_index {
 enum colmap_warning { WARN_NO_POINTS_LINE, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
 
 #define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
-#define COLMAP_FIX_SAME   "export all three files from the same COLMAP model"
 
 enum { COLMAP_WINDOW = 8 << 20 }; /* bytes */
 
@@ -57,8 +56,7 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* fills the firs
 
 /* Moves the window so that it begins at `next`; enlarges it if it is full from there on. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
-OXL_INTERNAL oxl_result colmap_grow_window(struct colmap_reader *r, size_t room); /* to `room` bytes */
-OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);                /* 0: end of file, or see r->rc */
+OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);   /* 0: end of file, or see r->rc */
 OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is not blank and not a comment */
 
 /* The error of the field at `token`: "seen ..., wanted WHAT, KIND". */

@@ -48,7 +48,8 @@ enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
 
 /* ---------------------------------------------------------------- the window */
 
-OXL_INTERNAL oxl_result colmap_grow_window(struct colmap_reader *r, size_t room)
+/* To `room` bytes. */
+static oxl_result colmap_grow_window(struct colmap_reader *r, size_t room)
 {
     const size_t rest   = r->window ? (size_t)(r->limit - r->window) : 0;
     char        *window = oxl_regrow(r->ctx, r->window, rest, room, 1);
@@ -357,7 +358,9 @@ OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
     char ids[80];
     if (colmap_has_camera(r, id)) return OXL_OK;
     colmap_camera_ids(r->out, ids, sizeof ids);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: camera id %" PRId64 " is not in %s (ids there: %s)\nfix: " COLMAP_FIX_SAME,
+    return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                    "%s:%d: camera id %" PRId64
+                    " is not in %s (ids there: %s)\nfix: export all three files from the same COLMAP model",
                     r->path, r->line, id, r->out->camera->file, ids);
 }
 

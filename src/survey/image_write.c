@@ -79,7 +79,8 @@ static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_
     return rc;
 }
 
-OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
+/* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
+static oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
 {
     uint8_t       *bytes   = image_interleave(ctx, rgb, (size_t)width * height);
     int            size    = 0;

@@ -3,6 +3,7 @@
 #define OXL_SURVEY_H
 
 #include "../core/core.h"
+#include "../../oceanxl_job.h" /* oxl_survey */
 
 /* ---------------------------------------------------------------- colmap.c: the files of a COLMAP model, as they are */
 
@@ -162,8 +163,6 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
 OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
-/* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
-OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
 /* stb's codec: inflates raw deflate data to exactly `size` bytes, else 0; deflates with free bytes around (*out by oxl_alloc). */
 OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,

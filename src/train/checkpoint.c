@@ -9,7 +9,7 @@
  * written under a temporary name; the current one is renamed to checkpoint.prev.oxl; the new one, flushed to disk, is renamed to
  * checkpoint.oxl (os_writer_close in os.c). A crash between the two renames leaves checkpoint.prev.oxl.
  */
-#include "train.h"
+#include "train_parts.h"
 
 #include <errno.h>
 
@@ -84,7 +84,7 @@ static void archive_numbers(struct archive *a, void *data, size_t count, size_t 
 
 /* ---------------------------------------------------------------- what modules call */
 
-OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value)
+static void archive_u64(struct archive *a, uint64_t *value)
 {
     archive_numbers(a, value, 1, sizeof *value);
 }

@@ -10,7 +10,7 @@
  * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of view are skipped);
  * once rows have a second lobe none may split, so those stay first. A row with a nonfinite number is removed.
  */
-#include "train_state.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define DENSITY_OPACITY_MIN   0.005 /* Gaussians of lower opacity are removed [Kerbl 2023] */

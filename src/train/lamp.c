@@ -11,7 +11,7 @@
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
-#include "train.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define LAMP_FROM 0.11 /* of the run: Gaussians are rough before */
@@ -55,15 +55,6 @@ OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
-static void lamp_adam(double *at, double *first, double *second, double g, double rate, int step)
-{
-    const double c1 = 1 - vecmath_exp(step * vecmath_log(0.9)), c2 = 1 - vecmath_exp(step * vecmath_log(0.999));
-    if (!(fabs(g) <= 1e18)) return;
-    *first  = 0.9 * *first + 0.1 * g;
-    *second = 0.999 * *second + 0.001 * g * g;
-    *at -= rate * (*first / c1) / (sqrt(*second / c2) + 1e-15);
-}
-
 /* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: share of the run. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
                             double falloff)
@@ -74,10 +65,10 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
     l->steps++, l->visits[g]++;
     for (int k = 0; k < LAMP_TERMS; k++) {
         double at = l->group[g].shape[k];
-        lamp_adam(&at, &l->first[g][k], &l->second[g][k], shape[k], rate, l->visits[g]);
+        scalar_adam_step(&at, &l->first[g][k], &l->second[g][k], shape[k], rate, l->visits[g]);
         l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX);
     }
-    lamp_adam(&l->falloff, &l->falloff_first, &l->falloff_second, falloff, rate, l->steps);
+    scalar_adam_step(&l->falloff, &l->falloff_first, &l->falloff_second, falloff, rate, l->steps);
     l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
 }
 

@@ -13,8 +13,6 @@
 #define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of the highest degree over a lower one */
 #define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */
 #define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
-#define SELECTION_DRIFT          0.8  /* correlation of exposure with range from which a warning is due */
-#define SELECTION_COLOUR         0.1  /* images and points differ by so much in a channel: first colours follow the images */
 #define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
 #define SELECTION_TRIAL          (1.0 / 40) /* of the run: length of a trial */
 enum {
@@ -23,7 +21,7 @@ enum {
 };
 
 /* Choice and evidence: one member of the object. */
-static void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
+OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
 {
     struct text *d = &t->decisions;
     if (d->size > 0) text_add(d, ", ");
@@ -66,12 +64,13 @@ OXL_INTERNAL int selection_is_validation_view(int index, int views)
     return views > 1 && index % stride == stride / 2 && index / stride < validation;
 }
 
-/* Training views in name order, without the validation views. */
+/* Of those that the run trains, the validation views too. */
 static int selection_is_training_view(const struct train *t, int view)
 {
     return !oxl_scene_view(t->scene, view)->is_test && (!t->output || !t->output->window || t->output->window[view].width > 0);
 }
 
+/* Both in name order. */
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     int views = 0, index = 0, holds;
@@ -100,7 +99,7 @@ static void selection_release_views(struct train *t)
 /* An unreadable view is logged and removed, so that all means are over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
-    nonfinite_of_image(t->ctx, &t->nonfinite);
+    nonfinite_count_unreadable(t->ctx, &t->nonfinite);
     t->validation_views--;
     memmove(t->validation + slot, t->validation + slot + 1, (size_t)(t->validation_views - slot) * sizeof *t->validation);
 }
@@ -193,7 +192,7 @@ static oxl_result selection_try_sh_degree(struct train *t, struct train_branch *
     return rc == OXL_OK && t->sh_degree == most ? branch_swap(t, all) : rc;
 }
 
-static void selection_sh_degree(struct train *t)
+OXL_INTERNAL void selection_sh_degree(struct train *t)
 {
     if (t->step == selection_sh_degree_at(t->options) && t->validation_views > 0) t->trial_is_next = TRAIN_TRIES_SH_DEGREE;
     selection_release_views(t);
@@ -241,7 +240,7 @@ done:
 }
 
 /* A trial may pass the steps at which gradients are first recorded or lobes assigned; then the next step does it. */
-static oxl_result selection_lobes(struct train *t)
+OXL_INTERNAL oxl_result selection_lobes(struct train *t)
 {
     const int  last = selection_lobes_at(t->options), watch = selection_steps(t, SELECTION_WATCH);
     const int  densified = (int)(t->options->densify_until * t->options->iterations);
@@ -257,109 +256,6 @@ static oxl_result selection_lobes(struct train *t)
     t->lobes = LOBES_DECIDED;
     if (t->options->dog == OXL_DOG_AUTO && t->validation_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_assign_lobes(t);
-}
-
-/* ---------------------------------------------------------------- density control */
-
-static oxl_result selection_density(struct train *t)
-{
-    const oxl_train_options *o  = t->options;
-    oxl_result               rc = OXL_OK;
-    double                   f[2];
-    if (t->step > o->densify_until * o->iterations) return OXL_OK;
-    if (t->ucd.learns) rc = step_flush(t); /* it sums this step's loss */
-    if (rc != OXL_OK) return rc;
-    ucd_observe(&t->ucd, t->last_loss);
-    rc = step_observe(t);
-    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
-        ucd_weights(&t->ucd, t->model->count, f);
-        rc = step_densify(t, f);
-    }
-    if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
-    rc = step_download(t, DOWNLOAD_SHAPE);
-    if (rc != OXL_OK) return rc;
-    density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
-    ucd_restart(&t->ucd);
-    return renderer_send_shape(t->ctx, t->renderer, t->model, 1);
-}
-
-/* ---------------------------------------------------------------- exposure, lamp and water */
-
-static void selection_record_imaging(struct train *t, const char *what, oxl_switch mode, int on, const char *why)
-{
-    if (mode != OXL_AUTO) return;
-    selection_record(t, what, on ? "on" : "off", why);
-    oxl_log(t->ctx, OXL_LOG_INFO, "%s %s: %s", what, on ? "on" : "off", why);
-}
-
-/* Lamp and water are rendered on the CPU. */
-static int selection_photometry_parts(const struct train *t)
-{
-    const oxl_train_options *o   = t->options;
-    const int                cpu = !renderer_has_device(t->renderer);
-    return (o->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0) | (o->lamp == OXL_ON || (o->lamp && cpu) ? PHOTOMETRY_LAMP : 0) |
-           (o->medium == OXL_ON || (o->medium && cpu) ? PHOTOMETRY_WATER : 0);
-}
-
-/* The first colours are those of the images, also where the survey's points have others: images that were corrected after COLMAP. */
-static void selection_match_colours(struct train *t, const double colour[3])
-{
-    double most = 0;
-    for (int c = 0; c < 3; c++) {
-        if (!(colour[c] > 0)) return;
-        most = OXL_MAX(most, fabs(colour[c] - 1));
-    }
-    if (most < SELECTION_COLOUR) return;
-    model_scale_colour(t->model, colour);
-    oxl_log(t->ctx, OXL_LOG_INFO,
-            "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points: Gaussians begin with "
-            "the images'",
-            colour[0], colour[1], colour[2]);
-}
-
-OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
-{
-    const oxl_train_options *o      = t->options;
-    const int                parts  = selection_photometry_parts(t);
-    const char              *device = "a device renders: it is fitted on the CPU alone";
-    struct photometry        p;
-    char                     why[400];
-    oxl_result               rc = photometry_measure(t->ctx, t->scene, parts, &p);
-    if (rc != OXL_OK) return rc;
-    selection_match_colours(t, p.colour);
-    if (o->exposure != OXL_OFF) {
-        exposure_set_from_tracks(&t->exposure, &p, why, sizeof why);
-        selection_record_imaging(t, "exposure", o->exposure, t->exposure.of.on, why);
-    }
-    if (parts & PHOTOMETRY_LAMP) lamp_set_from_tracks(&t->lamp, o->lamp, &p, why, sizeof why);
-    selection_record_imaging(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
-    if (parts & PHOTOMETRY_WATER) water_set_from_tracks(&t->water, water_span(t->scene), &p, why, sizeof why);
-    selection_record_imaging(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
-    if (t->water.on && fabs(p.drift) > SELECTION_DRIFT)
-        oxl_log(t->ctx, OXL_LOG_WARNING,
-                "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "
-                "separated, and scene_clear.ply is not measured colour",
-                p.drift);
-    photometry_free(t->ctx, &p);
-    if (t->water.on || t->lamp.on) {
-        struct imaging m = step_imaging(t);
-        medium_bake(t->scene, &m, 1, t->model);
-    }
-    return OXL_OK;
-}
-
-/* Water that is asked for by name, and not known from tracks. */
-static oxl_result selection_imaging(struct train *t)
-{
-    struct imaging m;
-    oxl_result     rc;
-    if (t->water.on || water_starts_at(t->options) == 0 || t->step < water_starts_at(t->options)) return OXL_OK;
-    rc = step_download(t, DOWNLOAD_TO_CHANGE);
-    if (rc != OXL_OK) return rc;
-    water_start(&t->water, t->scene);
-    m = (struct imaging){.medium = water_medium(&t->water)};
-    medium_bake(t->scene, &m, 1, t->model);
-    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- trials */
@@ -462,30 +358,4 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
     for (int i = 0; i < t->validation_views && a->rc == OXL_OK; i++)
         archive_expect(a, t->validation[i] >= 0 && t->validation[i] < oxl_scene_view_count(t->scene));
     archive_text(a, &t->decisions);
-}
-
-/* ---------------------------------------------------------------- one step with its decisions */
-
-static oxl_result selection_prune(struct train *t)
-{
-    double     validation = NAN, psnr;
-    oxl_result rc         = OXL_OK;
-    if (!prune_is_check_step(&t->prune, t->step)) return OXL_OK;
-    rc = step_flush(t);
-    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
-        rc = selection_validate(t, &validation, &psnr);
-    return rc == OXL_OK ? step_prune(t, validation) : rc;
-}
-
-/* The body of the training loop. The passes over the view's image are in step_on_view (step.c). */
-OXL_INTERNAL oxl_result selection_step(struct train *t)
-{
-    oxl_result rc = step_raise_sh_degree(t);
-    if (rc == OXL_OK) rc = step_on_next_view(t);
-    if (rc == OXL_OK) rc = selection_density(t);
-    if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
-    if (rc == OXL_OK) rc = selection_prune(t);
-    if (rc == OXL_OK) rc = selection_imaging(t);
-    if (rc == OXL_OK) selection_sh_degree(t);
-    return rc;
 }

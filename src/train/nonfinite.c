@@ -12,7 +12,7 @@
  *
  * Invariant: trained models are finite, and all interventions are reported.
  */
-#include "train_state.h"
+#include "train_parts.h"
 #include "../core/json.h"
 
 #include <stddef.h>
@@ -31,9 +31,9 @@ static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
 
 /* ---------------------------------------------------------------- in a step */
 
-OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f)
+OXL_INTERNAL void nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n)
 {
-    if (f->images++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training continues without it", oxl_error_text(ctx));
+    if (n->images++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training continues without it", oxl_error_text(ctx));
 }
 
 static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
@@ -59,12 +59,12 @@ OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
     return out;
 }
 
-OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                     struct renderer_nonfinite cleared)
 {
     char rows_text[64];
-    f->cleared += cleared.rows;
-    if (f->steps++ >= NONFINITE_NAMED) return;
+    n->cleared += cleared.rows;
+    if (n->steps++ >= NONFINITE_NAMED) return;
     nonfinite_name_rows(rows_text, cleared.first, cleared.rows);
     if (cleared.rows)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite because of %s: cleared, the step is skipped", step,
@@ -72,7 +72,7 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step
     else oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite; the step is skipped", step, view);
 }
 
-OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                     struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second)
 {
     size_t cleared;
@@ -80,11 +80,11 @@ OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step
     if (skipped.rows == 0) return;
     cleared = model ? nonfinite_clear(NULL, model, first, second).rows : skipped.cleared;
     nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
-    if (f->rows < NONFINITE_NAMED)
+    if (n->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",
                 step, view, rows_text, cleared);
-    f->rows += skipped.rows;
-    f->cleared += cleared;
+    n->rows += skipped.rows;
+    n->cleared += cleared;
 }
 
 /* ---------------------------------------------------------------- at the end */
@@ -97,27 +97,27 @@ static int nonfinite_is_degenerate(const oxl_model *m, size_t i)
     return !turned || clamped;
 }
 
-OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_model *model)
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model)
 {
     const size_t count = model->count;
     uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
     if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look through %zu Gaussians", count);
-    f->degenerate = 0;
+    n->degenerate = 0;
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);
-        f->cleared += !keep[i];
-        f->degenerate += keep[i] && nonfinite_is_degenerate(model, i);
+        n->cleared += !keep[i];
+        n->degenerate += keep[i] && nonfinite_is_degenerate(model, i);
     }
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
-    if (f->images > 0) oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", f->images);
-    if (f->steps + f->rows + f->cleared > 0)
+    if (n->images > 0) oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", n->images);
+    if (n->steps + n->rows + n->cleared > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "numbers that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
-                f->steps, f->rows, f->cleared);
-    if (f->degenerate > 0)
+                n->steps, n->rows, n->cleared);
+    if (n->degenerate > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%zu Gaussians have a zero quaternion (rendered as identity) or a scale beyond e^+-87 (clamped)", f->degenerate);
+                "%zu Gaussians have a zero quaternion (rendered as identity) or a scale beyond e^+-87 (clamped)", n->degenerate);
     return OXL_OK;
 }
 
@@ -130,12 +130,12 @@ OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
     to->degenerate += from->degenerate;
 }
 
-OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *f)
+OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *n)
 {
-    archive_size(a, &f->images);
-    archive_size(a, &f->steps);
-    archive_size(a, &f->rows);
-    archive_size(a, &f->cleared);
+    archive_size(a, &n->images);
+    archive_size(a, &n->steps);
+    archive_size(a, &n->rows);
+    archive_size(a, &n->cleared);
 }
 
 /* ---------------------------------------------------------------- as JSON */
@@ -149,16 +149,16 @@ static const struct nonfinite_member {
                          {"gaussians_cleared", offsetof(oxl_nonfinite, cleared)},
                          {"gaussians_degenerate", offsetof(oxl_nonfinite, degenerate)}};
 
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *f)
+OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n)
 {
     for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++)
-        text_add(t, "  \"%s\": %zu,\n", NONFINITE_MEMBERS[i].name, *(const size_t *)((const char *)f + NONFINITE_MEMBERS[i].at));
+        text_add(t, "  \"%s\": %zu,\n", NONFINITE_MEMBERS[i].name, *(const size_t *)((const char *)n + NONFINITE_MEMBERS[i].at));
 }
 
-OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *f)
+OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n)
 {
     for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++) {
         const double count                               = oxl_json_number(text, NONFINITE_MEMBERS[i].name);
-        *(size_t *)((char *)f + NONFINITE_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, 1e9) : 0;
+        *(size_t *)((char *)n + NONFINITE_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, 1e9) : 0;
     }
 }

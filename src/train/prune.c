@@ -11,14 +11,14 @@
  * Invariants: the window ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
  * is a function of the model, the scene and the options; ties are resolved by row.
  */
-#include "train.h"
+#include "train_parts.h"
 
 #define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the window [paper sec. 4] */
 #define PRUNE_WINDOW   0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */
 #define PRUNE_EVERY    (1.0 / 80)      /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
 #define PRUNE_PATIENCE 3               /* checks without a drop: 1500 of 40 000 */
 #define PRUNE_RECOVERY 0.99            /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
-#define PRUNE_EPSILON  0.01            /* auto: the held-out views' loss may rise by this share */
+#define PRUNE_EPSILON  0.01            /* auto: the validation views' loss may rise by this share */
 #define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
 enum {
     PRUNE_EVERY_MIN    = 25,  /* steps: minimum for Gaussians to adapt */
@@ -72,16 +72,16 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
 }
 
 /* One eighth more, while the validation loss permits and steps for refinement remain. */
-static size_t prune_due_auto(struct prune *p, int step, size_t count, double held_out_loss)
+static size_t prune_due_auto(struct prune *p, int step, size_t count, double validation_loss)
 {
-    if (p->held_out_loss == 0)
-        p->held_out_loss = held_out_loss; /* not always at the start of the window: a trial may be under way there */
-    if (step > p->end - p->patience || !(held_out_loss <= (1 + PRUNE_EPSILON) * p->held_out_loss)) return 0;
+    if (p->validation_loss == 0)
+        p->validation_loss = validation_loss; /* not always at the start of the window: a trial may be under way there */
+    if (step > p->end - p->patience || !(validation_loss <= (1 + PRUNE_EPSILON) * p->validation_loss)) return 0;
     p->drops++;
     return count / PRUNE_AUTO_SHARE;
 }
 
-OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held_out_loss)
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss)
 {
     const int    last_drop = (int)OXL_COUNT(prune_drops) - 1;
     const double mean      = p->l1_count ? p->l1_sum / p->l1_count : 0;
@@ -89,7 +89,7 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double he
     if (!prune_is_check_step(p, step)) return 0;
     p->l1_sum   = 0;
     p->l1_count = 0;
-    if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, held_out_loss);
+    if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, validation_loss);
     if (p->first_count == 0) {
         p->first_count = count;
         p->target      = prune_target(p, count);
@@ -110,7 +110,7 @@ OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
         snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
     else
         snprintf(out, size, "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f", p->drops,
-                 PRUNE_EPSILON, p->held_out_loss);
+                 PRUNE_EPSILON, p->validation_loss);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
@@ -122,7 +122,7 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
     archive_size(a, &p->target);
     archive_doubles(a, &p->drop_l1, 1);
     archive_doubles(a, &p->l1_sum, 1);
-    archive_doubles(a, &p->held_out_loss, 1);
+    archive_doubles(a, &p->validation_loss, 1);
     archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 

@@ -2,26 +2,26 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define SCHEDULE_WARM_UP              500   /* iterations before the first densification, unless a quarter of the run is less */
-#define SCHEDULE_RESET_MIN            3000  /* iterations between opacity resets [Kerbl 2023] */
-#define SCHEDULE_RESET_RECOVERY       1000  /* iterations until the loss recovers from an opacity reset, */
-#define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
+#define SCHEDULE_WARM_UP              500  /* iterations before the first densification, unless a quarter of the run is less */
+#define SCHEDULE_RESET_MIN            3000 /* iterations between opacity resets [Kerbl 2023] */
+#define SCHEDULE_RESET_RECOVERY       1000 /* iterations without a reset before density control ends: the loss recovers in them */
+#define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* of the run: the same for long runs, where it is more */
 #define SCHEDULE_PIXELS_EACH          60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
 #define SCHEDULE_COARSE_SIDE          640  /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
 #define SCHEDULE_COARSE_AUTO          0.25 /* of the run, for larger ones */
 #define SCHEDULE_MOMENTUM_ITERATIONS \
-    7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
+    7000 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
 #define SCHEDULE_BETA_MIN             0.5     /* of the mean gradient */
 #define SCHEDULE_BETA_MAX             0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define SCHEDULE_REFERENCE_ITERATIONS 30000   /* iterations that the rates were chosen for [Kerbl 2023] */
 #define SCHEDULE_SHORTEST_RUN         500     /* iterations: shorter runs have the rates of this one; larger ones diverge */
-#define SCHEDULE_EARLY_EXPONENT       0.5 /* of a short run's factor: by this power of it, rates other than of positions begin larger */
-#define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: from then on they are not */
-#define SCHEDULE_DROPOUT_AUTO         0.4 /* TRADEOFF.md */
-#define SCHEDULE_DROPOUT_IMAGES       4.6 /* that see a point, on average; with more, dropout costs detail, */
-#define SCHEDULE_DROPOUT_VIEWS        30  /* and with more training views */
-#define SCHEDULE_DROPOUT_EPOCHS       30  /* a run of so many has none; of twice as many, all of it */
-#define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
+#define SCHEDULE_EARLY_EXPONENT       0.5 /* rates other than of positions begin larger by this power of a short run's factor */
+#define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: until then those rates are larger */
+#define SCHEDULE_DROPOUT_AUTO         0.4 /* share of Gaussians left out in the last step (docs/TRADEOFF.md) */
+#define SCHEDULE_DROPOUT_IMAGES       4.6 /* images that see a point, on average: with as many, no dropout, which would cost detail */
+#define SCHEDULE_DROPOUT_VIEWS        30  /* training views: with as many there is no dropout, for the same reason */
+#define SCHEDULE_DROPOUT_EPOCHS       30  /* epochs: a run of so many has no dropout, one of twice as many all of it */
+#define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: alpha_min holds until then, ALPHA_MIN from then on */
 #define SCHEDULE_COOLDOWN_END         0.1 /* factor on the learning rates at the end of a run */
 
 /* The run's length, in steps of the whole survey. */
@@ -83,13 +83,13 @@ OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
-    const oxl_train_options *o                  = t->options;
-    const double             short_run_exponent = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
+    const oxl_train_options *o                = t->options;
+    const double             short_run_factor = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
-    const float  mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    const float  mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     const double early =
-        SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_exponent);
+        SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_factor);
     struct adam_params adam = {.beta = RENDERER_BETAS,
                                .step = t->step - (t->output && !t->output->moments ? t->output->first : 0)};
     adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
@@ -97,10 +97,10 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
-                       : k < OXL_OPACITY  ? (float)(short_run_exponent * o->rate_rotation)
+                       : k < OXL_OPACITY  ? (float)(short_run_factor * o->rate_rotation)
                        : k < OXL_SH       ? o->rate_opacity
                        : k < OXL_SH + 3   ? o->rate_sh0
-                       : k < OXL_LOBE     ? (float)(sqrt(short_run_exponent) * o->rate_sh)
+                       : k < OXL_LOBE     ? (float)(sqrt(short_run_factor) * o->rate_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
     for (int k = 0; k < OXL_PLANES; k++)

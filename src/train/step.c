@@ -2,8 +2,8 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define STEP_ORDER        (UINT64_C(0x5649455753) << 24) /* "VIEWS" in ASCII: a stream of random numbers for the order of views, */
-#define STEP_DROPOUT      (UINT64_C(0x44524f50) << 24)   /* "DROP": and one for dropout */
+#define STEP_ORDER        (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
+#define STEP_DROPOUT      (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */
 #define STEP_READ_AHEAD   64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
 #define STEP_SMOOTHING    0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 #define STEP_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
@@ -105,7 +105,7 @@ static oxl_result step_next_image(struct train *t, int *view)
         step_read_ahead(t, slot);
         rc = step_load_image(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
-        nonfinite_of_image(t->ctx, &t->nonfinite);
+        nonfinite_count_unreadable(t->ctx, &t->nonfinite);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT,
@@ -238,8 +238,8 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
     return OXL_OK;
 }
 
-/* Forward, loss, backward, step. */
-static oxl_result step_on_view(struct train *t, const struct train_deferred *here)
+/* Forward, loss, backward, step. Deferred, they are only recorded: what becomes of them is in the step's report. */
+static oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
 {
     const double              progress = (double)t->step / t->options->iterations;
     const int                 view     = here->view;
@@ -248,17 +248,17 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
     oxl_result                rc;
-    t->last_loss        = NAN;
+    if (!deferred) t->last_loss = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
     rc                  = step_forward_loss(t, view, here->gain, 1, &loss);
     if (rc != OXL_OK) return rc;
-    if (!(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
+    if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
     if (t->water.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
-    if (rc != OXL_OK) return rc;
+    if (rc != OXL_OK || deferred) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
     if (lamp)
         lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
@@ -283,7 +283,7 @@ static oxl_result step_repeat(struct train *t, const struct train_deferred *whic
     t->step          = which->step;
     t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
     rc               = step_load_image(t, which->view);
-    if (rc == OXL_OK) rc = step_on_view(t, which);
+    if (rc == OXL_OK) rc = step_on_view(t, which, 0);
     if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     t->step          = step;
     t->trial_is_next = trial;
@@ -337,31 +337,17 @@ OXL_INTERNAL oxl_result step_observe(struct train *t)
     return density_observe(t->ctx, t->density, t->renderer, t->model->count);
 }
 
-static oxl_result step_record(struct train *t, const struct train_deferred *here)
-{
-    struct adam_params        adam;
-    struct renderer_loss      loss;
-    struct renderer_nonfinite skipped;
-    oxl_result                rc;
-    t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_forward_loss(t, here->view, here->gain, 1, &loss);
-    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
-    if (rc != OXL_OK) return rc;
-    adam = schedule_adam_params(t);
-    return renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
-}
-
 /* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
 static oxl_result step_retry_after_flush(struct train *t, const struct train_deferred *here)
 {
     oxl_result rc = step_flush(t);
     if (rc == OXL_OK) rc = step_load_image(t, here->view);
-    return rc == OXL_OK ? step_on_view(t, here) : rc;
+    return rc == OXL_OK ? step_on_view(t, here, 0) : rc;
 }
 
 static oxl_result step_deferred(struct train *t, const struct train_deferred *here)
 {
-    const oxl_result rc = step_record(t, here);
+    const oxl_result rc = step_on_view(t, here, 1);
     if (rc != OXL_OK) return rc;
     t->deferred[t->deferred_steps++] = *here;
     return step_read_reports(t, 0);
@@ -376,7 +362,7 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     if (rc == OXL_OK) rc = step_next_image(t, &view);
     if (rc != OXL_OK && view < 0) return rc;
     here = step_begin(t, view);
-    if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here);
+    if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here, 0);
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
 
@@ -451,13 +437,13 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     return rc;
 }
 
-/* Pruning, when it is due. held_out_loss: mean loss of the validation views; only --keep auto reads it. */
-OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss)
+/* Pruning, when it is due. validation_loss: mean loss of the validation views; only --keep auto reads it. */
+OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
 {
     size_t     drop;
     oxl_result rc;
     t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop               = prune_due(&t->prune, t->step, t->model->count, held_out_loss);
+    drop               = prune_due(&t->prune, t->step, t->model->count, validation_loss);
     if (drop == 0) return OXL_OK;
     rc = step_remove_rows(t, drop);
     if (rc == OXL_OK)

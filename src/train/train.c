@@ -6,11 +6,11 @@
 #include "../core/vecmath.h"
 
 #define TRAIN_RANDOM_POINTS     10000 /* to start from when the scene has none */
-#define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
-#define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
-#define TRAIN_OPACITY_MAX       0.3   /* up to this */
-#define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS      60.0  /* or so long, whichever comes first */
+#define TRAIN_SHORT_RUN_WIDTH   0.3   /* power of the short-run factor by which the first widths are divided */
+#define TRAIN_SHORT_RUN_OPACITY 0.7   /* power of it by which the first opacities are multiplied */
+#define TRAIN_OPACITY_MAX       0.3   /* the most that this makes of an opacity */
+#define TRAIN_SAVE_STEPS        500   /* iterations between checkpoints, at most */
+#define TRAIN_SAVE_SECONDS      60.0  /* s between checkpoints, at most */
 
 /* ---------------------------------------------------------------- the run */
 
@@ -41,11 +41,11 @@ static oxl_result train_first_from_subset(struct train *t, const oxl_point *poin
 /* A short run starts from narrower and more opaque Gaussians than Kerbl's. */
 static void train_sharpen_start(struct train *t)
 {
-    const double short_run_exponent = schedule_short_run_factor(t->options),
-                 narrower           = TRAIN_SHORT_RUN_WIDTH * vecmath_log(short_run_exponent);
+    const double short_run_factor = schedule_short_run_factor(t->options),
+                 narrower         = TRAIN_SHORT_RUN_WIDTH * vecmath_log(short_run_factor);
     const double opacity =
-        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_exponent)), TRAIN_OPACITY_MAX);
-    if (!(short_run_exponent > 1)) return;
+        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_factor)), TRAIN_OPACITY_MAX);
+    if (!(short_run_factor > 1)) return;
     for (size_t i = 0; i < t->model->count; i++) {
         for (int a = 0; a < 3; a++) t->model->plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
         t->model->plane[OXL_OPACITY][i] = (float)vecmath_logit(opacity);
@@ -92,7 +92,7 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
-/* Logs the limit of the number of Gaussians and its reason. */
+/* Depth weights and pruning. */
 static oxl_result train_begin_control(struct train *t)
 {
     const oxl_train_options *o     = t->options;
@@ -159,7 +159,7 @@ static oxl_result train_begin(struct train *t)
         lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? &t->scene->imaging : NULL);
     t->lamp.frozen = t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
     if (t->output && t->output->frozen) t->exposure.known_until = 2;
-    if (rc == OXL_OK && !continued) rc = selection_begin_imaging(t);
+    if (rc == OXL_OK && !continued) rc = train_imaging_begin(t);
     if (rc == OXL_OK && continued) water_scale(&t->water, 0, t->model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
@@ -264,6 +264,54 @@ static oxl_result train_resume(struct train *t)
     return rc;
 }
 
+/* ---------------------------------------------------------------- one step with the decisions after it */
+
+static oxl_result train_density(struct train *t)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = OXL_OK;
+    double                   f[2];
+    if (t->step > o->densify_until * o->iterations) return OXL_OK;
+    if (t->ucd.learns) rc = step_flush(t); /* it sums this step's loss */
+    if (rc != OXL_OK) return rc;
+    ucd_observe(&t->ucd, t->last_loss);
+    rc = step_observe(t);
+    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
+        ucd_weights(&t->ucd, t->model->count, f);
+        rc = step_densify(t, f);
+    }
+    if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
+    rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc != OXL_OK) return rc;
+    density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    ucd_restart(&t->ucd);
+    return renderer_send_shape(t->ctx, t->renderer, t->model, 1);
+}
+
+static oxl_result train_prune(struct train *t)
+{
+    double     validation = NAN, psnr;
+    oxl_result rc         = OXL_OK;
+    if (!prune_is_check_step(&t->prune, t->step)) return OXL_OK;
+    rc = step_flush(t);
+    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
+        rc = selection_validate(t, &validation, &psnr);
+    return rc == OXL_OK ? step_prune(t, validation) : rc;
+}
+
+/* The passes over the view's image are in step_on_view (step.c). */
+OXL_INTERNAL oxl_result train_step(struct train *t)
+{
+    oxl_result rc = step_raise_sh_degree(t);
+    if (rc == OXL_OK) rc = step_on_next_view(t);
+    if (rc == OXL_OK) rc = train_density(t);
+    if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
+    if (rc == OXL_OK) rc = train_prune(t);
+    if (rc == OXL_OK) rc = train_imaging_start_water(t);
+    if (rc == OXL_OK) selection_sh_degree(t);
+    return rc;
+}
+
 /* ---------------------------------------------------------------- the loop */
 
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
@@ -297,7 +345,7 @@ static oxl_result train_loop(struct train *t)
             continue;
         }
         t->step++;
-        rc = selection_step(t);
+        rc = train_step(t);
         if (rc != OXL_OK) break;
         if (step_report(t, 0)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
@@ -315,40 +363,6 @@ static oxl_result train_loop(struct train *t)
         oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
     }
     return rc;
-}
-
-/* What was fitted, and how far it can be believed. */
-static void train_describe_imaging(struct train *t)
-{
-    const struct imaging *m    = &t->scene->imaging;
-    const double          span = water_span(t->scene);
-    if (m->medium.has_falloff)
-        oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f", (double)m->medium.falloff);
-    if (m->medium.on)
-        oxl_log(t->ctx, OXL_LOG_INFO,
-                "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
-                "factor of %.1f",
-                (double)m->medium.attenuation[0], (double)m->medium.attenuation[1], (double)m->medium.attenuation[2],
-                (double)m->medium.backscatter[0], (double)m->medium.backscatter[1], (double)m->medium.backscatter[2],
-                (double)m->medium.veiling_light[0], (double)m->medium.veiling_light[1], (double)m->medium.veiling_light[2], span);
-    if ((m->medium.on || m->medium.has_falloff) && span < WATER_SPAN_MIN)
-        oxl_log(
-            t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
-            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, "
-            "and scene_clear.ply is not measured colour",
-            span);
-}
-
-/* Stores the gains in the scene, for evaluation and rendering. */
-static void train_store_imaging(struct train *t)
-{
-    struct imaging *to = &t->scene->imaging;
-    imaging_free(t->ctx, to);
-    *to                       = t->exposure.of;
-    to->medium                = water_medium(&t->water);
-    to->medium.training_range = 0;
-    lamp_store(&t->lamp, to);
-    t->exposure.of = (struct imaging){0};
 }
 
 /* Copies the decisions to the caller. */
@@ -389,8 +403,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
     if (started) water_scale(&t.water, 1, out);
     train_return_decisions(&t);
-    train_store_imaging(&t);
-    if (rc == OXL_OK && t.step == options->iterations) train_describe_imaging(&t);
+    train_imaging_store(&t);
+    if (rc == OXL_OK && t.step == options->iterations) train_imaging_describe(&t);
     train_end(&t);
     return rc;
 }

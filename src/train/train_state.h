@@ -2,7 +2,7 @@
 #ifndef OXL_TRAIN_STATE_H
 #define OXL_TRAIN_STATE_H
 
-#include "train.h"
+#include "train_parts.h"
 
 enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES };
 
@@ -56,14 +56,6 @@ struct train {
     struct text                decisions; /* members of a JSON object: decisions and evidence */
 };
 
-/* ---------------------------------------------------------------- density.c: the decision carried out */
-
-/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows, and the moments are left to it. */
-OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
-                                      const struct density_change *change, int moved);
-/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
-OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
-
 /* ---------------------------------------------------------------- schedule.c */
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
@@ -71,24 +63,26 @@ OXL_INTERNAL float              schedule_alpha_min(const struct train *t);
 /* Share of the Gaussians that the last step leaves out. */
 OXL_INTERNAL double             schedule_dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options *options);
+OXL_INTERNAL int                schedule_resets_opacity_at(const oxl_train_options *options, int step);
 
 /* ---------------------------------------------------------------- step.c: the parts of one step */
 
 /* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
-OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
+OXL_INTERNAL oxl_result     step_on_next_view(struct train *t);
 /* Ends deferred steps, and downloads what a device holds. Before the host uses a step's loss, renders, or reads or changes the model. */
-OXL_INTERNAL oxl_result step_flush(struct train *t);
-OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what);
-OXL_INTERNAL oxl_result step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
-OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
-OXL_INTERNAL oxl_result step_prune(struct train *t, double held_out_loss);
-OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t);
+OXL_INTERNAL oxl_result     step_flush(struct train *t);
+OXL_INTERNAL oxl_result     step_download(struct train *t, enum renderer_download what);
+OXL_INTERNAL oxl_result     step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
+OXL_INTERNAL oxl_result     step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
+OXL_INTERNAL oxl_result     step_prune(struct train *t, double validation_loss);
+OXL_INTERNAL oxl_result     step_raise_sh_degree(struct train *t);
 /* A view's image to the renderer. OXL_ERR_INPUT: it cannot be read. */
-OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
+OXL_INTERNAL oxl_result     step_load_image(struct train *t, int view);
 /* The model rendered from a view, compared with its image. */
-OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL double     step_seconds(const struct train *t);           /* of the whole run, over all processes */
-OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzero: the caller stops the run */
+OXL_INTERNAL oxl_result     step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
+OXL_INTERNAL double         step_seconds(const struct train *t);           /* of the whole run, over all processes */
+OXL_INTERNAL int            step_report(const struct train *t, int trial); /* nonzero: the caller stops the run */
+OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* water and lamp as they are now */
 
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
@@ -112,26 +106,30 @@ OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *sta
 /* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
 
 /* 1: the index-th training view is a validation view: an eighth of them, at most 8, evenly spaced. */
-OXL_INTERNAL int            selection_is_validation_view(int index, int views);
-OXL_INTERNAL oxl_result     selection_begin(struct train *t); /* splits training and validation views */
-/* Exposure, lamp and water from the tracks, before the first step. */
-OXL_INTERNAL oxl_result     selection_begin_imaging(struct train *t);
-OXL_INTERNAL struct imaging step_imaging(const struct train *t); /* water and lamp as they are now */
-OXL_INTERNAL oxl_result     selection_step(struct train *t);     /* one whole step, with the decisions that are due after it */
+OXL_INTERNAL int        selection_is_validation_view(int index, int views);
+OXL_INTERNAL oxl_result selection_begin(struct train *t); /* splits training and validation views */
 /* Mean loss and PSNR over the validation views; NaN if none can be read. */
-OXL_INTERNAL oxl_result     selection_validate(struct train *t, double *loss, double *psnr);
+OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL oxl_result
 selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
-OXL_INTERNAL void selection_end(struct train *t); /* after the last step: the decisions of others */
-OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
+OXL_INTERNAL void       selection_end(struct train *t); /* after the last step: the decisions of others */
+OXL_INTERNAL void       selection_archive(struct archive *a, struct train *t);
+/* After a step, where it is due: second lobes, or the trial that decides on them. */
+OXL_INTERNAL oxl_result selection_lobes(struct train *t);
+OXL_INTERNAL void       selection_sh_degree(struct train *t); /* the same of SH degrees */
+/* Choice and evidence of a decision, for run.json. */
+OXL_INTERNAL void       selection_record(struct train *t, const char *what, const char *chosen, const char *why);
 
-/* ---------------------------------------------------------------- nonfinite.c */
+/* ---------------------------------------------------------------- train_imaging.c: exposure, lamp and water of a run */
 
-/* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
-OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
-                                                       oxl_model *second);
-/* The loss of a view is not finite, and these rows were cleared. */
-OXL_INTERNAL void                      nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                                         struct renderer_nonfinite cleared);
+OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
+OXL_INTERNAL oxl_result
+                  train_imaging_start_water(struct train *t); /* after a step, where it is due: water that tracks do not give */
+OXL_INTERNAL void train_imaging_describe(struct train *t);    /* logs what was fitted, and how far it can be believed */
+OXL_INTERNAL void train_imaging_store(struct train *t);       /* stores it in the scene, for evaluation and rendering */
+
+/* ---------------------------------------------------------------- train.c */
+
+OXL_INTERNAL oxl_result train_step(struct train *t); /* one whole step, with what is due after it */
 
 #endif

@@ -19,7 +19,7 @@
  * Invariant: weights and expected errors are a function of the model, the view and the previous expected errors; no sum depends on the
  * number of threads.
  */
-#include "train.h"
+#include "train_parts.h"
 
 #define TRANSIENTS_ERROR     0.05f /* of white: a visible difference */
 #define TRANSIENTS_TIMES     4.0f  /* x the expected error around */
@@ -34,28 +34,28 @@ enum {
 };
 enum { TRANSIENTS_ABOVE = 1, TRANSIENTS_OUTLIER = 2, TRANSIENTS_CORE = 4, TRANSIENTS_MASKED = 8 };
 
-OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on)
+OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene, int on)
 {
-    *r = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
-    if (on && r->points == 0) oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: transients are not masked");
-    if (r->points == 0) return OXL_OK;
-    r->expected = oxl_alloc(ctx, r->points, sizeof *r->expected);
-    r->place    = oxl_alloc(ctx, r->points, sizeof *r->place);
-    if (!r->expected || !r->place)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the expected errors of %zu points", r->points);
-    for (size_t i = 0; i < r->points; i++) r->expected[i] = TRANSIENTS_MAX;
+    *t = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
+    if (on && t->points == 0) oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: transients are not masked");
+    if (t->points == 0) return OXL_OK;
+    t->expected = oxl_alloc(ctx, t->points, sizeof *t->expected);
+    t->place    = oxl_alloc(ctx, t->points, sizeof *t->place);
+    if (!t->expected || !t->place)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the expected errors of %zu points", t->points);
+    for (size_t i = 0; i < t->points; i++) t->expected[i] = TRANSIENTS_MAX;
     return OXL_OK;
 }
 
-OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *r)
+OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *t)
 {
-    OXL_FREE(ctx, r->expected, r->place, r->square);
-    *r = (struct transients){0};
+    OXL_FREE(ctx, t->expected, t->place, t->square);
+    *t = (struct transients){0};
 }
 
-OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size)
+OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size)
 {
-    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images", 100 * r->masked_share);
+    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images", 100 * t->masked_share);
 }
 
 /* ---------------------------------------------------------------- squares of pixels */
@@ -142,24 +142,24 @@ static int32_t transients_cell(const struct transients_grid *g, const oxl_camera
     return (int32_t)y / g->side * g->across + (int32_t)x / g->side;
 }
 
-static void transients_project_points(oxl_context *ctx, struct transients *r, const struct transients_grid *g,
+static void transients_project_points(oxl_context *ctx, struct transients *t, const struct transients_grid *g,
                                       const oxl_scene *scene, const oxl_camera *camera, double near_plane)
 {
     const oxl_point *point = oxl_scene_points(scene);
     (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = transients_cell(g, camera, near_plane, point[i].position);
-    for (size_t i = 0; i < r->points; i++) {
-        struct transients_square *s = r->place[i] < 0 ? NULL : &r->square[r->place[i]];
-        if (s) s->expected = OXL_MAX(s->expected, r->expected[i]);
+    for (int64_t i = 0; i < (int64_t)t->points; i++) t->place[i] = transients_cell(g, camera, near_plane, point[i].position);
+    for (size_t i = 0; i < t->points; i++) {
+        struct transients_square *s = t->place[i] < 0 ? NULL : &t->square[t->place[i]];
+        if (s) s->expected = OXL_MAX(s->expected, t->expected[i]);
     }
 }
 
-static void transients_update_points(struct transients *r)
+static void transients_update_points(struct transients *t)
 {
-    for (size_t i = 0; i < r->points; i++) {
-        const float error = r->place[i] < 0 ? -1 : r->square[r->place[i]].error;
-        if (error >= 0) r->expected[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MAX) - r->expected[i]);
+    for (size_t i = 0; i < t->points; i++) {
+        const float error = t->place[i] < 0 ? -1 : t->square[t->place[i]].error;
+        if (error >= 0) t->expected[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MAX) - t->expected[i]);
     }
 }
 
@@ -180,34 +180,34 @@ static size_t transients_fill(const struct transients_grid *g, const struct tran
     return count;
 }
 
-OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *r, const oxl_scene *scene,
+OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
                                         const struct transients_view *v, int update)
 {
     const struct transients_grid g = transients_grid(v->camera->width, v->camera->height);
     const int                    n = g.across * g.down;
     double                       share;
-    oxl_result                   rc = oxl_reserve(ctx, &r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
+    oxl_result                   rc = oxl_reserve(ctx, &t->square, &t->square_capacity, (size_t)n, sizeof *t->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {
-        r->square[i].error =
+        t->square[i].error =
             transients_error(&g, v->rendered, v->image, v->has_mask ? v->weight : NULL, i % g.across, i / g.across);
-        r->square[i].expected = -1;
+        t->square[i].expected = -1;
     }
-    transients_project_points(ctx, r, &g, scene, v->camera, v->near_plane);
-    transients_mark(&g, r->square);
-    share = (double)transients_fill(&g, r->square, v->has_mask, v->weight) / ((double)g.width * g.height);
+    transients_project_points(ctx, t, &g, scene, v->camera, v->near_plane);
+    transients_mark(&g, t->square);
+    share = (double)transients_fill(&g, t->square, v->has_mask, v->weight) / ((double)g.width * g.height);
     if (!update) return OXL_OK;
-    transients_update_points(r);
-    r->masked_share += TRANSIENTS_SMOOTHING * (share - r->masked_share);
+    transients_update_points(t);
+    t->masked_share += TRANSIENTS_SMOOTHING * (share - t->masked_share);
     return OXL_OK;
 }
 
-OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r)
+OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t)
 {
-    if (r->points == 0) return; /* off: that follows from the options and the scene */
-    archive_floats(a, r->expected, r->points);
-    archive_doubles(a, &r->masked_share, 1);
-    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->expected[i] >= 0 && r->expected[i] <= TRANSIENTS_MAX);
-    archive_expect(a, r->masked_share >= 0 && r->masked_share <= 1);
+    if (t->points == 0) return; /* off: that follows from the options and the scene */
+    archive_floats(a, t->expected, t->points);
+    archive_doubles(a, &t->masked_share, 1);
+    for (size_t i = 0; i < t->points; i++) archive_expect(a, t->expected[i] >= 0 && t->expected[i] <= TRANSIENTS_MAX);
+    archive_expect(a, t->masked_share >= 0 && t->masked_share <= 1);
 }

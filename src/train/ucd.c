@@ -18,7 +18,7 @@
  * Invariants: cap >= f_far >= f_mid >= 1, for the estimate and each point. The state is a function of the scene, the options, the seed and
  * the losses.
  */
-#include "train.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define UCD_FADE_MIN   0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */

@@ -15,7 +15,7 @@
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
-#include "train.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define WATER_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
@@ -104,7 +104,7 @@ OXL_INTERNAL int water_starts_at(const oxl_train_options *o)
     return o->medium == OXL_ON ? OXL_MAX(1, (int)(WATER_FROM * o->iterations)) : 0;
 }
 
-/* Of any water: what the survey's points look like, at their median range. */
+/* First values where the tracks give none: WATER_START over the median range, and the points' mean colour as veil. */
 OXL_INTERNAL void water_start(struct water *w, oxl_scene *scene)
 {
     const oxl_point *point = oxl_scene_points(scene);
@@ -133,16 +133,11 @@ OXL_INTERNAL void water_scale(const struct water *w, int to_clear, oxl_model *mo
 OXL_INTERNAL void water_step(struct water *w, double progress, const double gradient[9])
 {
     const double rate = WATER_RATE * vecmath_exp(OXL_MAX(0, progress - 0.5) * 2 * vecmath_log(0.1));
-    double       c1, c2;
     if (w->fixed) return;
     w->steps++;
-    c1 = 1 - vecmath_exp(w->steps * vecmath_log(0.9)), c2 = 1 - vecmath_exp(w->steps * vecmath_log(0.999));
     for (int k = 0; k < 9; k++) {
         const double g = gradient[k] * water_slope(w->raw[k]) / (k < 6 ? w->range : 1);
-        if (!(fabs(g) <= 1e18)) continue;
-        w->first[k]  = 0.9 * w->first[k] + 0.1 * g;
-        w->second[k] = 0.999 * w->second[k] + 0.001 * g * g;
-        w->raw[k] -= rate * (w->first[k] / c1) / (sqrt(w->second[k] / c2) + 1e-15);
+        scalar_adam_step(&w->raw[k], &w->first[k], &w->second[k], g, rate, w->steps);
     }
 }
 

@@ -33,7 +33,7 @@ uint work_item() { return work_group() * 256u + gl_LocalInvocationIndex; }
 bool is_finite(float x) { return (floatBitsToUint(x) & INFINITY_BITS) != INFINITY_BITS; }
 bool is_nan(float x) { return (floatBitsToUint(x) & 0x7FFFFFFFu) > INFINITY_BITS; }
 
-/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/render/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
+/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/render/real.h: GLSL's own exp2 has no bound that all devices keep. */
 float own_exp2(float x)
 {
     precise float n = floor(x + 0.5), f = x - n;

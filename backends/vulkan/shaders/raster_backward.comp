@@ -134,7 +134,7 @@ void add_up(uint i, uint count)
 }
 
 /* Splats behind the last that any pixel saw. */
-void give_nothing(uint first, uint end, uint i)
+void zero_sums(uint first, uint end, uint i)
 {
     for (uint pair = first + i; pair < end; pair += 256u) {
         uint slot    = sorted[pair];
@@ -172,5 +172,5 @@ void main()
         barrier();
         add_up(i, count);
     }
-    give_nothing(first, end, i);
+    zero_sums(first, end, i);
 }

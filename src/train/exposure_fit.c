@@ -1,4 +1,4 @@
-/* exposure.c - three log gains for each training image, optimised with the scene.
+/* exposure_fit.c - three log gains for each training image, optimised with the scene.
  *
  * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
  * before the loss (render/exposure.c); a_k has an Adam of its own (Kingma & Ba 2015), since each image is visited once an epoch, and a
@@ -15,7 +15,7 @@
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
-#include "train.h"
+#include "train_parts.h"
 #include "../core/vecmath.h"
 
 #define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/WATER.md has what others cost */

@@ -1,0 +1,18 @@
+/* scalar_adam.c - Adam (Kingma & Ba 2015, Alg. 1) for single numbers: the parameters of water and lamp.
+ *
+ * Exposure has its own (exposure_fit.c): other decays, and moments that are float.
+ */
+#include "train_parts.h"
+#include "../core/vecmath.h"
+
+#define SCALAR_ADAM_GRADIENT_MAX 1e18 /* a larger gradient, or one that is not finite, changes nothing */
+#define SCALAR_ADAM_EPSILON      1e-15
+
+OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step)
+{
+    const double correct1 = 1 - vecmath_exp(step * vecmath_log(0.9)), correct2 = 1 - vecmath_exp(step * vecmath_log(0.999));
+    if (!(fabs(gradient) <= SCALAR_ADAM_GRADIENT_MAX)) return;
+    *first  = 0.9 * *first + 0.1 * gradient;
+    *second = 0.999 * *second + 0.001 * gradient * gradient;
+    *at -= rate * (*first / correct1) / (sqrt(*second / correct2) + SCALAR_ADAM_EPSILON);
+}

@@ -1,0 +1,288 @@
+/* train_parts.h - private to src/train: the parts of a run's state, a section per module; none of them knows the run (train_state.h). */
+#ifndef OXL_TRAIN_PARTS_H
+#define OXL_TRAIN_PARTS_H
+
+#include "train.h"
+
+/* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
+
+/* Writes and reads: a module lists its state once, and the archive writes it or reads it back. After a failure, calls do nothing.
+ * Counts are read before what they count, and are checked against what is left of the file. */
+struct archive {
+    oxl_context *ctx;
+    int          reading;
+    const char  *path;
+    FILE        *file;
+    uint64_t     sum, left; /* of the bytes written; bytes still to read */
+    oxl_result   rc;
+};
+OXL_INTERNAL void archive_int(struct archive *a, int *value);
+OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
+OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
+OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
+OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
+/* When reading: the file is refused unless `is_so`. The checksum finds accidental damage, not intended changes. */
+OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
+OXL_INTERNAL void archive_text(struct archive *a, struct text *t);            /* reading: the text is replaced */
+OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);         /* reading: the model is replaced */
+OXL_INTERNAL int  archive_fits(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
+
+typedef void            checkpoint_state(struct archive *a, void *user);
+/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                         void *user);
+/* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                        void *user, int *found);
+
+/* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
+
+/* Logs the context's error, which says why the image cannot be read. */
+OXL_INTERNAL void       nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n);
+OXL_INTERNAL void       nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
+                                          struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
+/* The loss of a view is not finite, and these rows were cleared. */
+OXL_INTERNAL void       nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
+                                          struct renderer_nonfinite cleared);
+/* Removes such Gaussians and logs the counts. */
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model);
+OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *n);
+
+/* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
+OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
+                                                       oxl_model *second);
+
+/* ---------------------------------------------------------------- density.c: split, prune, reset */
+
+struct density; /* statistics since the last control */
+
+struct density_rules {
+    double gradient;       /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double f_mid, f_far;   /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
+    double extent;         /* of the scene */
+    int    split_large;    /* after the first reset interval [Kerbl 2023] */
+    size_t cap;            /* on the number of Gaussians; 0: none */
+    const uint8_t *carved; /* (count) 1: to be removed; or NULL */
+};
+struct density_change {
+    size_t removed, split;
+};
+OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
+OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out);
+OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
+OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
+OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count);
+/* From now on gradients are kept apart by the depth at which they were seen; z_near 0: they are not. Clears the statistics. */
+OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
+/* Of a row, over the views that saw it since the statistics were cleared, without weights. */
+OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
+/* Decides which rows are split and removed; density_apply carries it out. */
+OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
+                                       const struct density_rules *rules, struct density_change *out);
+/* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
+OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
+OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
+OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
+/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows, and the moments are left to it. */
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                      const struct density_change *change, int moved);
+/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
+OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
+
+/* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
+
+struct ucd {
+    int             on, learns;
+    double          z_near, z_far; /* where the bands meet, camera z */
+    double          f[2];          /* f_mid, f_far: the estimate, or fixed */
+    double          prior[2];      /* of the estimate */
+    double          offset[2];     /* sums over the pairs: how far each alone would move f_mid and f_far - f_mid from the prior */
+    double          cost[2];       /* of the two points of the pair in progress */
+    double          loss, count;   /* at the start of the span: mean log loss, Gaussians */
+    double          loss_sum;      /* of log losses since the last densification: so many */
+    int             losses, pairs; /* pairs: finished */
+    int             costs;         /* known in the pair in progress; -1: the span in progress is not one of a pair */
+    int             spans;         /* densifications in the span in progress */
+    uint64_t        seed;
+    struct contrast contrast;
+    char            reason[256];
+};
+/* What is `on` and between which depths. Logs nothing; ucd_describe gives the text. */
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options);
+OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
+OXL_INTERNAL void       ucd_observe(struct ucd *u, double loss);               /* of each step */
+OXL_INTERNAL void       ucd_weights(struct ucd *u, size_t count, double f[2]); /* of this densification: f_mid, f_far */
+OXL_INTERNAL void       ucd_restart(struct ucd *u); /* the pair in progress is void: opacities were reset */
+OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
+
+/* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
+
+struct prune {
+    oxl_keep keep;
+    double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
+    int      views;               /* a score is taken of at most so many, spread evenly */
+    int      start, end;          /* the window: steps */
+    int      every, patience;     /* steps between checks; without a drop */
+    int      drops, last;         /* done; step of the last */
+    size_t   first_count, target; /* at the window's start (0: not yet), at its end */
+    double   drop_l1;             /* mean L1 before the last drop */
+    double   l1_sum;              /* since the last check */
+    int      l1_count;
+    double   validation_loss; /* auto: loss of the validation views at the window's start */
+};
+/* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
+OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
+OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
+OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
+OXL_INTERNAL int    prune_is_check_step(const struct prune *p,
+                                        int step); /* whether prune_due would look: then `auto` needs validation_loss */
+/* After the step: number of `count` Gaussians to remove now. validation_loss: mean of the validation views, for auto. */
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
+/* keep (count): 0 for the `drop` that matter least, else 1. */
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
+                                     const oxl_render_options *options, const oxl_model *model, uint8_t *keep);
+OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
+/* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by row where equal. */
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
+                                    const oxl_model *model, const oxl_render_options *options, float *score);
+OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
+
+/* ---------------------------------------------------------------- transients.c: masks of moving objects */
+
+struct transients_square { /* of pixels, in the present view */
+    float    error;        /* how far off its mean colour is, of white; -1: none of its pixels counts */
+    float    expected;     /* the largest expected error of the points in it; -1: there are none */
+    unsigned marks;
+};
+struct transients {
+    size_t                    points;   /* of the scene; 0: off */
+    float                    *expected; /* (points) running mean of the error at its position, over the views that see it */
+    int32_t                  *place;    /* (points) its square in the present view, or -1 */
+    struct transients_square *square;
+    size_t                    square_capacity;
+    double                    masked_share; /* share of masked pixels, smoothed over the last images */
+};
+OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene, int on);
+OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *t);
+struct transients_view {
+    const oxl_camera *camera;
+    double            near_plane;
+    const float      *rendered, *image; /* (3,H,W) */
+    float            *weight;           /* (H,W): set to 0 where masked as transient */
+    int               has_mask;         /* weight contains a mask; 0: all of it is set */
+};
+/* update 0: expected errors stay as they are, as in the steps of a trial. */
+OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
+                                        const struct transients_view *view, int update);
+OXL_INTERNAL void       transients_describe(const struct transients *t, char *out, size_t size); /* the masked share, as text */
+OXL_INTERNAL void       transients_archive(struct archive *a, struct transients *t);
+
+/* ---------------------------------------------------------------- scalar_adam.c: Adam for single numbers */
+
+/* `at` and its moments; step: of this number, from 1. */
+OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step);
+
+/* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
+
+struct water {
+    int    on, fixed, steps;            /* fixed: the tracks' values */
+    double range;                       /* the survey's median, that attenuation counts by */
+    double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
+};
+OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *continued);
+/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks,
+ * exposure_set_from_tracks. */
+OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size);
+#define WATER_SPAN_MIN 2 /* less does not identify the water: auto is off (docs/WATER.md) */
+OXL_INTERNAL double        water_span(oxl_scene *scene);
+OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* without tracks, after this step; 0: never */
+OXL_INTERNAL struct medium water_medium(const struct water *w);
+OXL_INTERNAL void          water_start(struct water *w, oxl_scene *scene);
+/* J from what it is in training to that without water, or back. */
+OXL_INTERNAL void          water_scale(const struct water *w, int to_clear, oxl_model *model);
+OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
+OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
+
+/* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
+
+struct lamp_fit {
+    int         on, has_falloff, frozen, steps, groups;                    /* has_falloff: it is trained; frozen: nothing is */
+    int         visits[LAMP_MAX];                                          /* steps of a camera */
+    struct lamp group[LAMP_MAX];                                           /* the first: cameras that have none of their own */
+    double      first[LAMP_MAX][LAMP_TERMS], second[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
+    double      falloff, falloff_first, falloff_second, reference;
+};
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued);
+OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m);
+/* of: the lamp of the view's camera. */
+OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
+                            double falloff);
+OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
+
+/* ---------------------------------------------------------------- exposure_fit.c: log gains of training images */
+
+struct exposure_gradient {
+    int    step, view;             /* step 0: none */
+    double progress, dlog_gain[3]; /* share of the run; dL/da */
+};
+
+struct exposure {
+    oxl_switch               mode;
+    double                   known_until;    /* share of the run up to which known gains stay */
+    struct imaging           of;             /* the gains; on: they are applied */
+    float                   *first, *second; /* (views,3) Adam's moments */
+    int                     *visits;         /* (views) steps of a view's gains */
+    double                   mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
+    struct exposure_gradient pending;        /* of the last step, not applied yet */
+};
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);
+OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
+OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
+/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is
+ * applied. */
+OXL_INTERNAL void       exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
+OXL_INTERNAL void       exposure_apply_pending(struct exposure *e, int last);
+OXL_INTERNAL void       exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
+
+/* ---------------------------------------------------------------- free_space.c: between a camera and the points that it saw */
+
+enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
+
+struct free_space_view {         /* a training view */
+    uint32_t          image_row; /* in colmap.image */
+    const oxl_camera *camera;
+    float             depth[FREE_SPACE_GRID * FREE_SPACE_GRID]; /* camera z up to which a cell is free; 0: not known */
+};
+struct free_space {
+    struct free_space_view *view; /* (views) by image_row; NULL: off */
+    size_t                  views;
+};
+OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
+OXL_INTERNAL void       free_space_free(oxl_context *ctx, struct free_space *f);
+OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *out, size_t size); /* the state, as text */
+/* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
+OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved);
+
+/* ---------------------------------------------------------------- track_depth.c: depths that the tracks give */
+
+struct track_depth_view {
+    int                 seen;  /* points; as many are kept, up to a limit */
+    struct depth_point *point; /* px of the view's camera */
+};
+struct track_depth {
+    int                      started;
+    struct track_depth_view *view; /* (views); NULL: no tracks */
+    struct depth_point      *all;
+};
+/* window (views): only of views that have one; NULL: of all training views. */
+OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
+                                          const struct image_window *window);
+OXL_INTERNAL void       track_depth_free(oxl_context *ctx, struct track_depth *d);
+/* Some points of the step's view; returns the weight of each in the loss. */
+OXL_INTERNAL double     track_depth_of_step(const struct track_depth *d, int view, int step, double progress, int *count,
+                                            struct depth_point out[DEPTH_POINTS]);
+
+#endif
