@@ -111,6 +111,8 @@ OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 OXL_API oxl_result  oxl_backend_begin(oxl_context *ctx);
 /* What has rendered so far: the device's name, "cpu", or "NAME and cpu" where the CPU took over; at first, what is going to. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
+/* The Vulkan devices in the order of options.device, one line each, with their limits; free with oxl_text_free. */
+OXL_API oxl_result  oxl_devices(oxl_context *ctx, char **out);
 
 /* ---------------------------------------------------------------- images */
 
@@ -126,6 +128,17 @@ OXL_API void       oxl_image_free(oxl_context *ctx, oxl_image *image);
  * or no such image; OXL_ERR_IO: it cannot be read or written. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
+
+/* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
+OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
+
+/* ---------------------------------------------------------------- folders */
+
+/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the folder if it is missing.
+ * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and oxl_partition lock OUT themselves. */
+typedef struct oxl_lock oxl_lock;
+OXL_API oxl_result      oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
+OXL_API void            oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
 
 /* ---------------------------------------------------------------- cameras and scenes */
 
@@ -181,6 +194,11 @@ OXL_API size_t           oxl_scene_point_count(const oxl_scene *scene);
 OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
 OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [Kerbl 2023] */
+
+/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start` and unit `direction`,
+ * local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside the domain of the distortion model. */
+OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
+                                 double direction[3]);
 
 /* Reads imaging.txt beside the model file, if it exists: exposure gains and medium, which evaluation and renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);

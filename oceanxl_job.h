@@ -226,26 +226,7 @@ OXL_API oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const c
 OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out);
 OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
 
-/* ---------------------------------------------------------------- devices, images, rays */
-
-/* The Vulkan devices in the order of options.device, one line each, with their limits; free with oxl_text_free. */
-OXL_API oxl_result oxl_devices(oxl_context *ctx, char **out);
-
-/* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
-OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
-
-/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start` and unit `direction`,
- * local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside the domain of the distortion model. */
-OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
-                                 double direction[3]);
-
 /* ---------------------------------------------------------------- files and terminal */
-
-/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and oxl_partition lock OUT themselves. */
-typedef struct oxl_lock oxl_lock;
-OXL_API oxl_result      oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
-OXL_API void            oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
 
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path); /* with its parents; an existing folder is no error */
 OXL_API int        oxl_is_folder(const char *path);
