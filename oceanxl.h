@@ -279,8 +279,8 @@ typedef struct oxl_render_options {
 OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the expected camera z,
- * sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes. options may be NULL. OXL_ERR_USAGE: the camera has no
- * pixels. */
+ * sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
+ * options may be NULL. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 

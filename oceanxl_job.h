@@ -145,7 +145,8 @@ OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const 
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey that
- * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is split (partition.txt, partition.svg): a coarse
+ * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is split (partition.txt,
+ * partition.svg): a coarse
  * model of the survey (blocks/coarse/), then the blocks, each with the others' Gaussians as context, then the merged model
  * (blocks/whole/), if `ram` allows it. train.iterations are the steps of all of these; a step on a part of an image counts as its
  * share of the pixels.

@@ -1,4 +1,5 @@
-/* json.h - reads JSON text through a cursor, without building a tree; numbers and characters to write it. The library and the program use it.
+/* json.h - reads JSON text through a cursor, without building a tree; numbers and characters to write it. The library and
+ * the program use it.
  *
  * A value is a pointer to its first byte in the text; NULL is a missing value, without members or number.
  * The functions are not public API; they are not OXL_INTERNAL because the program calls them.
