@@ -6,6 +6,7 @@
 #define _DEFAULT_SOURCE 1 /* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
 #endif
 #include "cli/cli.h"
+#include "lab/lab.h"
 
 #include <signal.h>
 #include <stdlib.h>

@@ -124,7 +124,8 @@ typedef struct oxl_image {
 
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
 OXL_API void       oxl_image_free(oxl_context *ctx, oxl_image *image);
-/* Reads JPG or PNG, writes 8-bit PNG (atomically). Values are clamped to 0..1; NaN is written as 0. */
+/* Reads JPG or PNG, writes 8-bit PNG (atomically). Values are clamped to 0..1; NaN is written as 0. OXL_ERR_INPUT: the file is missing
+ * or no such image; OXL_ERR_IO: it cannot be read or written. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
 
@@ -202,7 +203,8 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
 /* Reads imaging.txt beside the model file, if it exists: exposure gains and medium, which evaluation and renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
-/* The image of a view as used in training: undistorted, reduced, masked. Free with oxl_image_free. */
+/* The image of a view as used in training: undistorted, reduced, masked. Free with oxl_image_free.
+ * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
 
 /* ---------------------------------------------------------------- models */
@@ -268,7 +270,7 @@ OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl
 /* ---------------------------------------------------------------- rendering */
 
 typedef struct oxl_render_options {
-    float background[3]; /* (0,0,0) */
+    float background[3]; /* red, green, blue, 0..1 (0,0,0) */
     int   sh_degree;     /* largest degree evaluated; -1: the model's */
     float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
     float alpha_min;     /* smaller alpha values are skipped on the CPU; at least 1/255 (1/255) [Kerbl 2023] */
@@ -277,18 +279,20 @@ typedef struct oxl_render_options {
 OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the expected camera z,
- * sum(alpha T z) / sum(alpha T), 0 where no Gaussian contributes. */
+ * sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
+ * options may be NULL. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
 /* The gradient of a scalar loss with respect to all parameters, given drgb = dL/d(image), (3,H,W): the exact derivative of
- * oxl_render. gradient is created with the shape of model. */
+ * oxl_render. gradient is created with the shape of model; errors are those of oxl_render. */
 OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                        const oxl_render_options *options, const float *drgb, oxl_model *gradient);
 
 /* ---------------------------------------------------------------- metrics */
 
-/* Computed over unmasked pixels (weight of b) after clamping to 0..1.
+/* Computed over unmasked pixels (weight of b) after clamping to 0..1. OXL_ERR_USAGE: a and b differ in size;
+ * OXL_ERR_INPUT: no pixel counts.
  * PSNR: dB, peak 1; identical images give 100.
  * cc_psnr (colour-corrected): PSNR after each channel of a is multiplied by its least-squares factor to b, so that exposure and white
  * balance of the image do not count as error.
@@ -306,18 +310,19 @@ typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } ox
 typedef struct oxl_view_metrics {
     int    view; /* index in the scene */
     double psnr, cc_psnr, ssim, ms_ssim;
-    double plain_psnr, half_psnr; /* at mean exposure; of the right half, with gains fitted on the left half */
+    double plain_psnr, half_psnr; /* dB; at mean exposure; of the right half, with gains fitted on the left half */
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double            psnr, cc_psnr, ssim, ms_ssim; /* means over the views; 0 without views */
-    double            plain_psnr, half_psnr;        /* means over the views */
+    double            plain_psnr, half_psnr;        /* the same of what a view has */
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* terciles of the depths of all observations */
     double            by_depth[3]; /* PSNR of the pixels around points nearer, between and beyond them; NaN: no such pixels */
 } oxl_metrics;
 
+/* Renders the views of the split and compares them with their images; views whose image is not readable are logged and left out. */
 OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out);
 OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 
@@ -335,7 +340,7 @@ typedef enum oxl_dog {
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
-    OXL_AUTO /* on where validation views gain by it */
+    OXL_AUTO /* on where the colours of the tracks show it */
 } oxl_switch;
 
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
@@ -353,9 +358,6 @@ typedef struct oxl_keep {
     double        value;
 } oxl_keep;
 
-/* "0.5", "400000", "80MB" (B, KB, MB, GB, TB; KiB...), "auto", "all". */
-OXL_API oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out);
-
 /* Underwater-Compensated Densification: more Gaussians where water reduces contrast [OceanXL eq. 2]. */
 typedef enum oxl_ucd_mode {
     OXL_UCD_OFF = 0,
@@ -368,17 +370,13 @@ typedef struct oxl_ucd {
     int          learn;        /* 1: corrected during training by SPSA; 0: fixed */
 } oxl_ucd;
 
-OXL_API oxl_ucd    oxl_ucd_default(void);
-/* "on", "off", "auto" (1.5 and 2, fixed), "1.5,2" (on, corrected from there), "1.5,2,fixed", "auto,1.5,2". */
-OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
-
 typedef struct oxl_train_options {
     int      iterations;    /* one image each */
     int      sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
     int      max_gaussians; /* limit of their number; 0: one per 60 training pixels (PAPER.md) */
     double   max_seconds;   /* stop after this time and write the model; 0: no limit */
-    float    background[3];
-    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
+    float    background[3]; /* red, green, blue, 0..1 */
+    float    ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float    coarse;  /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
     float    dropout; /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30 training
@@ -446,7 +444,8 @@ typedef struct oxl_callback {
     void *user;
 } oxl_callback;
 
-/* Trains a model on the scene's training views. The same scene, options and seed give the same bytes. callback may be NULL. */
+/* Trains a model on the scene's training views. The same scene, options and seed give the same bytes. callback may be NULL.
+ * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped, out is usable. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
                              oxl_model *out);
 

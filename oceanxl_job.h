@@ -42,9 +42,9 @@ typedef struct oxl_job_options {
     oxl_scene_options     scene;
     oxl_train_options     train;
     oxl_partition_options partition;
-    const char           *preset;         /* preset of the defaults, recorded in run.json */
-    int                   renders;        /* 1: write renders of the held-out views to OUT/renders */
-    size_t                ram;            /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
+    const char           *preset;  /* preset of the defaults, recorded in run.json */
+    int                   renders; /* 1: write renders of the held-out views to OUT/renders */
+    size_t                ram;     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
     int                   iterations_for; /* images: of more, train.iterations grow, of few they are limited; 0: neither */
     int                   block;          /* train only this block and do not merge; -1: all */
     int                   keep_decoded;   /* 1: decoded images stay in OUT/blocks/decoded for the next run */
@@ -74,20 +74,20 @@ typedef enum oxl_option_kind {                     /* what the field holds, and 
                                OXL_OPTION_POINT,   /* double[3]: X,Y,Z */
                                OXL_OPTION_SIZE,    /* int[2]: 400x260 */
                                OXL_OPTION_PRESET,  /* const char *; sets all options of the job to the preset's defaults */
-                               OXL_OPTION_UCD,     /* oxl_ucd without its bands: text of oxl_ucd_parse */
-                               OXL_OPTION_KEEP,    /* oxl_keep: text of oxl_keep_parse */
+                               OXL_OPTION_UCD,     /* oxl_ucd: on, off, auto; 1.5,2 (on, corrected); 1.5,2,fixed; auto,1.5,2 */
+                               OXL_OPTION_KEEP,    /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
                                OXL_OPTION_LIMIT    /* float: 0.0002; or 90%, stored as -0.9 */
 } oxl_option_kind;
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
 
-enum {                             /* commands that take the option: bits of oxl_option.use */
-       OXL_OPTION_OF_SURVEY   = 1, /* reading a survey */
-       OXL_OPTION_OF_TRAINING = 2, /* training, in a run or a study */
-       OXL_OPTION_OF_RUN      = 4, /* one run, or its prediction */
-       OXL_OPTION_OF_OUT      = 8, /* an existing folder OUT */
-       OXL_OPTION_OF_BLOCK    = 16,
-       OXL_OPTION_OF_RESULT   = 64 /* the bytes of every block depend on it; recorded in "job" of run.json */
+enum {                              /* what takes the option: bits of oxl_option.use */
+       OXL_OPTION_OF_SURVEY   = 1,  /* reading a survey */
+       OXL_OPTION_OF_TRAINING = 2,  /* training, in a run or a study, and its prediction */
+       OXL_OPTION_OF_RUN      = 4,  /* one run, or its prediction */
+       OXL_OPTION_OF_OUT      = 8,  /* an existing folder OUT */
+       OXL_OPTION_OF_BLOCK    = 16, /* a run or one block of it, not its prediction */
+       OXL_OPTION_OF_RESULT   = 64  /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
 };
 
 typedef struct oxl_option {
@@ -144,8 +144,9 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
 OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
- * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most
- * block_points points is one block, 000. A larger one is split (partition.txt, partition.svg): a coarse
+ * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey that
+ * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is split (partition.txt,
+ * partition.svg): a coarse
  * model of the survey (blocks/coarse/), then the blocks, each with the others' Gaussians as context, then the merged model
  * (blocks/whole/), if `ram` allows it. train.iterations are the steps of all of these; a step on a part of an image counts as its
  * share of the pixels.
@@ -185,7 +186,7 @@ typedef struct oxl_partition_report {
 
 /* Splits the survey in folder `scene` into blocks and writes to folder `out`: blocks/KKK/ as COLMAP text exports, partition.txt and
  * partition.svg. report may be NULL; options may be NULL: the draft preset. The image folder may be missing; if it exists, views without
- * an image are left out, as in training. */
+ * an image are left out, as in training. OXL_ERR_BUDGET: no partition fits options->ram. */
 OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
@@ -215,7 +216,7 @@ typedef struct oxl_render_output {
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                     const char *folder, int *count);
 
-/* A portable float map (Debevec): (height,width) values, from the top. */
+/* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it cannot be written. */
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height);
 
 /* For images that the caller renders: removes the files that the last call wrote into the folder, as FOLDER/.renders lists them, and

@@ -33,17 +33,12 @@ static oxl_result borders_read(struct borders *b, int k, const char *out)
 
 static oxl_result borders_view(struct borders *b, int view, float *depth, oxl_image *image)
 {
-    const oxl_view    *of     = oxl_scene_view(b->scene, view);
-    oxl_render_options o      = oxl_render_options_default();
-    const double      *origin = oxl_scene_origin(b->scene);
-    oxl_result         rc     = oxl_scene_image(b->ctx, b->scene, view, image);
-    o.near_plane              = (float)scene_near_plane(b->scene);
+    const oxl_view *of     = oxl_scene_view(b->scene, view);
+    const double   *origin = oxl_scene_origin(b->scene);
+    oxl_result      rc     = oxl_scene_image(b->ctx, b->scene, view, image);
     for (int k = 0; k < b->models && rc == OXL_OK; k++) {
         oxl_image rendered = {0};
-        renderer_set_medium(b->renderer, &b->imaging[k].medium, 0);
-        rc = renderer_draw(b->ctx, b->renderer, &b->model[k], &of->camera, &o, &rendered, k == 0 ? depth : NULL);
-        if (rc == OXL_OK) rc = imaging_apply_lamp(b->ctx, b->scene, &b->imaging[k], view, &rendered);
-        if (rc == OXL_OK) imaging_apply(&b->imaging[k], view, &rendered);
+        rc = evaluate_draw(b->ctx, b->renderer, &b->model[k], b->scene, &b->imaging[k], view, &rendered, k == 0 ? depth : NULL);
         if (rc == OXL_OK)
             seam_add_view(&(struct seam_view){&b->partition, &of->camera, origin, &rendered, image, depth},
                           b->sum[k][!of->is_test]);

@@ -1,8 +1,8 @@
-/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers only and
- * are not in the library. One section for each file of cli/ and lab/.
+/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and
+ * src/core/json.h, and are not in the library. One section for each file of cli/; synth_options is here because arguments holds it.
  */
-#ifndef TOOLS_H
-#define TOOLS_H
+#ifndef CLI_H
+#define CLI_H
 
 #include "../oceanxl_job.h"
 #include "../src/core/json.h"
@@ -119,7 +119,7 @@ oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_sce
 /* Writes OUT/report.html, whole or not at all. Absent parts are left out. On failure the text gives the reason. */
 oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size);
 
-/* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
+/* ---------------------------------------------------------------- lab/synth.c: options of a procedural survey */
 
 typedef struct synth_options {
     const char *out;             /* folder */
@@ -145,28 +145,6 @@ typedef struct synth_options {
 } synth_options;
 
 synth_options synth_options_default(void); /* everything but out */
-
-/* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
-oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
-
-/* ---------------------------------------------------------------- ablate.c, tradeoff.c: many trainings of one survey, compared */
-
-typedef struct study_options {
-    const char         *scene, *out;   /* folders */
-    const char         *rows;          /* names with commas between; NULL: the study's own */
-    int                 seeds;         /* each row is trained with 1..seeds */
-    double              budget;        /* s: rows that do not fit any more are named, not trained; 0: no limit */
-    int                 side_is_given; /* 0: images may be reduced to fit the budget */
-    oxl_job_options     job;           /* common to the rows; options that differ are overwritten */
-    oxl_context_options context;       /* threads and log of the context that is made here */
-    oxl_callback        callback;      /* progress of each training */
-} study_options;
-
-/* The paper's variants and their controls; speed against accuracy. Leaves in `out`: ablation (tradeoff) .md, .csv and .svg, and
- * NAME-seedS/ for each training; the page goes to `to`, too. When the callback stops it, or with a larger budget, the next call
- * resumes. On failure the text says why. */
-oxl_result ablate_run(const study_options *options, FILE *to, char *error, size_t error_size);
-oxl_result tradeoff_run(const study_options *options, FILE *to, char *error, size_t error_size);
 
 /* ---------------------------------------------------------------- options.c: commands and options */
 

@@ -1,6 +1,6 @@
 /* help.c - generates --help, the manual page and docs/OPTIONS.md from the tables of commands and options.
  *
- * Invariant: no option is named here: a row of a table is sufficient.
+ * Invariant: no option of a command is named here: a row of a table is sufficient.
  */
 #include "cli.h"
 
@@ -34,7 +34,7 @@ static const struct {
     {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model."},
 };
 
-enum { HELP_DEFAULT = 160 };
+enum { HELP_DEFAULT = 160, HELP_COLUMN = 31 };
 
 /* ---------------------------------------------------------------- one option in words */
 
@@ -78,6 +78,14 @@ static int help_group_begins(int index)
 
 /* ---------------------------------------------------------------- --help */
 
+/* In two columns; a first that is too long has its own line. */
+static void help_row(FILE *to, const char *left, const char *right, const char *standard)
+{
+    if (strlen(left) > HELP_COLUMN) fprintf(to, "  %s\n  %*s", left, HELP_COLUMN, "");
+    else fprintf(to, "  %-*s", HELP_COLUMN, left);
+    fprintf(to, " %s%s%s%s\n", right, standard[0] ? " (" : "", standard, standard[0] ? ")" : "");
+}
+
 static void help_overview(FILE *to)
 {
     fprintf(to, "OceanXL " OXL_VERSION ": %s\n", HELP_PURPOSE);
@@ -87,7 +95,7 @@ static void help_overview(FILE *to)
     for (int i = 1; i < COMMANDS; i++) {
         char left[64];
         snprintf(left, sizeof left, "%s %s", CLI_COMMANDS[i].name, CLI_COMMANDS[i].usage);
-        fprintf(to, "  %-31s %s\n", left, CLI_COMMANDS[i].purpose);
+        help_row(to, left, CLI_COMMANDS[i].purpose, "");
     }
     fprintf(to, "\n%sExit codes: %s", HELP_SCENE, HELP_CODES);
 }
@@ -97,8 +105,7 @@ static void help_option(FILE *to, int index)
     const oxl_option *o = cli_option_at(index);
     char              left[100], standard[HELP_DEFAULT];
     help_default(index, standard);
-    fprintf(to, "  %-31s %s%s%s%s\n", help_option_text(o, left), o->help, standard[0] ? " (" : "", standard,
-            standard[0] ? ")" : "");
+    help_row(to, help_option_text(o, left), o->help, standard);
 }
 
 /* The options of a command, or of all commands that have any, group by group. Returns how many were left out. */
@@ -118,12 +125,24 @@ static int help_options(FILE *to, enum command command, int all)
     return left_out;
 }
 
+/* arguments.c parses these. */
+static void help_first(FILE *to)
+{
+    fputs("\nIn place of a command\n", to);
+    help_row(to, "--help [all], -h", "this overview; all: with every option of every command", "");
+    help_row(to, "--version, -V", "version", "");
+    help_row(to, "--man", "the manual page, in roff: oceanxl --man | man -l -", "");
+    help_row(to, "--options-page", "docs/OPTIONS.md", "");
+    help_row(to, "--completion", "completion for bash and zsh: eval \"$(oceanxl --completion)\"", "");
+}
+
 void help_print(FILE *to, enum command command, int all)
 {
     const struct cli_command *c        = &CLI_COMMANDS[command];
     int                       left_out = 0;
     if (command == COMMAND_NONE) help_overview(to);
     else fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", c->purpose, c->example, c->name, c->usage, c->more);
+    if (command == COMMAND_NONE && all) help_first(to);
     if (command != COMMAND_NONE || all) left_out = help_options(to, command, all);
     if (left_out > 0) fprintf(to, "\n%d more options, advanced and expert: --help all\n", left_out);
 }

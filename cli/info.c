@@ -21,23 +21,54 @@ struct spread info_spread(const float *plane, size_t count, float *sorted)
     return (struct spread){sorted[n / 20], sorted[n / 2], sorted[n - 1 - n / 20]};
 }
 
+#define INFO_NUMBER(value) oxl_json_number_text((char[48]){0}, value)
+
+static void info_write_head(FILE *to, const oxl_model *m, int json)
+{
+    const double scale = m->scale > 0 ? m->scale : 1;
+    if (json)
+        fprintf(to,
+                "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n"
+                "  \"origin\": [%s, %s, %s],\n  \"scale\": %s",
+                m->count, m->lobes, m->sh_degree, m->not_finite, INFO_NUMBER(m->origin[0]), INFO_NUMBER(m->origin[1]),
+                INFO_NUMBER(m->origin[2]), INFO_NUMBER(scale));
+    else
+        fprintf(to,
+                "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\n"
+                "origin      %.10g %.10g %.10g (world = local + origin)\n"
+                "scale       %.10g (units of this file in a unit of the survey)\n"
+                "            5th, 50th, 95th percentile\n",
+                m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], scale);
+}
+
+/* Of 6 digits. */
+static void info_write_spread(FILE *to, const char *name, const struct spread *s, int json)
+{
+    const float value[3] = {s->low, s->middle, s->high};
+    if (!json) {
+        fprintf(to, "%-11s %.4g  %.4g  %.4g\n", name, s->low, s->middle, s->high);
+        return;
+    }
+    fprintf(to, ",\n  \"%s\": [", name);
+    for (int k = 0; k < 3; k++) {
+        fputs(k ? ", " : "", to);
+        if (isfinite(value[k])) fprintf(to, "%.6g", value[k]);
+        else fputs("null", to);
+    }
+    fputc(']', to);
+}
+
 static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
 {
     static const char *const names[]  = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
     static const int         planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
                                          OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
-    fprintf(
-        to,
-        json
-            ? "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g],\n  \"scale\": %.17g"
-            : "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\nscale       %.10g (units of this file in a unit of the survey)\n"
-              "            5th, 50th, 95th percentile\n",
-        m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], m->scale > 0 ? m->scale : 1.0);
+    info_write_head(to, m, json);
     for (int i = 0; i < 7; i++) {
         struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);
         if (i >= 3 && i < 6) s = (struct spread){expf(s.low), expf(s.middle), expf(s.high)};
         if (i == 6) s = (struct spread){1 / (1 + expf(-s.low)), 1 / (1 + expf(-s.middle)), 1 / (1 + expf(-s.high))};
-        fprintf(to, json ? ",\n  \"%s\": [%.6g, %.6g, %.6g]" : "%-11s %.4g  %.4g  %.4g\n", names[i], s.low, s.middle, s.high);
+        info_write_spread(to, names[i], &s, json);
     }
 }
 
@@ -79,8 +110,10 @@ static void info_write_imaging(FILE *to, const char *path, int json)
         gains += info_is_gain(line);
         if (line[0] == '#' || info_is_gain(line) || (info_is_water(line) && info_is_for_viewers(path))) continue;
         line[strcspn(line, "\r\n")] = 0;
-        if (json) fprintf(to, "%s\"%s\"", lines ? ", " : ",\n  \"imaging\": [", line);
-        else fprintf(to, "%s%s\n", lines ? "            " : "imaging     ", line);
+        if (json) {
+            fputs(lines ? ", " : ",\n  \"imaging\": [", to);
+            json_print(to, line);
+        } else fprintf(to, "%s%s\n", lines ? "            " : "imaging     ", line);
         lines++;
     }
     if (lines && json) fputc(']', to);

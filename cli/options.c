@@ -25,7 +25,9 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_PARTITION] =
         {"partition", 1, "SCENE -o OUT", "Splits a survey into blocks of equal work, each a COLMAP text export.",
          "oceanxl partition survey -o out",
-         "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
+         "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at.\n"
+         "It takes the options of train, so that partition and train --block K can be given one list; what changes neither the\n"
+         "blocks nor the prediction has no effect here."},
     [COMMAND_RENDER] = {"render", 2, "MODEL SCENE -o DIR",
                         "Renders a model from the cameras of a survey, or from above, or along a path.",
                         "oceanxl render out/scene.ply survey -o renders",
@@ -69,7 +71,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
 /* ---------------------------------------------------------------- options of the program */
 
 #define STUDIES     (IN(ABLATE) | IN(TRADEOFF))
-#define TRAINS      (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
+#define TRAINS      (IN(TRAIN) | IN(CHECK) | IN(PARTITION)) /* the same options each time: what decides nothing yet is accepted */
 #define DRAWS       (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
 #define EVERYWHERE  (~0u)
 #define FIELD(name) offsetof(struct arguments, name)

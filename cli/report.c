@@ -73,15 +73,15 @@ static void report_line(struct report_list *list, int block, const char *text)
     output_add(t, "%S</%s>\n", text, list->tag);
 }
 
-/* Lines of a level ("info", "warning") that hold the words. */
-static void report_notes(struct report_list *list, const char *level, const char *words)
+/* The warnings among the log lines. */
+static void report_notes(struct report_list *list)
 {
     struct report *r = list->r;
     for (int k = -1; k < r->parts; k++)
         for (const char *e = json_first(json_member(k < 0 ? r->run : r->block[k].json, "notes")); e; e = json_next(e)) {
-            char *its = json_string(json_member(e, "level")), *text = json_string(json_member(e, "text"));
-            if (its && text && strcmp(its, level) == 0 && strstr(text, words)) report_line(list, k, text);
-            free(its);
+            char *level = json_string(json_member(e, "level")), *text = json_string(json_member(e, "text"));
+            if (level && text && strcmp(level, "warning") == 0) report_line(list, k, text);
+            free(level);
             free(text);
         }
 }
@@ -120,38 +120,49 @@ static void report_survey(struct report *r)
 
 /* ---------------------------------------------------------------- decisions */
 
-/* Log lines that hold one of the words, as evidence. */
-static void report_evidence(struct report *r, const char *const *words, int count)
+/* "CHOSEN: EVIDENCE" of a decision, from run.json (block -1) or block.json. */
+static void report_decision(struct report_list *list, int block, const char *name)
 {
-    for (int i = 0; i < count; i++) {
-        struct report_list list = {r, "small", REPORT_EVIDENCE, 0};
-        report_notes(&list, "info", words[i]);
-        report_list_end(&list);
-    }
+    const char *json     = block < 0 ? list->r->run : list->r->block[block].json;
+    const char *decision = json_member(json_member(json, "decisions"), name);
+    char       *chosen = json_string(json_member(decision, "chosen")), *evidence = json_string(json_member(decision, "evidence"));
+    char        text[1000];
+    snprintf(text, sizeof text, "%s: %s", chosen ? chosen : "", evidence ? evidence : "");
+    if (chosen && evidence) report_line(list, block, text);
+    free(chosen);
+    free(evidence);
+}
+
+/* What was set is written above; this is what was decided, in each part. */
+static void report_evidence(struct report *r, const char *name, int first, int end)
+{
+    struct report_list list = {r, "small", REPORT_EVIDENCE, 0};
+    for (int k = first; k < end; k++) report_decision(&list, k, name);
+    report_list_end(&list);
     output_add(&r->page, "</dd>\n");
 }
 
 static void report_decisions(struct report *r)
 {
-    static const char *const partition[]  = {"partition in ", "stay one block", " blocks of ",
-                                             "joined",        "see too little", "--ram "};
-    static const char *const choices[][3] = {{"SH degree (--sh-degree)", "sh_degree", "SH degree"},
-                                             {"Depth weights of densification (--ucd)", "ucd", "depth weights"},
-                                             {"Pruning (--keep)", "keep", "are dropped"},
-                                             {"Exposure (--exposure)", "exposure", "exposure o"},
-                                             {"Lamp (--lamp)", "lamp", "lamp o"},
-                                             {"Water (--medium)", "medium", "medium o"},
-                                             {"Second lobes (--dog)", "dog", "second lobe"}};
+    static const char *const choices[][2] = {{"SH degree (--sh-degree)", "sh_degree"},
+                                             {"Depth weights of densification (--ucd)", "ucd"},
+                                             {"Pruning (--keep)", "keep"},
+                                             {"Exposure (--exposure)", "exposure"},
+                                             {"Lamp (--lamp)", "lamp"},
+                                             {"Water (--medium)", "medium"},
+                                             {"Free space (--carve)", "carve"},
+                                             {"Dropout (--dropout)", "dropout"},
+                                             {"Second lobes (--dog)", "dog"}};
     struct output           *t            = &r->page;
     page_section(t, "Decisions and evidence");
     output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", json_member(r->run, "preset"),
                OUTPUT_COUNT(json_number(r->job, "iterations")), json_number(r->job, "seed"));
     output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
     if (r->blocks > 1) output_add(t, ", %J cuts", json_member(r->job, "split"));
-    report_evidence(r, partition, 6);
-    for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) { /* an option, and the log lines about its effect */
+    report_evidence(r, "partition", -1, 0);
+    for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
         output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], json_member(r->job, choices[i][1]));
-        report_evidence(r, &choices[i][2], 1);
+        report_evidence(r, choices[i][1], 0, r->parts);
     }
     output_add(t, "</dl>\n</section>\n");
 }
@@ -174,7 +185,7 @@ static void report_warnings(struct report *r)
         snprintf(words, sizeof words, "peak memory %s, predicted %s", OUTPUT_SIZE(peak), OUTPUT_SIZE(predicted));
         report_line(&list, -1, words);
     }
-    report_notes(&list, "warning", "");
+    report_notes(&list);
     report_list_end(&list);
     output_add(&r->page, "</ul>\n%s</section>\n", list.count > 0 ? "" : "<p>None.</p>\n");
 }

@@ -37,7 +37,7 @@ struct report {
     const char          *job, *survey;  /* within run */
     oxl_job_options      options;       /* as of run.json */
     oxl_manifest        *manifest;      /* holds their strings; NULL: not read */
-    int                  blocks, parts; /* parts: the blocks, and the coarse model if there is one */
+    int                  blocks, parts; /* parts: the blocks, then the coarse and the merged model if they are there */
     struct report_block *block;
     struct output        page;
 };
@@ -46,7 +46,7 @@ struct report {
 
 void        report_open(struct report *r); /* r->run is there */
 void        report_close(struct report *r);
-/* "block 3", "coarse model"; returns out. */
+/* "block 3", "coarse model", "merged model"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 

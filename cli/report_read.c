@@ -53,14 +53,15 @@ static void report_read_log(struct report *r, struct report_block *b, char *text
 const char *report_part(const struct report *r, int part, char out[40])
 {
     if (part < r->blocks) snprintf(out, 40, "block %d", part);
-    else snprintf(out, 40, "coarse model");
+    else snprintf(out, 40, part == r->blocks ? "coarse model" : "merged model");
     return out;
 }
 
 static void report_read_block(struct report *r, int k)
 {
-    char name[64], folder[32] = "blocks/coarse", *log;
+    char name[64], folder[32], *log;
     if (k < r->blocks) snprintf(folder, sizeof folder, "blocks/%03d", k);
+    else snprintf(folder, sizeof folder, "blocks/%s", k == r->blocks ? "coarse" : "whole");
     snprintf(name, sizeof name, "%s/block.json", folder);
     r->block[k].json = output_read(r->out, name, NULL);
     snprintf(name, sizeof name, "%s/log.csv", folder);
@@ -79,15 +80,16 @@ void report_open(struct report *r)
     r->options          = oxl_job_options_default(OXL_PRESET_DRAFT);
     if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);
     r->blocks = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
-    r->block  = calloc((size_t)r->blocks + 1, sizeof *r->block);
+    r->block  = calloc((size_t)r->blocks + 2, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;
-    for (int k = 0; r->block && k < r->blocks + (r->blocks > 1); k++) report_read_block(r, k);
-    r->parts = r->blocks + (r->block && r->block[r->blocks].json);
+    for (int k = 0; r->block && k < r->blocks + (r->blocks > 1 ? 2 : 0); k++) report_read_block(r, k);
+    r->parts = r->blocks;
+    while (r->block && r->parts < r->blocks + 2 && r->block[r->parts].json) r->parts++;
 }
 
 void report_close(struct report *r)
 {
-    for (int k = 0; r->block && k <= r->blocks; k++) {
+    for (int k = 0; r->block && k < r->blocks + 2; k++) {
         free(r->block[k].json);
         free(r->block[k].log);
     }

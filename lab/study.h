@@ -9,7 +9,7 @@
 #ifndef STUDY_H
 #define STUDY_H
 
-#include "../cli/cli.h"
+#include "lab.h"
 
 #include <stddef.h>
 

@@ -15,7 +15,7 @@
 #define SYNTH_H
 
 #include "synth_math.h"
-#include "../cli/cli.h"
+#include "lab.h"
 
 #include <stddef.h>
 

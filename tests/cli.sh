@@ -257,6 +257,8 @@ promise a_model_of_another_position_is_warned_of 0 "does not seem to cover the s
 promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
     "'$program' train survey -o lit --iterations 60 --lamp on --medium on --quiet >/dev/null && grep '^  \"psnr\": ' lit/metrics.json >lit.txt &&
      for m in lit lit/scene.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done"
+mkdir -p quoted && cp out/scene.ply quoted/ && printf '%s\n' 'lamp 1 a"b\c.png' >quoted/imaging.txt
+promise info_escapes_names_of_imaging_txt 0 '"imaging": ["lamp 1 a\"b\\c.png"]' on_stdout "$program" info quoted/scene.ply --json
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
 promise convert_of_a_model_for_viewers_copies_lamp_and_no_water 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
@@ -267,6 +269,9 @@ promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250
 promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
 promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
+promise partition_takes_the_options_of_train 0 "" "$program" partition survey -o cut --block-points 250 --seed 3 --mask-transients --exposure off
+promise help_all_lists_what_stands_in_place_of_a_command 0 "--options-page" on_stdout "$program" --help all
+promise help_breaks_the_line_after_a_long_option 0 "" sh -c "'$program' train --help | grep -qx '  --keep FRACTION|COUNT|SIZE|auto|all'"
 promise partition_prints_json 0 '"midpoint": {"blocks": ' on_stdout "$program" partition survey -o cut --block-points 250 --json
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet

@@ -294,7 +294,7 @@ static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
     const oxl_camera         camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     const oxl_render_options options = oxl_render_options_default();
     const struct medium      water   = {
-               .on = 1, .direct = {0.1f, 0.2f, 0.3f}, .scatter = {0.1f, 0.1f, 0.1f}, .veil = {0.2f, 0.3f, 0.4f}};
+               .on = 1, .attenuation = {0.1f, 0.2f, 0.3f}, .backscatter = {0.1f, 0.1f, 0.1f}, .veiling_light = {0.2f, 0.3f, 0.4f}};
     float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
     oxl_model                 first, second, gradient;

@@ -39,12 +39,14 @@ static void report_test_picture(const char *name, float grey)
 /* Two blocks; the worst view's name is as bad as a name can be. */
 static void report_test_run(void)
 {
-    test_write("out/run.json",
-               "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
-               "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
-               "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
-               "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
-               "{\"level\": \"info\", \"text\": \"partition in 2D: l3/l2 = 0.1 is below 0.3\"}]}");
+    test_write(
+        "out/run.json",
+        "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
+        "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
+        "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
+        "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
+        "{\"level\": \"info\", \"text\": \"a line of the log\"}],\n"
+        "\"decisions\": {\"partition\": {\"chosen\": \"2d\", \"blocks\": 2, \"evidence\": \"16000 points; l3/l2 = 0.1\"}}}");
     test_write("out/metrics.json",
                "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
                "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
@@ -53,7 +55,8 @@ static void report_test_run(void)
     for (int k = 0; k < 2; k++) {
         char name[64];
         snprintf(name, sizeof name, "out/blocks/%03d/block.json", k);
-        test_write(name, "{\"finished\": true, \"gaussians\": 11200, \"seconds\": 7.5}");
+        test_write(name, "{\"finished\": true, \"gaussians\": 11200, \"seconds\": 7.5, \"decisions\": {\"sh_degree\": "
+                         "{\"chosen\": \"2\", \"evidence\": \"degree 3 26.6 dB, degree <2> 26.7\"}}}");
         snprintf(name, sizeof name, "out/blocks/%03d/log.csv", k);
         test_write(name, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,0.2,14,100,0.1,1.5,2,1000000\n"
                          "12,0.1,20,200,1,1.5,2,2000000\n");
@@ -86,7 +89,9 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     CHECK_TEXT(page, "<tr><td>block 0<td class=\"n\">");
     CHECK_TEXT(page, "<tr><td>block 1<td class=\"n\">");
     CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "coarse model"));
-    CHECK_TEXT(page, "partition in 2D: l3/l2 = 0.1 is below 0.3");
+    CHECK_TEXT(page, "<dd>2, midpoint cuts<small>2d: 16000 points; l3/l2 = 0.1</small>");
+    CHECK_TEXT(page, "<dd>3<small>block 0: 2: degree 3 26.6 dB, degree &lt;2&gt; 26.7</small>");
+    CHECK(!strstr(page, "a line of the log"));
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
                      "400");
@@ -110,6 +115,23 @@ TEST(report_of_blocks_shows_the_coarse_model_as_one_more_row)
     CHECK_TEXT(page, "<tr><td>coarse model<td class=\"n\">77<td");
     CHECK_TEXT(page, "&#9644; coarse model</b>");
     CHECK(!strstr(page, "not finished"));
+    free(page);
+}
+
+TEST(report_has_the_decisions_of_the_merged_model)
+{
+    char *page;
+    report_test_run();
+    test_write("out/blocks/coarse/block.json", "{\"finished\": true, \"decisions\": {}}");
+    test_write(
+        "out/blocks/whole/block.json",
+        "{\"finished\": true, \"iterations_done\": 55, \"decisions\": {\"keep\": {\"chosen\": \"1600\", \"evidence\": \"1600 of 3200 "
+        "after density control: as set\"}, \"dog\": {\"chosen\": \"0 of 1600\"}}}");
+    page = report_test_page();
+    CHECK_TEXT(page,
+               "<dt>Pruning (--keep)</dt><dd>0.5<small>merged model: 1600: 1600 of 3200 after density control: as set</small>");
+    CHECK_TEXT(page, "<dt>Second lobes (--dog)</dt><dd>selective</dd>"); /* without evidence: not shown */
+    CHECK_TEXT(page, "<tr><td>merged model<td class=\"n\">55<td");
     free(page);
 }
 

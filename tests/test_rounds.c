@@ -46,7 +46,7 @@ static double rounds_test_largest_difference(const float *a, const float *b, siz
 }
 
 static const struct medium rounds_test_water = {
-    .on = 1, .direct = {0.4f, 0.3f, 0.2f}, .scatter = {0.3f, 0.2f, 0.1f}, .veil = {0.1f, 0.3f, 0.4f}};
+    .on = 1, .attenuation = {0.4f, 0.3f, 0.2f}, .backscatter = {0.3f, 0.2f, 0.1f}, .veiling_light = {0.1f, 0.3f, 0.4f}};
 
 TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_rows)
 {
@@ -89,7 +89,7 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         for (size_t i = own.count; i < 120; i++) CHECK(s1[i] == 0);
         if (kind > 1) { /* the own colours as through half a unit of water, as in training */
             double factor[3];
-            for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)water.direct[c]);
+            for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)water.attenuation[c]);
             water.training_range = 0.5f;
             model_scale_colour(&own, factor);
             renderer_set_medium(a, &water, 0);

@@ -557,17 +557,17 @@ TEST(photometry_of_tracks_finds_water_and_gains_and_scales_with_the_images)
     CHECK(p.parts & PHOTOMETRY_WATER && p.parts & PHOTOMETRY_GAINS);
     for (int c = 0; c < 3; c++) {
         static const double direct[3] = {.478, .494, .693}, veil[3] = {.18, .43, .27};
-        CHECK_CLOSE(p.direct[c], direct[c], 0.15 * direct[c]);
-        CHECK_CLOSE(p.scatter[c], 1.2 * direct[c], 0.18 * direct[c]);
-        CHECK_CLOSE(p.veil[c], veil[c], 0.15 * veil[c]);
+        CHECK_CLOSE(p.attenuation[c], direct[c], 0.15 * direct[c]);
+        CHECK_CLOSE(p.backscatter[c], 1.2 * direct[c], 0.18 * direct[c]);
+        CHECK_CLOSE(p.veiling_light[c], veil[c], 0.15 * veil[c]);
     }
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "tracks", v, factor);
     photometry_test_measure("tracks", &scaled);
     CHECK(scaled.parts == p.parts);
     for (int c = 0; c < 3; c++) {
-        CHECK_CLOSE(scaled.direct[c], p.direct[c], 0.03 * p.direct[c]);
-        CHECK_CLOSE(scaled.scatter[c], p.scatter[c], 0.05 * p.scatter[c]);
-        CHECK_CLOSE(scaled.veil[c], factor[c] * p.veil[c], 0.05 * factor[c] * p.veil[c]);
+        CHECK_CLOSE(scaled.attenuation[c], p.attenuation[c], 0.03 * p.attenuation[c]);
+        CHECK_CLOSE(scaled.backscatter[c], p.backscatter[c], 0.05 * p.backscatter[c]);
+        CHECK_CLOSE(scaled.veiling_light[c], factor[c] * p.veiling_light[c], 0.05 * factor[c] * p.veiling_light[c]);
         for (int v = 0; v < o.views - 2; v++) /* the last ones see no more tracks */
             CHECK_CLOSE(scaled.log_gain[3 * v + c], p.log_gain[3 * v + c], 0.03);
     }
@@ -655,7 +655,7 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     memcpy(d, renderer_medium_gradient(r), sizeof d);
     for (int k = 0; k < MEDIUM_SUMS; k++) {
-        float      *at = k < 3 ? &m.direct[k] : k < 6 ? &m.scatter[k - 3] : k < 9 ? &m.veil[k - 6] : &m.falloff;
+        float      *at = k < 3 ? &m.attenuation[k] : k < 6 ? &m.backscatter[k - 3] : k < 9 ? &m.veiling_light[k - 6] : &m.falloff;
         const float is = *at, h = 0.01f;
         double      plus, minus;
         *at   = is + h;
@@ -700,7 +700,7 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     struct renderer  *r;
     oxl_model         model;
     double            through, clear;
-    memset(m.veil, 0, sizeof m.veil); /* black background, as without water */
+    memset(m.veiling_light, 0, sizeof m.veiling_light); /* black background, as without water */
     for (size_t i = 0; i < n; i++) drgb[i] = 1;
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
@@ -746,8 +746,9 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
                                      (float)(2 * x[1] / camera->height - 1)));
             for (int c = 0; c < 3; c++) {
                 const double r = sqrt(square), near = fmax(r, LAMP_RANGE_MIN * (double)m->reference);
-                const double shown = 0.5 * pow((double)m->reference / near, (double)m->falloff) * exp(-(double)m->direct[c] * r) +
-                                     (double)m->veil[c] * (1 - exp(-(double)m->scatter[c] * r));
+                const double shown =
+                    0.5 * pow((double)m->reference / near, (double)m->falloff) * exp(-(double)m->attenuation[c] * r) +
+                    (double)m->veiling_light[c] * (1 - exp(-(double)m->backscatter[c] * r));
                 all[c] += shown / square;
                 if (here) sum[c] += gain * shown / square;
             }
@@ -781,7 +782,7 @@ TEST(medium_alone_shows_its_veil)
     renderer_set_medium(r, &water_murky, 1);
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
-    CHECK(rgb[0] == water_murky.veil[0]);
+    CHECK(rgb[0] == water_murky.veiling_light[0]);
     oxl_model_free(test_ctx, &model);
     renderer_free(test_ctx, r);
     oxl_scene_free(test_ctx, scene);

@@ -186,6 +186,11 @@ size_t oxl_json_escape(const char *s, char out[8])
     return OXL_MAX(size, 1);
 }
 
+const char *oxl_json_number_text(char out[48], double value)
+{
+    return number_text(out, value);
+}
+
 size_t oxl_json_room(const char *value)
 {
     return value && *value == '"' ? (size_t)(json_past_string(value) - value) + 4 : 0;

@@ -1,4 +1,5 @@
-/* json.h - reads JSON text through a cursor, without building a tree. The library and the program use it.
+/* json.h - reads JSON text through a cursor, without building a tree; numbers and characters to write it. The library and
+ * the program use it.
  *
  * A value is a pointer to its first byte in the text; NULL is a missing value, without members or number.
  * The functions are not public API; they are not OXL_INTERNAL because the program calls them.
@@ -26,10 +27,12 @@ int         oxl_json_is_true(const char *object, const char *name);
 
 /* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does not fit. The
  * result is never longer than the source. */
-size_t oxl_json_text(const char *value, char *out, size_t size);
+size_t      oxl_json_text(const char *value, char *out, size_t size);
 /* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8 comes back from
  * oxl_json_text. */
-size_t oxl_json_escape(const char *s, char out[8]);
-size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
+size_t      oxl_json_escape(const char *s, char out[8]);
+/* The shortest number that is read as the same; null: it is not finite. Returns out. */
+const char *oxl_json_number_text(char out[48], double value);
+size_t      oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 
 #endif

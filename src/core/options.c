@@ -40,15 +40,15 @@ static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
 {"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast; longer; the paper's method (BSP, UCD, pruning to half, selective lobes)", NULL},
 {"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each; more than those of the finished run in OUT continue it", "=total-iterations"},
-{"iterations-for", "N", OXL_OPTION_INT, OPTION_AT(iterations_for), 0, INT_MAX, PRESETS("170", "170", "2800"), OXL_TIER_ADVANCED, TRAINING, "Training", "images that a preset's iterations are for: of more, iterations grow in proportion; of few, they are 700 an image at most; 0: neither; --iterations sets 0", NULL},
+{"iterations-for", "N", OXL_OPTION_INT, OPTION_AT(iterations_for), 0, INT_MAX, PRESETS("170", "170", "2800"), OXL_TIER_ADVANCED, TRAINING, "Training", "number of images that suits a preset's iterations: with more images they grow in proportion, with few they are at most 700 an image; 0: they stay as they are; --iterations sets 0", NULL},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
-{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "of all random choices; the same seed gives the same bytes; 0: 1", NULL},
+{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "of all random choices; the same seed gives the same bytes; 0 is the same as 1", NULL},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "limit of memory, as 4G: number of blocks, image cache and number of Gaussians follow; 0: what the machine has free", NULL},
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT, "Training", "start from this .ply, .spz or .splat of any trainer instead of the points, with the schedule of a whole run (one block)", NULL},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard unfinished work of other options in OUT", NULL},
-{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_cut), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey holds fewer rows than its header announces", NULL},
+{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_cut), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey is cut short: it has fewer rows than its header announces", NULL},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train block K alone, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "images of the held-out views in OUT/renders", NULL},
 {"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},
@@ -65,7 +65,7 @@ static const oxl_option OPTIONS[] = {
 {"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "split into about so many blocks, as for so many machines; 0: as memory requires", NULL},
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
 {"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: as many points on both sides, so fewer blocks on uneven surveys, at equal quality; midpoint: the baseline", NULL},
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the paper's weights of gradients in the middle and far depth band: more Gaussians there; at equal count -0.6 to +0.3 dB, by scene and length. on: 1.5 and 2; MID,FAR: corrected by SPSA during the run; MID,FAR,fixed; auto: on if contrast fades with depth", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the paper's weights of gradients in the middle and far depth band: more Gaussians there; at equal count -0.6 to +0.3 dB, by scene and length. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: on with these if it does", NULL},
 {"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if the colours of tracks show it", NULL},
 {"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU); auto: on, if the colours of tracks show it", NULL},
@@ -284,16 +284,18 @@ static int option_read_limit(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
-oxl_ucd oxl_ucd_default(void)
+static oxl_ucd option_default_ucd(void)
 {
     return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
-oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
+/* on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on, corrected during the run, with
+ * ",fixed" not; after "auto,": automatic with these. */
+static int option_read_ucd(const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);
     double      mid = 0, back = 0;
-    oxl_ucd     ucd   = oxl_ucd_default();
+    oxl_ucd     ucd   = option_default_ucd();
     int         is_ok = strcmp(text, "auto") == 0 || strcmp(text, "on") == 0 || strcmp(text, "off") == 0;
     if (strncmp(text, "auto", 4) != 0) ucd.mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
     if (strncmp(text, "auto,", 5) == 0) at += 5;
@@ -304,11 +306,7 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
         is_ok     = (!*at || !ucd.learn) && mid >= 1 && back >= mid && back <= UCD_CAP;
     }
     if (is_ok) *out = ucd;
-    if (is_ok) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
-                    "(1.5,2,fixed: not corrected during the run)",
-                    text, UCD_CAP);
+    return is_ok;
 }
 
 /* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
@@ -326,21 +324,18 @@ static double option_unit(const char *s)
     return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
 }
 
-oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out)
+static int option_read_keep(const char *text, oxl_keep *out)
 {
     const char *at = text, *end = text + strlen(text);
     double      value;
-    if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, OXL_OK;
-    if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, OXL_OK;
-    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15 && (!*at || option_unit(at) > 0)) {
-        if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
-        else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
-        else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
-        else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
-        return OXL_OK;
-    }
-    return oxl_fail(ctx, OXL_ERR_USAGE, "cannot keep '%s'\nfix: a share as 0.5, a number as 400000, a size as 80MB, or auto",
-                    text);
+    if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, 1;
+    if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, 1;
+    if (!parse_double(&at, end, &value) || !(value > 0 && value <= 1e15) || (*at && !(option_unit(at) > 0))) return 0;
+    if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
+    else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
+    else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
+    else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+    return 1;
 }
 
 static int option_read_preset(const oxl_option *o, const char *text, void *options)
@@ -385,8 +380,8 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_POINT: return option_read_point(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
-    case OXL_OPTION_UCD: return oxl_ucd_parse(NULL, text, field) == OXL_OK;
-    case OXL_OPTION_KEEP: return oxl_keep_parse(NULL, text, field) == OXL_OK;
+    case OXL_OPTION_UCD: return option_read_ucd(text, field);
+    case OXL_OPTION_KEEP: return option_read_keep(text, field);
     case OXL_OPTION_LIMIT: return option_read_limit(o, text, field);
     default: break;
     }
@@ -461,7 +456,7 @@ static void option_get_percent(float value, char *out, size_t size)
 static void option_get_ucd(const oxl_ucd *ucd, char *out, size_t size)
 {
     static const char *const modes[] = {"off", "on", "auto"};
-    const oxl_ucd            plain   = oxl_ucd_default();
+    const oxl_ucd            plain   = option_default_ucd();
     char                     mid[NUMBER_TEXT_MAX], distant[NUMBER_TEXT_MAX];
     if (ucd->mode == OXL_UCD_OFF || (ucd->f_mid == plain.f_mid && ucd->f_far == plain.f_far && ucd->learn == plain.learn)) {
         snprintf(out, size, "%s", (unsigned)ucd->mode < OXL_COUNT(modes) ? modes[ucd->mode] : "unknown");

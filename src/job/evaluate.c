@@ -1,6 +1,29 @@
 /* evaluate.c - a model's images against those of a survey, view by view, and the result as JSON. */
 #include "job.h"
 
+/* ---------------------------------------------------------------- a view as its image was taken */
+
+/* Without the lamp and the gains. */
+static oxl_result evaluate_draw_medium(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
+                                       const struct imaging *imaging, int view, oxl_image *out, float *depth)
+{
+    oxl_render_options options = oxl_render_options_default();
+    options.near_plane         = (float)scene_near_plane(scene);
+    renderer_set_medium(r, imaging ? &imaging->medium : NULL, 0);
+    return renderer_draw(ctx, r, model, &oxl_scene_view(scene, view)->camera, &options, out, depth);
+}
+
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
+                                      const struct imaging *imaging, int view, oxl_image *out, float *depth)
+{
+    oxl_result rc = evaluate_draw_medium(ctx, r, model, scene, imaging, view, out, depth);
+    if (rc == OXL_OK && imaging) rc = imaging_apply_lamp(ctx, scene, imaging, view, out);
+    if (rc == OXL_OK && imaging) imaging_apply(imaging, view, out);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- what is measured of a view */
+
 struct evaluate_bands { /* what is summed over all views */
     struct depth_bands of;
     struct metrics_sum sum[3];
@@ -45,13 +68,8 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 
 static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image, oxl_view_metrics *row)
 {
-    const oxl_camera  *camera   = &oxl_scene_view(p->scene, row->view)->camera;
-    oxl_render_options options  = oxl_render_options_default();
-    oxl_image          rendered = {0};
-    oxl_result         rc;
-    options.near_plane = (float)scene_near_plane(p->scene);
-    renderer_set_medium(p->r, &p->scene->imaging.medium, 0);
-    rc = renderer_draw(ctx, p->r, p->model, camera, &options, &rendered, NULL);
+    oxl_image  rendered = {0};
+    oxl_result rc       = evaluate_draw_medium(ctx, p->r, p->model, p->scene, &p->scene->imaging, row->view, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;

@@ -86,6 +86,10 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------------------------------------------------------- evaluate.c */
 
+/* The view as its image was taken: through the water, by the lamp and with the gains of `imaging`; NULL: without any. depth
+ * (height,width), or NULL. */
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
+                                      const struct imaging *imaging, int view, oxl_image *out, float *depth);
 /* As oxl_evaluate, but of each view PSNR, cc_psnr and SSIM alone: less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
                                        oxl_metrics *out);

@@ -180,9 +180,9 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     oxl_result rc = OXL_OK;
     text_add(t, "  \"decisions\": {");
     job_add_partition_decision(job, t);
-    if (job->partition.block_count > 1) {
-        text_add(t, ", \"coarse\": {");
-        rc = block_read_member(job->ctx, JOB_BLOCK(job, job->partition.block_count), "decisions", t);
+    for (int k = 0; k < 2 && job->partition.block_count > 1 && rc == OXL_OK; k++) {
+        text_add(t, k ? ", \"merged\": {" : ", \"coarse\": {");
+        rc = block_read_member(job->ctx, JOB_BLOCK(job, job->partition.block_count + k), "decisions", t);
         text_add(t, "}");
     }
     text_add(t, ", \"blocks\": [");

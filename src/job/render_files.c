@@ -147,24 +147,18 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     const oxl_render_output *what    = f->what;
     oxl_scene               *scene   = f->scene;
     const oxl_view          *of      = oxl_scene_view(scene, view);
-    oxl_render_options       options = oxl_render_options_default();
+    const struct imaging    *imaging = what->clear ? NULL : &scene->imaging;
     oxl_result               rc      = OXL_OK;
-    options.near_plane               = (float)scene_near_plane(scene);
     *out                             = (struct render_file){.name = of->name, .own = context_for_thread(ctx)};
     out->width                       = of->camera.width;
     out->height                      = of->camera.height;
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
-    renderer_set_medium(f->renderer, what->clear ? NULL : &scene->imaging.medium, 0);
-    if (rc == OXL_OK) rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->rendered, out->depth);
-    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, &scene->imaging, view, &out->rendered);
-    if (rc == OXL_OK && !what->clear) imaging_apply(&scene->imaging, view, &out->rendered);
+    if (rc == OXL_OK) rc = evaluate_draw(ctx, f->renderer, f->model, scene, imaging, view, &out->rendered, out->depth);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
-    if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_alters_colours(&scene->imaging)) {
-        renderer_set_medium(f->renderer, NULL, 0);
-        rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->clear, NULL);
-    }
+    if (rc == OXL_OK && out->image.rgb && imaging && imaging_alters_colours(imaging))
+        rc = evaluate_draw(ctx, f->renderer, f->model, scene, NULL, view, &out->clear, NULL);
     if (rc != OXL_OK) render_file_free(ctx, out);
     return rc;
 }

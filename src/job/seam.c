@@ -1,7 +1,7 @@
 /* seam.c - PSNR near the borders between blocks, compared with PSNR elsewhere.
  *
- * A pixel's position follows from the rendered depth. Blocks are trained independently, so where two meet, their colours may
- * not: that would show as a PSNR that is lower near the border than elsewhere.
+ * A pixel's position follows from the rendered depth. Blocks are trained as parts of one model, each with the others'
+ * Gaussians as context; where their colours do not meet all the same, the PSNR is lower near the border than elsewhere.
  *
  * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
  */
@@ -71,11 +71,10 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
                                  oxl_scene *scene, int view, struct metrics_sum sum[2])
 {
-    const oxl_camera  *camera   = &oxl_scene_view(scene, view)->camera;
-    oxl_render_options options  = oxl_render_options_default();
-    oxl_image          rendered = {0}, image = {0};
-    float             *depth = NULL;
-    oxl_result         rc    = oxl_scene_image(ctx, scene, view, &image);
+    const oxl_camera *camera   = &oxl_scene_view(scene, view)->camera;
+    oxl_image         rendered = {0}, image = {0};
+    float            *depth = NULL;
+    oxl_result        rc    = oxl_scene_image(ctx, scene, view, &image);
     if (rc == OXL_ERR_INPUT) return OXL_OK;
     if (rc != OXL_OK) return rc;
     depth = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
@@ -83,11 +82,7 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width, camera->height);
         goto done;
     }
-    options.near_plane = (float)scene_near_plane(scene);
-    renderer_set_medium(r, &scene->imaging.medium, 0);
-    rc = renderer_draw(ctx, r, model, camera, &options, &rendered, depth);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, &scene->imaging, view, &rendered);
-    if (rc == OXL_OK) imaging_apply(&scene->imaging, view, &rendered);
+    rc = evaluate_draw(ctx, r, model, scene, &scene->imaging, view, &rendered, depth);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:

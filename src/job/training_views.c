@@ -117,14 +117,14 @@ static double training_shift(const float *rendered, const float *image, int w, i
  * place; where a view is merely hard to fit, no shift helps. */
 static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
 {
-    oxl_render_options options = oxl_render_options_default();
-    oxl_image          image = {0}, rendered = {0};
-    const int          view = t->m->views[at].view;
-    float             *work = NULL;
-    oxl_result         rc   = oxl_scene_image(t->ctx, t->scene, view, &image);
-    *out                    = 0;
-    options.near_plane      = (float)scene_near_plane(t->scene);
-    if (rc == OXL_OK) rc = oxl_render(t->ctx, model, &oxl_scene_view(t->scene, view)->camera, &options, &rendered, NULL);
+    oxl_image        image = {0}, rendered = {0};
+    struct renderer *r    = NULL;
+    const int        view = t->m->views[at].view;
+    float           *work = NULL;
+    oxl_result       rc   = oxl_scene_image(t->ctx, t->scene, view, &image);
+    *out                  = 0;
+    if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
+    if (rc == OXL_OK) rc = evaluate_draw(t->ctx, r, model, t->scene, &t->scene->imaging, view, &rendered, NULL);
     if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
     if (rc == OXL_OK && !work)
         rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
@@ -136,6 +136,7 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
         *out = OXL_MAX(*out, training_shift(work + (size_t)w * (size_t)h, work, w, h));
     }
     oxl_free(t->ctx, work);
+    renderer_free(t->ctx, r);
     oxl_image_free(t->ctx, &image);
     oxl_image_free(t->ctx, &rendered);
     return rc;

@@ -12,7 +12,7 @@ static void medium_through(const struct medium *m, float range, float through[3]
 {
     const float near     = m->has_falloff ? OXL_MAX(range, LAMP_RANGE_MIN * m->reference) : 1;
     const float log_near = m->has_falloff ? (float)(real_log2(0, m->reference / near) * LN_2) : 0;
-    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * log_near - m->direct[c] * (range - m->training_range));
+    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * log_near - m->attenuation[c] * (range - m->training_range));
 }
 
 /* What a viewer without imaging.txt is to show: the colours through the water and, where `imaging` has lamps, by these, as the views see
@@ -47,7 +47,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             const double  weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
             float         through[3], veil[3];
             medium_through(m, range, through);
-            for (int c = 0; c < 3; c++) veil[c] = 1 - real_exp(0, -m->scatter[c] * range);
+            for (int c = 0; c < 3; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
             for (int k = 0; k <= seen; k++) {
                 const double light = k && lamp[v]
                                          ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
@@ -55,7 +55,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
                                          : 1;
                 for (int c = 0; c < 3; c++) {
                     sum[k][c] += weight * light * through[c];
-                    sum[k][3 + c] += weight * light * m->veil[c] * veil[c];
+                    sum[k][3 + c] += weight * light * m->veiling_light[c] * veil[c];
                 }
                 sum[k][6] += weight;
             }

@@ -3,7 +3,7 @@
  * Per Gaussian, with the range r from the camera to its centre, and for the background (Akkaynak & Treibitz 2018; SeaSplat, arXiv
  * 2409.17345, applies it per pixel):
  *     c' = J (r0 / max(r, r_min))^p exp(-bD (r - r_t)) + Binf (1 - exp(-bB r)),     background = Binf.
- * In struct medium: bD `direct` (attenuation), bB `scatter`, Binf `veil`, p `falloff` from 0 to 2: the lamp moves with the camera; r0
+ * In struct medium: bD `attenuation`, bB `backscatter`, Binf `veiling_light`, p `falloff` from 0 to 2: the lamp moves with the camera; r0
  * `reference`, the median range of the survey; r_t `training_range`, 0 outside training; r_min = LAMP_RANGE_MIN r0.
  * The range, unlike depth z, does not change when the camera rotates.
  *
@@ -34,11 +34,11 @@ SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *
 #pragma omp simd
         for (int l = 0; l < PACK; l++) {
             const real through =
-                real_exp(fused, m->falloff * out->log_near[l] - m->direct[c] * (out->range[l] - m->training_range));
-            const real rest    = real_exp(fused, -m->scatter[c] * out->range[l]);
+                real_exp(fused, m->falloff * out->log_near[l] - m->attenuation[c] * (out->range[l] - m->training_range));
+            const real rest    = real_exp(fused, -m->backscatter[c] * out->range[l]);
             const real clear   = colour[c][l] > 0 ? colour[c][l] : 0;
             out->through[c][l] = through, out->rest[c][l] = rest, out->clear[c][l] = clear;
-            colour[c][l] = clear * through + m->veil[c] * (1 - rest);
+            colour[c][l] = clear * through + m->veiling_light[c] * (1 - rest);
         }
 }
 
@@ -52,7 +52,7 @@ SIMD_INLINE void medium_row_sums(const struct medium *m, const struct medium_pac
         lit += direct;
         if (!m->on) continue;
         sum[MEDIUM_DIRECT + c] += -((double)p->range[l] - (double)m->training_range) * direct;
-        sum[MEDIUM_SCATTER + c] += dc * (double)m->veil[c] * (double)p->range[l] * (double)p->rest[c][l];
+        sum[MEDIUM_SCATTER + c] += dc * (double)m->veiling_light[c] * (double)p->range[l] * (double)p->rest[c][l];
         sum[MEDIUM_VEIL + c] += dc * (1 - (double)p->rest[c][l]);
     }
     sum[MEDIUM_FALLOFF] += (double)p->log_near[l] * lit;
@@ -73,7 +73,7 @@ SIMD_INLINE void medium_pack_backward(const struct project_job *job, size_t pack
         for (int c = 0; c < 3; c++) {
             const real direct = dcolour[c][l] * p->clear[c][l] * p->through[c][l];
             lit += direct;
-            dr += dcolour[c][l] * m->veil[c] * m->scatter[c] * p->rest[c][l] - m->direct[c] * direct;
+            dr += dcolour[c][l] * m->veiling_light[c] * m->backscatter[c] * p->rest[c][l] - m->attenuation[c] * direct;
             dcolour[c][l] = p->clear[c][l] > 0 ? dcolour[c][l] * p->through[c][l] : 0;
         }
         drange[l] = (dr - (range > least ? falloff * inverse * lit : 0)) * inverse;

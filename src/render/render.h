@@ -215,7 +215,7 @@ OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *i
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 /* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
-/* (10) of the last backward, after the step that ends it: by direct, scatter and veil, and by the falloff. */
+/* (10) of the last backward, after the step that ends it: by attenuation, backscatter and veiling light, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 
 #endif

@@ -275,7 +275,7 @@ static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
     if (rc != OXL_OK) return rc;
     r->context_medium                = r->medium;
     r->context_medium.training_range = 0;
-    if (r->medium.on) memcpy(r->background, r->medium.veil, sizeof r->background);
+    if (r->medium.on) memcpy(r->background, r->medium.veiling_light, sizeof r->background);
     return OXL_OK;
 }
 

@@ -368,9 +368,9 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
     const float falloff[2] = {m->falloff, m->reference};
     if (m->on) {
         text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
-        imaging_write_line(t, "bD", m->direct, 3, NULL);
-        imaging_write_line(t, "bB", m->scatter, 3, NULL);
-        imaging_write_line(t, "Binf", m->veil, 3, NULL);
+        imaging_write_line(t, "bD", m->attenuation, 3, NULL);
+        imaging_write_line(t, "bB", m->backscatter, 3, NULL);
+        imaging_write_line(t, "Binf", m->veiling_light, 3, NULL);
     }
     if (m->has_falloff) {
         text_add(t, "# falloff P R: J times (R / r)^P\n");
@@ -442,7 +442,7 @@ static int imaging_skip_word(const char **at, const char *end, const char *word)
 static int imaging_read_medium(const char *at, const char *end, struct medium *m)
 {
     static const char *const names[3]  = {"bD", "bB", "Binf"};
-    float *const             values[3] = {m->direct, m->scatter, m->veil};
+    float *const             values[3] = {m->attenuation, m->backscatter, m->veiling_light};
     float                    falloff[2];
     for (int k = 0; k < 3; k++)
         if (imaging_skip_word(&at, end, names[k])) return m->on = imaging_read_numbers(at, end, 0, 1e6, values[k], 3);

@@ -5,17 +5,18 @@
 #include "../core/core.h"
 
 #define EXPOSURE_MIN 0.05 /* gains lie between this and its inverse */
-/* c' = J (reference / r)^falloff exp(-direct r) + veil (1 - exp(-scatter r)); r: range, not less than LAMP_RANGE_MIN of the reference
+/* c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)); in imaging.txt
+ * and in evidence bD, Binf and bB; r: range, not less than LAMP_RANGE_MIN of the reference
  * in the falloff. */
 #define LAMP_RANGE_MIN   0.125f
 #define LAMP_FALLOFF_MAX 2
 #define LAMP_SHAPE_MAX   4 /* log units, of a coefficient */
 struct medium {
-    int   on;                             /* 0: clear water */
-    int   has_falloff;                    /* 0: no falloff */
-    float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1; 0 in clear water */
-    float falloff, reference;             /* 0..2, units of the scene */
-    float training_range;                 /* in training: J is as seen through this range; 0 elsewhere */
+    int   on;                                               /* 0: clear water */
+    int   has_falloff;                                      /* 0: no falloff */
+    float attenuation[3], backscatter[3], veiling_light[3]; /* per unit of the scene, per unit, 0..1; 0 in clear water */
+    float falloff, reference;                               /* 0..2, units of the scene */
+    float training_range;                                   /* in training: J is as seen through this range; 0 elsewhere */
 };
 enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MAX = 8, LAMP_VIEWS = 8 };
 /* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
@@ -92,28 +93,20 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 /* Adds a block's gains to the mean over blocks, and takes its lamp and water; count (views): how many there were. */
 OXL_INTERNAL void       imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
-/* ---------------------------------------------------------------- where an image shows a point: camera.c, scene.c */
-
-/* A point of the world in the camera's axes, x (3), and in px of the image; 0: it is behind the camera. */
-OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
-                                double pixel[2]);
-/* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
-OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
-
 /* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */
 
 enum { PHOTOMETRY_WATER = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {
-    size_t   points, observations;           /* 0: too few tracks */
-    int      parts;                          /* of those asked for, the ones that the residuals are evidence for */
-    double   direct[3], scatter[3], veil[3]; /* as of struct medium */
-    double   error[9];                       /* standard errors of their logarithms */
-    float    shape[LAMP_MAX][LAMP_TERMS];    /* of the lamps, as imaging_set_lamps has them */
-    float   *log_gain;                       /* (views,3) of zero mean */
-    uint8_t *known;                          /* (views) 1: log_gain is fitted */
-    double   colour[3];                      /* mean of the images over that of the points' own colours; 0: these are black */
-    double   drift;                          /* correlation of the images' gains with the mean range of their points */
-    double   residual, without[3];           /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
+    size_t   points, observations; /* 0: too few tracks */
+    int      parts;                /* of those asked for, the ones that the residuals are evidence for */
+    double   attenuation[3], backscatter[3], veiling_light[3]; /* as of struct medium */
+    double   error[9];                                         /* standard errors of their logarithms */
+    float    shape[LAMP_MAX][LAMP_TERMS];                      /* of the lamps, as imaging_set_lamps has them */
+    float   *log_gain;                                         /* (views,3) of zero mean */
+    uint8_t *known;                                            /* (views) 1: log_gain is fitted */
+    double   colour[3];            /* mean of the images over that of the points' own colours; 0: these are black */
+    double   drift;                /* correlation of the images' gains with the mean range of their points */
+    double   residual, without[3]; /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
 };
 /* parts: those that may be. Free the result with photometry_free. */
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);

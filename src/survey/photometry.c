@@ -548,9 +548,9 @@ static void photometry_report(struct photometry_work *w, double median, int requ
     photometry_choose_parts(w, requested, scratch, out);
     if (out->parts & PHOTOMETRY_WATER) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_WATER); c++) {
-        out->direct[c]  = vecmath_exp(w->at[c]) / median;
-        out->scatter[c] = vecmath_exp(w->at[3 + c]) / median;
-        out->veil[c]    = vecmath_exp(w->at[6 + c]);
+        out->attenuation[c]   = vecmath_exp(w->at[c]) / median;
+        out->backscatter[c]   = vecmath_exp(w->at[3 + c]) / median;
+        out->veiling_light[c] = vecmath_exp(w->at[6 + c]);
     }
     for (int t = 0; t < LAMP_TERMS * w->lamps; t++)
         out->shape[t / LAMP_TERMS][t % LAMP_TERMS] = (float)(w->at[9 + t % LAMP_TERMS] + (t < LAMP_TERMS ? 0 : w->at[9 + t]));

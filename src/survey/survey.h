@@ -124,6 +124,9 @@ OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
+/* A point of the world in the camera's axes, x (3), and in px of the image; 0: it is behind the camera. */
+OXL_INTERNAL int  camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
+                                 double pixel[2]);
 
 /* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
 
@@ -204,7 +207,9 @@ struct scene_stats { /* for `check` and the first message */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
-OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+/* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
+OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
 /* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);

@@ -95,9 +95,9 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
         oxl_log(t->ctx, OXL_LOG_INFO,
                 "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
                 "factor of %.1f",
-                (double)m->medium.direct[0], (double)m->medium.direct[1], (double)m->medium.direct[2],
-                (double)m->medium.scatter[0], (double)m->medium.scatter[1], (double)m->medium.scatter[2],
-                (double)m->medium.veil[0], (double)m->medium.veil[1], (double)m->medium.veil[2], span);
+                (double)m->medium.attenuation[0], (double)m->medium.attenuation[1], (double)m->medium.attenuation[2],
+                (double)m->medium.backscatter[0], (double)m->medium.backscatter[1], (double)m->medium.backscatter[2],
+                (double)m->medium.veiling_light[0], (double)m->medium.veiling_light[1], (double)m->medium.veiling_light[2], span);
     if ((m->medium.on || m->medium.has_falloff) && span < WATER_SPAN_MIN)
         oxl_log(
             t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,

@@ -43,9 +43,9 @@ OXL_INTERNAL struct medium water_medium(const struct water *w)
     if (!w->on) return m;
     m.training_range = (float)w->range;
     for (int c = 0; c < 3; c++) {
-        m.direct[c]  = (float)(water_softplus(w->raw[c]) / w->range);
-        m.scatter[c] = (float)(water_softplus(w->raw[3 + c]) / w->range);
-        m.veil[c]    = (float)water_softplus(w->raw[6 + c]);
+        m.attenuation[c]   = (float)(water_softplus(w->raw[c]) / w->range);
+        m.backscatter[c]   = (float)(water_softplus(w->raw[3 + c]) / w->range);
+        m.veiling_light[c] = (float)water_softplus(w->raw[6 + c]);
     }
     return m;
 }
@@ -57,12 +57,12 @@ OXL_INTERNAL double water_span(oxl_scene *scene)
     return near > 0 ? far_ / near : 1;
 }
 
-static void water_set(struct water *w, const float direct[3], const float scatter[3], const float veil[3])
+static void water_set(struct water *w, const float attenuation[3], const float backscatter[3], const float veiling_light[3])
 {
     for (int c = 0; c < 3; c++) {
-        w->raw[c]     = water_inverse_softplus(OXL_MAX(direct[c] * w->range, 1e-6));
-        w->raw[3 + c] = water_inverse_softplus(OXL_MAX(scatter[c] * w->range, 1e-6));
-        w->raw[6 + c] = water_inverse_softplus(OXL_MAX((double)veil[c], 1e-6));
+        w->raw[c]     = water_inverse_softplus(OXL_MAX(attenuation[c] * w->range, 1e-6));
+        w->raw[3 + c] = water_inverse_softplus(OXL_MAX(backscatter[c] * w->range, 1e-6));
+        w->raw[6 + c] = water_inverse_softplus(OXL_MAX((double)veiling_light[c], 1e-6));
     }
 }
 
@@ -72,7 +72,7 @@ OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct me
     if (!(w->range > 0)) w->range = 1;
     if (!continued || !continued->on) return;
     w->on = 1;
-    water_set(w, continued->direct, continued->scatter, continued->veil);
+    water_set(w, continued->attenuation, continued->backscatter, continued->veiling_light);
 }
 
 OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size)
@@ -80,15 +80,16 @@ OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const stru
     float value[3][3];
     w->on = w->fixed = (p->parts & PHOTOMETRY_WATER) && span >= WATER_SPAN_MIN;
     for (int c = 0; c < 3; c++)
-        value[0][c] = (float)p->direct[c], value[1][c] = (float)p->scatter[c], value[2][c] = (float)p->veil[c];
+        value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c], value[2][c] = (float)p->veiling_light[c];
     if (w->on) water_set(w, value[0], value[1], value[2]);
     snprintf(
         why, size,
         "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water; red green blue, standard error: bD %.3g %.3g "
         "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
-        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->direct[0], p->direct[1], p->direct[2],
-        100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->scatter[0], p->scatter[1], p->scatter[2], 100 * p->error[3],
-        100 * p->error[4], 100 * p->error[5], p->veil[0], p->veil[1], p->veil[2]);
+        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0], p->attenuation[1],
+        p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->backscatter[0], p->backscatter[1],
+        p->backscatter[2], 100 * p->error[3], 100 * p->error[4], 100 * p->error[5], p->veiling_light[0], p->veiling_light[1],
+        p->veiling_light[2]);
     if (span < WATER_SPAN_MIN)
         snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
                  WATER_SPAN_MIN);
@@ -124,7 +125,8 @@ OXL_INTERNAL void water_scale(const struct water *w, int to_clear, oxl_model *mo
     const struct medium m = water_medium(w);
     double              factor[3];
     if (!w->on) return;
-    for (int c = 0; c < 3; c++) factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.direct[c] * (double)m.training_range);
+    for (int c = 0; c < 3; c++)
+        factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.attenuation[c] * (double)m.training_range);
     model_scale_colour(model, factor);
 }
 
