@@ -31,7 +31,7 @@ typedef struct oxl_partition_options {
     int                block_points; /* a block of more points is split; 0: as memory requires */
     int                blocks;       /* about so many, instead; 0: by block_points or memory */
     oxl_partition_kind kind;
-    oxl_cut            cut; /* option --split */
+    oxl_cut            cut; /* option --cut */
 } oxl_partition_options;
 
 OXL_API oxl_partition_options oxl_partition_options_default(void);

@@ -121,7 +121,7 @@ static int check_complete(const struct arguments *a, char *error, size_t size)
 {
     const struct cli_command *c = &CLI_COMMANDS[a->command];
     if (a->ortho && a->flight)
-        return cli_fail(error, size, OXL_ERR_USAGE, "--ortho and --path exclude each other\nfix: leave one of the two out");
+        return cli_fail(error, size, OXL_ERR_USAGE, "--ortho and --flight exclude each other\nfix: leave one of the two out");
     if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
     return cli_fail(error, size, OXL_ERR_USAGE, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }

@@ -182,7 +182,7 @@ struct arguments { /* as given, or the default; NULL: not given */
     double          budget;                 /* s */
     int             ortho, frames;
     double          pixel, scale, length; /* of --ortho; metres a unit; metres. 0: not given */
-    const char     *flight, *bar;         /* --path of render, --scale-bar */
+    const char     *flight, *bar;         /* --flight of render, --scale-bar */
     const char     *out, *rows;
     synth_options   synth;
     oxl_job_options job;                    /* the preset's defaults, and what was given */

@@ -127,10 +127,10 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
     const int                orbit  = strcmp(options->kind, "orbit") == 0;
     oxl_result               rc     = oxl_make_folder(ctx, options->folder);
     if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0)
-        return cli_fail(error, error_size, OXL_ERR_USAGE, "--path: '%s' seen, orbit or survey wanted\nfix: --path orbit",
+        return cli_fail(error, error_size, OXL_ERR_USAGE, "--flight: '%s' seen, orbit or survey wanted\nfix: --flight orbit",
                         options->kind);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
-        return cli_fail(error, error_size, OXL_ERR_INPUT, "--path %s: the survey has too few views or points", options->kind);
+        return cli_fail(error, error_size, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", options->kind);
     if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames, error, error_size);
     for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
         oxl_camera   c     = oxl_scene_view(scene, 0)->camera;

@@ -31,7 +31,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_RENDER] = {"render", 2, "MODEL SCENE -o DIR",
                         "Renders a model from the cameras of a survey, or from above, or along a path.",
                         "oceanxl render out/scene.ply survey -o renders",
-                        "One PNG a view, named as its image; --ortho and --path render other views instead."},
+                        "One PNG a view, named as its image; --ortho and --flight render other views instead."},
     [COMMAND_MEASURE] =
         {"measure", 1, "SCENE --scale-bar ENDS", "Measures in a survey: the length of a scale bar, and from it metres per unit.",
          "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
@@ -112,7 +112,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"clear", NULL, OXL_OPTION_FLAG, FIELD(clear), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Views", "the scene at mean exposure and without water, where the model has an imaging.txt beside it", NULL},
 {"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "an orthomosaic instead: ortho.png, world file ortho.pgw; with --depth heights, ortho.height.pfm", NULL},
 {"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "of the orthomosaic, in units, in metres with --scale; otherwise 2048 px on the longer side", NULL},
-{"path", "orbit|survey", OXL_OPTION_TEXT, FIELD(flight), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "frames of a flight instead, around the middle or along the cameras: frame_00000.png and on", NULL},
+{"flight", "orbit|survey", OXL_OPTION_TEXT, FIELD(flight), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "frames of a flight instead, around the middle or along the cameras: frame_00000.png and on", "path"},
 {"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "of the flight", NULL},
 {"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT), "Views", "per unit of the survey, as measure prints: depths, heights and positions in metres, models scaled", NULL},
 {"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
@@ -178,7 +178,7 @@ static unsigned cli_commands_of(unsigned use)
 /* What the rows of an ablation differ by. */
 int cli_is_study_variable(const char *name)
 {
-    static const char *const names[] = {"ucd", "keep", "dog", "split"};
+    static const char *const names[] = {"ucd", "keep", "dog", "cut"};
     for (int i = 0; i < CLI_COUNT(names); i++)
         if (strcmp(name, names[i]) == 0) return 1;
     return 0;

@@ -158,7 +158,7 @@ static void report_decisions(struct report *r)
     output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", json_member(r->run, "preset"),
                OUTPUT_COUNT(json_number(r->job, "iterations")), json_number(r->job, "seed"));
     output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
-    if (r->blocks > 1) output_add(t, ", %J cuts", json_member(r->job, "split"));
+    if (r->blocks > 1) output_add(t, ", %J cuts", json_member(r->job, "cut"));
     report_evidence(r, "partition", -1, 0);
     for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
         output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], json_member(r->job, choices[i][1]));

@@ -111,7 +111,7 @@ promise former_names_are_read_with_a_warning 3 "--haste is the former name of --
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
-promise bash_completion_offers_the_options_of_the_command 0 "--path" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl render --pat); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
+promise bash_completion_offers_the_options_of_the_command 0 "--flight" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl render --fli); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
 promise zsh_has_the_same_completion 0 "_bash_complete" sh -c "'$program' --completion >completion; if command -v zsh >/dev/null; then zsh -f -c 'autoload -U compinit; compinit -u -d zcompdump; . ./completion; echo \$_comps[oceanxl]'; else grep bashcompinit completion && echo _bash_complete; fi"
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
@@ -221,16 +221,16 @@ promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
 promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
-promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
-promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
+promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --flight survey --frames 3
+promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --flight survey --frames 5 && '$program' render out/scene.ply survey -o flight --flight survey --frames 3"
 promise a_flight_keeps_its_frames 0 "" files 3 flight "frame_*.png"
 promise a_flight_refuses_a_frame_that_it_did_not_write 3 "no earlier render wrote it" sh -c "mkdir film && echo mine >film/frame_00001.png && '$program' render out/scene.ply survey -o film --path survey --frames 3"
 promise a_flight_refuses_a_frame_that_would_follow_its_last 3 "no earlier render wrote it" "$program" render out/scene.ply survey -o film --path survey --frames 1
 promise the_foreign_frame_is_kept 0 "mine" cat film/frame_00001.png
 promise render_refuses_a_file_that_it_did_not_write 3 "no earlier render wrote it" sh -c "mkdir pictures && echo mine >pictures/$first.png && '$program' render out/scene.ply survey -o pictures"
-promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
+promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --flight home
 promise a_closed_pipe_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
-promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
+promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --flight orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
 promise measure_refuses_rays_that_miss 3 "miss each other by" on_stderr "$program" measure survey --scale-bar $first,10,50,$last,90,5:0,0,0 --length 1
 promise measure_refuses_a_bar_without_length 3 "both ends are at the same place" on_stderr "$program" measure survey --scale-bar 1,2,3:1,2,3 --length 1

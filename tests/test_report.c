@@ -10,7 +10,7 @@
 #define REPORT_TEST_JOB                                                                                                                      \
     "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "           \
     "\"sh_degree\": 3, \"ucd\": \"1.5,3,fixed\", \"keep\": 0.5, \"dog\": \"selective\", \"dog_threshold\": \"90%\", \"partition\": \"2d\", " \
-    "\"split\": \"midpoint\", \"coarse\": 0.125, \"mask_transients\": true, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "      \
+    "\"cut\": \"midpoint\", \"coarse\": 0.125, \"mask_transients\": true, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "        \
     "\"densify_gradient\": 4e-4, \"max_gaussians\": 0, \"masks_folder\": \"m & n\"}"
 
 /* The page of the test's folder OUT, in memory to be freed. */
@@ -99,7 +99,7 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     CHECK_TEXT(page, "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
     CHECK_TEXT(
         page,
-        " --preset draft --iterations 12 --sh-degree 3 --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --split midpoint --ucd 1.5,3,fixed "
+        " --preset draft --iterations 12 --sh-degree 3 --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint --ucd 1.5,3,fixed "
         "--keep 0.5 --mask-transients --dog selective --dog-threshold 90% --coarse 0.125 --cooldown 0.5 --alpha-min 0.04 --lr-sh 0.001\n");
     worst = strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00");
     CHECK(worst && strstr(worst, "<td class=\"name\">fine.png<td class=\"n\">31.00")); /* the worst first */

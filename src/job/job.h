@@ -26,7 +26,7 @@ OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
 struct block_record {                                    /* block.json */
-    int           exists, trained, finished, iterations; /* trained: to its end, but for a standard model */
+    int           exists, trained, finished, iterations; /* trained: all steps are done; scene_standard.ply may be missing */
     size_t        gaussians;
     double        seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_nonfinite nonfinite;

@@ -30,8 +30,8 @@ struct job {
     int                 unfinished;  /* blocks that were stopped by --max-time */
     char               *decoded;     /* OUT/blocks/decoded, for decoded images; or NULL */
     double              started;
-    double              done_before;            /* share of the run that other processes had done */
-    double              done, part;             /* shares of the run: done before the present part, of the present part */
+    double              done_before;            /* share of the run that earlier processes did */
+    double              done, part;             /* shares of the run: before the present part, and of it */
     int                 part_first, part_until; /* the steps of the present part */
     uint64_t            seed;                   /* of the context, restored at the end */
     struct start        start;
