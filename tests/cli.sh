@@ -286,6 +286,7 @@ promise tradeoff_resumes 0 "half the iterations against base" without ETA "$prog
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
     "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&
      '$program' train survey -o alone --block-points 250 --iterations 40 --seed 5 --keep 1 && cmp spread/scene.ply alone/scene.ply"
+promise run_json_has_the_decisions_of_the_coarse_and_the_merged_model 0 "" sh -c 'grep -q "\"coarse\": {\"" alone/run.json && grep -q "\"merged\": {\"" alone/run.json'
 promise a_finished_run_in_blocks_reports_no_unfinished_block 1 "0" grep -c "not finished" alone/report.html
 promise a_render_leaves_nothing_of_an_earlier_one 0 "" sh -c "rm -rf again && '$program' render out/scene.ply survey -o again --split all --depth && touch again/mine.png && '$program' render out/scene.ply survey -o again && test \$(ls again | wc -l) = 3"
 promise too_few_open_files_are_told_with_what_helps 1 "fix: allow more open files" sh -c "ulimit -n 4; '$program' train survey -o few --iterations 10"
