@@ -415,7 +415,7 @@ OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
 OXL_API oxl_result        oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
-/* Counts of values that were not finite, or out of range, and how they were handled; all 0 in a normal run. */
+/* What a run skipped or cleared: images that cannot be read, values that are not finite. All 0 in a normal run. */
 typedef struct oxl_nonfinite {
     size_t images;     /* not readable: left out */
     size_t steps;      /* loss not finite: skipped */

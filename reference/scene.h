@@ -80,6 +80,10 @@ void write_ply(const char *path, const struct model *m) {
     const char *name[] = {"x",     "y",     "z",     "scale_0", "scale_1", "scale_2", "rot_0",
                           "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",  "f_dc_1",  "f_dc_2"};
     FILE *f = fopen(path, "wb");
+    if (!f) {
+        perror(path);
+        return;
+    }
     fprintf(f, "ply\nformat binary_little_endian 1.0\nelement vertex %d\n", m->count);
     for (int k = 0; k < 14; k++) fprintf(f, "property float %s\n", name[k]);
     for (int k = 0; k < 45; k++) fprintf(f, "property float f_rest_%d\n", k % 3 * 15 + k / 3);

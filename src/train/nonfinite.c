@@ -1,4 +1,5 @@
-/* nonfinite.c - values that are not finite: detected in the step in which they appear, traced, skipped or cleared, counted.
+/* nonfinite.c - values that are not finite, and images that cannot be read: detected where they appear, named, skipped or cleared,
+ * and counted.
  *
  *     seen in                 what is done                                                            counted in
  *     an image            it cannot be read: named, and left out from then on                     images
