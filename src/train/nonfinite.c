@@ -2,7 +2,7 @@
  * and counted.
  *
  *     seen in                 what is done                                                            counted in
- *     an image            it cannot be read: named, and left out from then on                     images
+ *     an image                it cannot be read: named, and left out from then on                     images
  *     the loss of a view      Gaussians that hold such a number, or cannot be rendered without, are      steps, cleared
  *                             cleared; the view's step is skipped
  *     a Gaussian that a view  its step is skipped, all of it; the other Gaussians take theirs. One    rows, cleared
