@@ -66,12 +66,12 @@
 /* forward and backward pass of one image */
 #include "src/render/real.h"           /* the number type of the kernels and its arithmetic */
 #include "src/render/kernels.h"        /* types of the kernels */
-#include "src/render/medium.h"         /* water between camera and Gaussians, inlined into: */
+#include "src/render/medium.h"         /* attenuation and backscatter between camera and Gaussians, inlined into: */
 #include "src/render/project.c"        /* Gaussians to splats: forward and backward */
 #include "src/render/bin.c"            /* splats per tile, in depth order */
 #include "src/render/raster.c"         /* splats to pixels: forward and backward */
 #include "src/render/loss.c"           /* L1 + SSIM: value and gradient */
-#include "src/render/medium.c"         /* what a model looks like through water; the water behind it */
+#include "src/render/medium.c"         /* medium baked into colours; veiling light behind the last Gaussian */
 #include "src/render/depth_loss.c"     /* opacity in front of points of known depth */
 #include "src/render/exposure.c"       /* gains between the rendered image and the loss */
 #include "src/render/adam.c"           /* optimizer step */
@@ -93,12 +93,12 @@
 #include "src/train/checkpoint.c"      /* training state in a file, for resuming */
 #include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
 #include "src/survey/contrast.c"       /* fall of image contrast with depth */
-#include "src/survey/photometry.c"     /* water from the colours of tracks */
+#include "src/survey/photometry.c"     /* exposure, lamp and medium from the colours of tracks */
 #include "src/train/ucd.c"             /* depth weights of density control */
 #include "src/train/prune.c"           /* pruning: schedule and scores */
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */
-#include "src/train/scalar_adam.c"     /* Adam for single numbers, of water and lamp */
-#include "src/train/water.c"           /* the nine parameters of the medium */
+#include "src/train/scalar_adam.c"     /* Adam for single numbers, of medium and lamp */
+#include "src/train/medium_fit.c"      /* the nine parameters of the medium */
 #include "src/train/lamp.c"            /* a light that moves with the camera */
 #include "src/train/exposure_fit.c"    /* log gains per training image */
 #include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
@@ -108,7 +108,7 @@
 #include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
-#include "src/train/train_imaging.c"   /* exposure, lamp and water of a run, before and after its steps */
+#include "src/train/train_imaging.c"   /* exposure, lamp and medium of a run, before and after its steps */
 #include "src/train/train.c"           /* the training loop: one step with the decisions after it */
 #include "src/job/metrics.c"           /* two images compared: PSNR, SSIM, MS-SSIM */
 #include "src/job/evaluate.c"          /* a model's images against those of a survey */

@@ -336,7 +336,7 @@ typedef enum oxl_dog {
     OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
 } oxl_dog;
 
-/* Whether a part of the image formation is modelled (docs/WATER.md). */
+/* Whether a part of the image formation is modelled (docs/IMAGING.md). */
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
@@ -400,7 +400,7 @@ typedef struct oxl_train_options {
     oxl_keep keep;
     oxl_switch exposure; /* a log gain per channel and training image */
     oxl_switch lamp;     /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
-    oxl_switch medium;   /* a water medium of nine parameters between camera and Gaussians; CPU only (docs/WATER.md) */
+    oxl_switch medium;   /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */
     int        carve;    /* 1: Gaussians between a camera and the points of the tracks that it saw are removed */
     int        mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */

@@ -72,7 +72,7 @@ static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
     }
 }
 
-/* ---------------------------------------------------------------- imaging.txt beside a model (docs/WATER.md) */
+/* ---------------------------------------------------------------- imaging.txt beside a model (docs/IMAGING.md) */
 
 /* Beside `model`; NULL: there is none. */
 static FILE *info_open_imaging(const char *model, const char *mode)
@@ -83,7 +83,7 @@ static FILE *info_open_imaging(const char *model, const char *mode)
     return fopen(path, mode);
 }
 
-/* scene.ply has learned what the water shows. */
+/* scene.ply has learned what the medium shows. */
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
@@ -96,7 +96,7 @@ static int info_is_gain(const char *line)
     return strncmp(line, "gain ", 5) == 0;
 }
 
-static int info_is_water(const char *line) /* bD, bB, Binf, falloff */
+static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
 {
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
@@ -108,7 +108,7 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     char  line[4096];
     while (file && fgets(line, sizeof line, file)) {
         gains += info_is_gain(line);
-        if (line[0] == '#' || info_is_gain(line) || (info_is_water(line) && info_is_for_viewers(path))) continue;
+        if (line[0] == '#' || info_is_gain(line) || (info_is_medium(line) && info_is_for_viewers(path))) continue;
         line[strcspn(line, "\r\n")] = 0;
         if (json) {
             fputs(lines ? ", " : ",\n  \"imaging\": [", to);
@@ -128,7 +128,7 @@ int info_copy_imaging(const char *from, const char *to)
     int   failed;
     if (in && !there) out = info_open_imaging(to, "wb");
     while (out && fgets(line, sizeof line, in))
-        if (!info_is_water(line) || !info_is_for_viewers(from)) fputs(line, out);
+        if (!info_is_medium(line) || !info_is_for_viewers(from)) fputs(line, out);
     failed = out && (ferror(in) || ferror(out));
     if (in) fclose(in);
     if (there) fclose(there);

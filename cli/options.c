@@ -109,7 +109,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"length", "METRES", OXL_OPTION_DOUBLE, FIELD(length), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "known length of the bar", NULL},
 {"split", "test|train|all", OXL_OPTION_CHOICE, FIELD(split), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(EVAL), "Views", "which views", NULL},
 {"depth", NULL, OXL_OPTION_FLAG, FIELD(depth), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "depth too: NAME.depth.png for viewing, NAME.depth.pfm in the survey's unit, NAME.depth16.png in thousandths of it", NULL},
-{"clear", NULL, OXL_OPTION_FLAG, FIELD(clear), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Views", "the scene at mean exposure and without water, where the model has an imaging.txt beside it", NULL},
+{"clear", NULL, OXL_OPTION_FLAG, FIELD(clear), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Views", "the scene at mean exposure and without the medium, where the model has an imaging.txt beside it", NULL},
 {"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "an orthomosaic instead: ortho.png, world file ortho.pgw; with --depth heights, ortho.height.pfm", NULL},
 {"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "of the orthomosaic, in units, in metres with --scale; otherwise 2048 px on the longer side", NULL},
 {"flight", "orbit|survey", OXL_OPTION_TEXT, FIELD(flight), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "frames of a flight instead, around the middle or along the cameras: frame_00000.png and on", "path"},

@@ -149,7 +149,7 @@ static void report_decisions(struct report *r)
                                              {"Pruning (--keep)", "keep"},
                                              {"Exposure (--exposure)", "exposure"},
                                              {"Lamp (--lamp)", "lamp"},
-                                             {"Water (--medium)", "medium"},
+                                             {"Medium (--medium)", "medium"},
                                              {"Free space (--carve)", "carve"},
                                              {"Dropout (--dropout)", "dropout"},
                                              {"Second lobes (--dog)", "dog"}};

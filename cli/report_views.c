@@ -139,7 +139,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
         views_figure(r, &image, "Image", row->name);
         views_figure(r, &rendered, "Rendered", row->name);
         if (views_image(r, folder, row->name, ".clear.png", &clear) && views_reduce(r, &clear) == OXL_OK)
-            views_figure(r, &clear, "Without water and lamp", row->name);
+            views_figure(r, &clear, "Without medium and lamp", row->name);
         views_figure(r, &error, "Error", row->name);
         output_add(t, "</div>\n");
     } else t->failed = 1;

@@ -260,7 +260,7 @@ promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
 mkdir -p quoted && cp out/scene.ply quoted/ && printf '%s\n' 'lamp 1 a"b\c.png' >quoted/imaging.txt
 promise info_escapes_names_of_imaging_txt 0 '"imaging": ["lamp 1 a\"b\\c.png"]' on_stdout "$program" info quoted/scene.ply --json
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
-promise convert_of_a_model_for_viewers_copies_lamp_and_no_water 0 "" sh -c \
+promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat

@@ -81,7 +81,7 @@ plant() { # FILE LINE COLUMN OLD NEW [NAME]
 
 tests=$(echo tests/test_*.c)
 names='adam_ pixel_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_
-medium_gradients medium_baked medium_alone lamp_gradients depth_loss water_lamp_and_gains exposure_gradient exposure_gains'
+medium_gradients medium_baked medium_alone lamp_gradients depth_loss medium_lamp_and_gains exposure_gradient exposure_gains'
 [ "${1:-}" = constants ] && tests=tests/test_reference.c names=reference_
 rm -rf "$work"
 mkdir -p "$work/tree"

@@ -293,7 +293,7 @@ static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
 {
     const oxl_camera         camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     const oxl_render_options options = oxl_render_options_default();
-    const struct medium      water   = {
+    const struct medium      murky   = {
                .on = 1, .attenuation = {0.1f, 0.2f, 0.3f}, .backscatter = {0.1f, 0.1f, 0.1f}, .veiling_light = {0.2f, 0.3f, 0.4f}};
     float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
@@ -309,7 +309,7 @@ static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
     CHECK_OK(model_set_lobes(test_ctx, &first, 19));
     CHECK_OK(model_set_lobes(test_ctx, &second, 19));
     CHECK_OK(renderer_create(test_ctx, &renderer));
-    renderer_set_medium(renderer, &water, 1);
+    renderer_set_medium(renderer, &murky, 1);
     CHECK_OK(renderer_forward(test_ctx, renderer, m, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
     CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &first, &second, &adam, &aside));

@@ -813,8 +813,8 @@ static oxl_metrics job_test_evaluate(const char *model, int imaging)
     return out;
 }
 
-/* scene.ply has learned what lamp and water showed; scene_clear.ply has not, and shows it with imaging.txt. */
-TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
+/* scene.ply has learned what lamp and medium showed; scene_clear.ply has not, and shows it with imaging.txt. */
+TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
 {
     oxl_job_options    options = job_test_options();
     struct os_file_map json = {0}, clear = {0};
@@ -839,7 +839,7 @@ TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_
 }
 
 /* A gain over the image is not in the model's colours: scene.ply is the model itself, by even light and at mean exposure. */
-TEST(job_with_a_lamp_and_no_water_shows_even_light_in_scene_ply_and_refines_nothing)
+TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_nothing)
 {
     oxl_job_options    options = job_test_options();
     struct os_file_map json    = {0};

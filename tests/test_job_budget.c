@@ -131,7 +131,7 @@ TEST(budget_is_what_partition_predicts_with)
     oxl_partition_report_free(test_ctx, &limited);
 }
 
-TEST(budget_counts_of_lamp_and_water_the_depths_of_tracks_alone)
+TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)
 {
     struct cost_load load = budget_test_load();
     oxl_job_options  o    = budget_test_options(4e8), off;

@@ -45,15 +45,15 @@ static double rounds_test_largest_difference(const float *a, const float *b, siz
     return most;
 }
 
-static const struct medium rounds_test_water = {
+static const struct medium rounds_test_medium = {
     .on = 1, .attenuation = {0.4f, 0.3f, 0.2f}, .backscatter = {0.3f, 0.2f, 0.1f}, .veiling_light = {0.1f, 0.3f, 0.4f}};
 
 TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_rows)
 {
-    for (size_t kind = 0; kind < 4; kind++) { /* with lobes; in water */
+    for (size_t kind = 0; kind < 4; kind++) { /* with lobes; behind a medium */
         const size_t       lobes  = kind % 2;
         const oxl_camera   camera = rounds_test_camera(64, 48);
-        struct medium      water  = rounds_test_water;
+        struct medium      medium = rounds_test_medium;
         oxl_render_options o      = oxl_render_options_default();
         oxl_model        own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes), all, g1, g2;
         float           *slope = rounds_test_slope(&camera);
@@ -68,8 +68,8 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         CHECK_OK(renderer_create(test_ctx, &a));
         CHECK_OK(renderer_create(test_ctx, &b));
         renderer_set_context(a, &context);
-        renderer_set_medium(a, kind > 1 ? &water : NULL, 0);
-        renderer_set_medium(b, kind > 1 ? &water : NULL, 0);
+        renderer_set_medium(a, kind > 1 ? &medium : NULL, 0);
+        renderer_set_medium(b, kind > 1 ? &medium : NULL, 0);
         CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
         CHECK_OK(renderer_forward(test_ctx, b, &all, &camera, &o));
         CHECK_OK(renderer_image(test_ctx, a, &x));
@@ -87,12 +87,12 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         }
         for (size_t i = 0; i < own.count; i++) CHECK(s1[i] == s2[i < own.lobes ? i : i + context.lobes]);
         for (size_t i = own.count; i < 120; i++) CHECK(s1[i] == 0);
-        if (kind > 1) { /* the own colours as through half a unit of water, as in training */
+        if (kind > 1) { /* the own colours as through half a unit of the medium, as in training */
             double factor[3];
-            for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)water.attenuation[c]);
-            water.training_range = 0.5f;
+            for (int c = 0; c < 3; c++) factor[c] = exp(-0.5 * (double)medium.attenuation[c]);
+            medium.training_range = 0.5f;
             model_scale_colour(&own, factor);
-            renderer_set_medium(a, &water, 0);
+            renderer_set_medium(a, &medium, 0);
             CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
             CHECK_OK(renderer_image(test_ctx, a, &x));
             CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) < 1e-5);

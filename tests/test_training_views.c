@@ -18,22 +18,22 @@ static oxl_model tviews_model(void)
     return m;
 }
 
-/* A third of the light from the scene is left, and the water is bright. */
-static const struct medium tviews_water = {
+/* A third of the light from the scene is left, and the medium is bright. */
+static const struct medium tviews_medium = {
     .on = 1, .attenuation = {0.4f, 0.3f, 0.2f}, .backscatter = {0.3f, 0.2f, 0.2f}, .veiling_light = {0.1f, 0.35f, 0.45f}};
 
-static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_water, oxl_image *out)
+static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_medium, oxl_image *out)
 {
     const oxl_render_options options = oxl_render_options_default();
     struct renderer         *r       = NULL;
     CHECK_OK(renderer_create(test_ctx, &r));
-    renderer_set_medium(r, in_water ? &tviews_water : NULL, 0);
+    renderer_set_medium(r, in_medium ? &tviews_medium : NULL, 0);
     CHECK_OK(renderer_draw(test_ctx, r, m, camera, &options, out, NULL));
     renderer_free(test_ctx, r);
 }
 
 /* The views that `broken` names: two with a displaced pose, one darkened, one out of focus. */
-static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_water)
+static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 {
     oxl_view   view[TVIEWS];
     oxl_image  image[TVIEWS];
@@ -45,7 +45,7 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_water)
         snprintf(name[v], sizeof name[v], "v%02d", v);
         view[v]  = (oxl_view){name[v], {TVIEWS_W, TVIEWS_H, 90, 90, 48, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, -y, 4}}, 0};
         point[v] = (oxl_point){.position = {x, y, 0}, .rgb = {90, 90, 90}};
-        tviews_draw(m, &view[v].camera, in_water, &image[v]);
+        tviews_draw(m, &view[v].camera, in_medium, &image[v]);
         for (size_t i = 0; i < 3 * TVIEWS_W * TVIEWS_H; i++)
             image[v].rgb[i] += 0.02f * (float)(random_unit(random_bits(8, i, (uint64_t)v)) - 0.5);
         if (broken && v == 8) view[v].camera.translation[0] += 0.2;
@@ -57,15 +57,15 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_water)
                     (image[v].rgb[i - 2] + image[v].rgb[i - 1] + image[v].rgb[i] + image[v].rgb[i + 1] + image[v].rgb[i + 2]) / 5;
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, TVIEWS, point, TVIEWS, &scene));
-    if (in_water) scene->imaging.medium = tviews_water;
+    if (in_medium) scene->imaging.medium = tviews_medium;
     for (int v = 0; v < TVIEWS; v++) oxl_image_free(test_ctx, &image[v]);
     return scene;
 }
 
-static void tviews_check_flags(int in_water)
+static void tviews_check_flags(int in_medium)
 {
     oxl_model   m     = tviews_model();
-    oxl_scene  *scene = tviews_scene(&m, 1, in_water);
+    oxl_scene  *scene = tviews_scene(&m, 1, in_medium);
     struct text t     = {.ctx = test_ctx};
     colmap_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("worst")));
@@ -94,7 +94,7 @@ TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_reported_and_
     tviews_check_flags(0);
 }
 
-TEST(training_views_in_water_are_compared_with_what_the_model_shows_in_water)
+TEST(training_views_behind_a_medium_are_compared_with_what_the_model_shows_through_it)
 {
     tviews_check_flags(1);
 }

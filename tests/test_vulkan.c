@@ -3078,7 +3078,7 @@ static void vulkan_check_windows(oxl_context *device)
     for (int k = 0; k < 2; k++) oxl_model_free(ctx[k], &model[k]);
 }
 
-static int vulkan_said; /* lines about lamp and water */
+static int vulkan_said; /* lines about lamp and medium */
 
 static void vulkan_hear(void *user, oxl_log_level level, const char *text)
 {
@@ -3105,7 +3105,7 @@ static void vulkan_check_dropout(oxl_context *device)
     oxl_scene_free(device, scene);
 }
 
-static void vulkan_check_lamp_and_water(oxl_context *device)
+static void vulkan_check_lamp_and_medium(oxl_context *device)
 {
     struct text               decisions = {.ctx = device};
     const struct train_output place     = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
@@ -3502,9 +3502,9 @@ TEST(vulkan_refuses_a_dropout_and_leaves_out_that_of_auto)
     ON_DEVICE(vulkan_check_dropout);
 }
 
-TEST(vulkan_leaves_lamp_and_water_to_the_cpu_and_says_so)
+TEST(vulkan_leaves_lamp_and_medium_to_the_cpu_and_says_so)
 {
-    ON_DEVICE(vulkan_check_lamp_and_water);
+    ON_DEVICE(vulkan_check_lamp_and_medium);
 }
 
 TEST(vulkan_leaves_parts_of_views_to_the_cpu)

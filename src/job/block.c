@@ -1,7 +1,7 @@
 /* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
  *
- * A model with second lobes or water may be followed by model_standard.ply, for viewers that support neither: the lobes dropped, the water
- * baked into the colours, the rest refined for a twentieth of the run, or longer with water. Its gains and lamp are those of model.ply.
+ * A model with second lobes or a medium may be followed by model_standard.ply, for viewers that support neither: the lobes dropped, the medium
+ * baked into the colours, the rest refined for a twentieth of the run, or longer with a medium. Its gains and lamp are those of model.ply.
  *
  * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it, and the line "job" in it says
  * of which run it is.
@@ -13,8 +13,9 @@
 #define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
 #define BLOCK_REFINE      0.05 /* of the run: how long a model for viewers is refined, */
-#define BLOCK_REFINE_MORE 300  /* and where it had water, twice as long, or three times up to so many steps (docs/WATER.md); */
-#define BLOCK_REFINE_SH   10   /* its SH then learn what they showed, at such a multiple of their rate */
+#define BLOCK_REFINE_MORE \
+    300                    /* and where it had a medium, twice as long, or three times up to so many steps (docs/IMAGING.md); */
+#define BLOCK_REFINE_SH 10 /* its SH then learn what they showed, at such a multiple of their rate */
 
 struct block {
     oxl_context             *ctx;
@@ -40,7 +41,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
     return rc == OXL_OK ? model_file_write_ply(b->ctx, PATH(b->task->folder, "%s", name), model, model->sh_degree) : rc;
 }
 
-/* The gains of the images, lamp and water; without any, no file. */
+/* The gains of the images, lamp and medium; without any, no file. */
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     const char      *path = PATH(b->task->folder, "imaging.txt");
@@ -240,7 +241,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* model without lobes and water. *done: model_standard.ply is there. */
+/* model without lobes and medium. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
     oxl_train_options   o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
@@ -268,7 +269,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     place.key = key.data;
     rc        = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
-        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes and water, for viewers, is refined for %d iterations",
+        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes and medium, for viewers, is refined for %d iterations",
                 o.iterations);
     if (rc == OXL_OK) rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &place, &plain);
     *done = rc == OXL_OK && b->last.iteration == o.iterations;

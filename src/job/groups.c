@@ -381,7 +381,7 @@ static oxl_result groups_read_gains(const struct groups *g)
     return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
-/* A block's model with the water in its colours, for viewers; not refined. */
+/* A block's model with the medium in its colours, for viewers; not refined. */
 static oxl_result groups_bake(const struct groups *g, int block)
 {
     const struct imaging *imaging = &g->job->scene->imaging;

@@ -86,7 +86,7 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------------------------------------------------------- evaluate.c */
 
-/* The view as its image was taken: through the water, by the lamp and with the gains of `imaging`; NULL: without any. depth
+/* The view as its image was taken: through the medium, by the lamp and with the gains of `imaging`; NULL: without any. depth
  * (height,width), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
                                       const struct imaging *imaging, int view, oxl_image *out, float *depth);

@@ -20,7 +20,7 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-/* Water lies between the model's colours and the images: scene.ply is a model for viewers without it. */
+/* The medium lies between the model's colours and the images: scene.ply is a model for viewers without it. */
 static int job_alters_colours(const struct job *job)
 {
     return job->scene && imaging_alters_colours(&job->scene->imaging);
@@ -37,7 +37,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
-/* Without lobes and water; of an unfinished run, not refined. */
+/* Without lobes and medium; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int  made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
@@ -48,7 +48,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
     return rc;
 }
 
-/* scene.ply has the model's SH degree, and the lobes, or with water the standard model; scene_clear.ply then has the
+/* scene.ply has the model's SH degree, and the lobes, or with a medium the standard model; scene_clear.ply then has the
  * former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of the file that the metrics are of, and
  * of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
@@ -87,7 +87,7 @@ static oxl_split job_evaluated_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer without second lobes and water renders: *m gets its PSNR at mean exposure. */
+/* What a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
     struct imaging *imaging = &job->scene->imaging, whole = *imaging;

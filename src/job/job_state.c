@@ -161,7 +161,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
     return rc;
 }
 
-/* The blocks' gains, lamp and water become the scene's. */
+/* The blocks' gains, lamp and medium become the scene's. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);

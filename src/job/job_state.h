@@ -54,7 +54,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded im
 OXL_INTERNAL void       job_set_cache(const struct job *job, size_t most);
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
                                   oxl_model *out); /* the blocks' models side by side, imaging joined */
-/* Of several blocks: gains, of mean 0 in the log, lamp and water. */
+/* Of several blocks: gains, of mean 0 in the log, lamp and medium. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t); /* a file of OUT */

@@ -109,7 +109,7 @@ struct render_file {
     const char *name;
     int         width, height;
     oxl_image   rendered, image; /* image: empty if not requested or not readable */
-    oxl_image   clear;           /* beside an image, where water is fitted: without lamp and water; else empty */
+    oxl_image   clear;           /* beside an image, where a medium is fitted: without lamp and medium; else empty */
     float      *depth;           /* (H,W) or NULL */
     oxl_context own;             /* of the thread that writes it */
 };

@@ -24,12 +24,13 @@ struct rounds {
 
 /* ---------------------------------------------------------------- the coarse model */
 
-/* Water that the tracks do not give is trained from WATER_FROM of a run on; the coarse model ends before. */
-static void rounds_warn_of_water(const struct job *job)
+/* A medium that the tracks do not give is trained from MEDIUM_FIT_FROM of a run on; the coarse model ends before. */
+static void rounds_warn_of_medium(const struct job *job)
 {
     if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
-    oxl_log(job->ctx, OXL_LOG_WARNING,
-            "--medium on: the tracks do not show water, and several blocks do not train it: it stays off\nfix: --partition none");
+    oxl_log(
+        job->ctx, OXL_LOG_WARNING,
+        "--medium on: the tracks do not show a medium, and several blocks do not train it: it stays off\nfix: --partition none");
 }
 
 static oxl_result rounds_train_coarse(struct job *job, const char *folder)
@@ -60,7 +61,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
                 backend_device(job->ctx));
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
-    if (rc == OXL_OK) rounds_warn_of_water(job);
+    if (rc == OXL_OK) rounds_warn_of_medium(job);
     return rc;
 }
 
@@ -179,7 +180,7 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     return o;
 }
 
-/* The block begins with the coarse model's gains, and keeps its lamp and water. */
+/* The block begins with the coarse model's gains, and keeps its lamp and medium. */
 static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, &job->scene->imaging);

@@ -6,7 +6,7 @@
  * Only opacity follows it: a splat that was moved or reshaped would go on hiding the point elsewhere. Splats with a second lobe and those
  * of a context neither count nor follow.
  *
- * What it gains is in docs/log/WATER.md.
+ * What it gains is in docs/log/IMAGING.md.
  *
  * Invariant: points are added in their order, one after the other.
  */

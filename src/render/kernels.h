@@ -82,7 +82,7 @@ struct lobe {
 #define SUM_YY     5
 #define SUM_RED    6 /* alpha T dL/dC, without d: colour, three channels */
 
-struct medium_pack { /* what the backward pass through water reads of the forward pass, by channel and row */
+struct medium_pack { /* what the backward pass through the medium reads of the forward pass, by channel and row */
     real range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
 };
 
@@ -93,7 +93,7 @@ struct project_job {
     struct splat               *splat;                /* (count) written for visible rows */
     struct lobe                *lobe;                 /* (lobes) written for visible rows */
     uint16_t                   *visible;              /* (packs) a bit a row */
-    const struct medium        *medium;               /* NULL: clear water, no falloff */
+    const struct medium        *medium;               /* NULL: no medium, no falloff */
     struct medium_pack         *medium_pack;          /* (packs) of the visible ones */
     /* backward only: */
     double *medium_sum;             /* (MEDIUM_SUMS) adds dL/d(bD, bB, Binf by channel, falloff); NULL: these are not wanted */
@@ -163,7 +163,7 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera,
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);       /* at least ALPHA_MIN */
 #endif
 
-/* ---------------------------------------------------------------- medium.c: the water behind the last Gaussian */
+/* ---------------------------------------------------------------- medium.c: the medium behind the last Gaussian */
 
 #ifndef OXL_REFERENCE
 /* sum: adds those of Binf. */

@@ -1,10 +1,10 @@
-/* medium.c - water between the camera and the Gaussians (medium.h): what a whole model looks like through it; the light behind the last
+/* medium.c - attenuation and backscatter between the camera and the Gaussians (medium.h): what a whole model looks like through it; the light behind the last
  * Gaussian.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define MEDIUM_MIN  0.02 /* of J: what is seen through more water than this lets through is no evidence of it */
+#define MEDIUM_MIN  0.02 /* of J: what is seen through more of the medium than this lets through is no evidence of it */
 #define MEDIUM_DARK 0.02 /* J at the start, at least */
 
 /* Factors of J: attenuation and, with a lamp, falloff. */
@@ -15,7 +15,7 @@ static void medium_through(const struct medium *m, float range, float through[3]
     for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * log_near - m->attenuation[c] * (range - m->training_range));
 }
 
-/* What a viewer without imaging.txt is to show: the colours through the water and, where `imaging` has lamps, by these, as the views see
+/* What a viewer without imaging.txt is to show: the colours through the medium and, where `imaging` has lamps, by these, as the views see
  * the centre; the mean of both terms over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's
  * polynomial, where none sees it. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model)

@@ -209,8 +209,8 @@ OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gai
 OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* The model as viewers are to show it, without imaging.txt: through the water and by the lamp, as its views see it; or, backwards, from
- * colours that are seen so those behind water and lamp. */
+/* The model as viewers are to show it, without imaging.txt: through the medium and by the lamp, as its views see it; or, backwards, from
+ * colours that are seen so those behind medium and lamp. */
 OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model);
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 /* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */

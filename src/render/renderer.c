@@ -414,7 +414,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     oxl_result rc;
     if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
     if (r->device && render_has_medium(r))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc == OXL_OK && r->device) ctx->backend->drew |= DREW_DEVICE;

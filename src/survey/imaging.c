@@ -1,4 +1,4 @@
-/* imaging.c - exposure gains per view and channel, and the water medium, between the model's colours and an image.
+/* imaging.c - exposure gains per view and channel, and the medium, between the model's colours and an image.
  *
  * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
  * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
@@ -486,7 +486,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
 {
     struct text t = {.ctx = ctx};
     oxl_result  rc;
-    text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/WATER.md\n"
+    text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/IMAGING.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
     imaging_write_medium(&t, &m->medium);
     imaging_write_lamps(&t, scene, m);

@@ -1,4 +1,4 @@
-/* imaging.h - what lies between the scene's colours and an image: gains, water, lamp. Part of survey.h. */
+/* imaging.h - what lies between the scene's colours and an image: gains, medium, lamp. Part of survey.h. */
 #ifndef OXL_IMAGING_H
 #define OXL_IMAGING_H
 
@@ -12,9 +12,9 @@
 #define LAMP_FALLOFF_MAX 2
 #define LAMP_SHAPE_MAX   4 /* log units, of a coefficient */
 struct medium {
-    int   on;                                               /* 0: clear water */
+    int   on;                                               /* 0: none */
     int   has_falloff;                                      /* 0: no falloff */
-    float attenuation[3], backscatter[3], veiling_light[3]; /* per unit of the scene, per unit, 0..1; 0 in clear water */
+    float attenuation[3], backscatter[3], veiling_light[3]; /* per unit of the scene, per unit, 0..1; 0 without a medium */
     float falloff, reference;                               /* 0..2, units of the scene */
     float training_range;                                   /* in training: J is as seen through this range; 0 elsewhere */
 };
@@ -86,16 +86,16 @@ OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_s
 OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
 OXL_INTERNAL int imaging_alters_colours(
-    const struct imaging *m); /* 1: water, or light that falls with range: viewers need a model of their own */
+    const struct imaging *m); /* 1: a medium, or light that falls with range: viewers need a model of their own */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
-/* Adds a block's gains to the mean over blocks, and takes its lamp and water; count (views): how many there were. */
+/* Adds a block's gains to the mean over blocks, and takes its lamp and medium; count (views): how many there were. */
 OXL_INTERNAL void       imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
-/* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */
+/* ---------------------------------------------------------------- photometry.c: exposure, lamp and medium from the colours of tracks */
 
-enum { PHOTOMETRY_WATER = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
+enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {
     size_t   points, observations; /* 0: too few tracks */
     int      parts;                /* of those asked for, the ones that the residuals are evidence for */
@@ -106,7 +106,7 @@ struct photometry {
     uint8_t *known;                                            /* (views) 1: log_gain is fitted */
     double   colour[3];            /* mean of the images over that of the points' own colours; 0: these are black */
     double   drift;                /* correlation of the images' gains with the mean range of their points */
-    double   residual, without[3]; /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
+    double   residual, without[3]; /* of white, robust: with all parts; without the medium, lamp, gains (0: not asked for) */
 };
 /* parts: those that may be. Free the result with photometry_free. */
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);

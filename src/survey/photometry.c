@@ -1,4 +1,4 @@
-/* photometry.c - exposure, lamp and water from the colours that tracks have in several images, before any training.
+/* photometry.c - exposure, lamp and medium from the colours that tracks have in several images, before any training.
  *
  * A point seen from several ranges r identifies attenuation and backscatter without a model of the scene:
  *     I = exp(a + s(x, y)) (J exp(-bD r) + Binf (1 - exp(-bB r)))          (Akkaynak & Treibitz 2018)
@@ -33,10 +33,10 @@ enum {
 #define PHOTOMETRY_RADIUS 1.0  /* px: half the side of a patch in the point's farthest view; */
 #define PHOTOMETRY_WIDE   5.0  /* nearer ones up to this */
 /* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains; the lamps' common shape, and
- * how far a camera's is off it. Where water is clear the tracks hardly hold bB, and a wrong one costs 2 dB (docs/log/WATER.md). */
+ * how far a camera's is off it. Where water is clear the tracks hardly hold bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
-/* By how much larger residuals must be without water, lamp, gains: with water they are 2 to 4 times as large, in surveys without it 1.01
- * times (docs/log/WATER.md). */
+/* By how much larger residuals must be without the medium, lamp, gains: with a medium they are 2 to 4 times as large, in surveys without it 1.01
+ * times (docs/log/IMAGING.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
 /* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill determined. */
 #define PHOTOMETRY_SEPARATE 0.1
@@ -190,9 +190,9 @@ struct photometry_point {
 static void photometry_evaluate(const struct photometry_work *w, const double *at, const struct photometry_sample *s, int c,
                                 struct photometry_point *p)
 {
-    const int    water  = w->free & PHOTOMETRY_WATER;
-    const double direct = water ? vecmath_exp(at[c]) : 0, scatter = water ? vecmath_exp(at[3 + c]) : 0;
-    const double far_off = water ? vecmath_exp(at[6 + c]) : 0;
+    const int    medium = w->free & PHOTOMETRY_MEDIUM;
+    const double direct = medium ? vecmath_exp(at[c]) : 0, scatter = medium ? vecmath_exp(at[3 + c]) : 0;
+    const double far_off = medium ? vecmath_exp(at[6 + c]) : 0;
     double       ab      = 0;
     p->aa                = 0;
     for (int k = 0; k < p->count; k++) {
@@ -270,7 +270,7 @@ static double *photometry_row(struct photometry_work *w, int row)
     return w->normal + (size_t)row * PHOTOMETRY_PARAMETERS;
 }
 
-/* Derivatives of an observation or point by a channel's three parameters of the water, and by lamp terms from 3 on, in the order of the
+/* Derivatives of an observation or point by a channel's three parameters of the medium, and by lamp terms from 3 on, in the order of the
  * parameters from 9 on. */
 enum { PHOTOMETRY_SHARED = 3 + LAMP_MAX * LAMP_TERMS };
 
@@ -315,7 +315,7 @@ static void photometry_add_point(struct photometry_work *w, const struct photome
         d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
         for (int t = 0; t < terms; t++) d[3 + t] = d[3 + lamp + t] = seen * (double)s[k].term[t];
         gains[k] = weight * p->a[k] * seen;
-        for (int part = 0; part < 3; part++) { /* water; the common shape; the camera's own */
+        for (int part = 0; part < 3; part++) { /* medium; the common shape; the camera's own */
             const int first = part == 0 ? 0 : part == 1 ? 3 : 3 + lamp, end = part == 0 ? 3 : first + terms;
             for (int i = first; i < end && (part < 2 || lamp > 0); i++) {
                 const double by  = weight * d[i];
@@ -338,7 +338,7 @@ static void photometry_add_point(struct photometry_work *w, const struct photome
 static int photometry_is_free(const struct photometry_work *w, int index)
 {
     if (index >= 9 + LAMP_TERMS && index < w->gains && !w->apart) return 0;
-    return w->free & (index < 9 ? PHOTOMETRY_WATER : index < w->gains ? PHOTOMETRY_LAMP : PHOTOMETRY_GAINS);
+    return w->free & (index < 9 ? PHOTOMETRY_MEDIUM : index < w->gains ? PHOTOMETRY_LAMP : PHOTOMETRY_GAINS);
 }
 
 static double photometry_prior_sigma(const struct photometry_work *w, int index)
@@ -546,8 +546,8 @@ static void photometry_report(struct photometry_work *w, double median, int requ
     out->observations = w->samples;
     for (size_t i = 0; i < w->samples; i++) out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
     photometry_choose_parts(w, requested, scratch, out);
-    if (out->parts & PHOTOMETRY_WATER) photometry_errors(w, out);
-    for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_WATER); c++) {
+    if (out->parts & PHOTOMETRY_MEDIUM) photometry_errors(w, out);
+    for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_MEDIUM); c++) {
         out->attenuation[c]   = vecmath_exp(w->at[c]) / median;
         out->backscatter[c]   = vecmath_exp(w->at[3 + c]) / median;
         out->veiling_light[c] = vecmath_exp(w->at[6 + c]);

@@ -24,9 +24,9 @@ OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
     if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
-    out->water = t->water;
-    out->lamp  = t->lamp;
-    out->ucd   = t->ucd;
+    out->medium_fit = t->medium_fit;
+    out->lamp       = t->lamp;
+    out->ucd        = t->ucd;
     if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
     return rc;
 }
@@ -45,7 +45,7 @@ OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
     OXL_SWAP(double, t->loss, b->loss);
     OXL_SWAP(double, t->psnr, b->psnr);
     OXL_SWAP(struct exposure, t->exposure, b->exposure);
-    OXL_SWAP(struct water, t->water, b->water);
+    OXL_SWAP(struct medium_fit, t->medium_fit, b->medium_fit);
     OXL_SWAP(struct lamp_fit, t->lamp, b->lamp);
     OXL_SWAP(struct ucd, t->ucd, b->ucd);
     return OXL_OK;

@@ -18,7 +18,7 @@
 #include "train_parts.h"
 #include "../core/vecmath.h"
 
-#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
+#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
 #define EXPOSURE_LAST   0.02 /* of that at the end of the run */
 #define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
 #define EXPOSURE_BETA2  0.95

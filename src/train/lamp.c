@@ -21,7 +21,7 @@
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued)
 {
     *l = (struct lamp_fit){.reference   = scene_depth_quantile(scene, 0.5),
-                           .has_falloff = medium != OXL_AUTO && water_span(scene) >= WATER_SPAN_MIN};
+                           .has_falloff = medium != OXL_AUTO && medium_fit_span(scene) >= MEDIUM_FIT_SPAN_MIN};
     if (!(l->reference > 0)) l->reference = 1;
     l->groups        = 1;
     l->group[0].view = -1;

@@ -1,4 +1,4 @@
-/* scalar_adam.c - Adam (Kingma & Ba 2015, Alg. 1) for single numbers: the parameters of water and lamp.
+/* scalar_adam.c - Adam (Kingma & Ba 2015, Alg. 1) for single numbers: the parameters of medium and lamp.
  *
  * Exposure has its own (exposure_fit.c): other decays, and moments that are float.
  */

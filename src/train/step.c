@@ -142,7 +142,7 @@ static struct train_deferred step_begin(struct train *t, int view)
 
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 {
-    struct imaging m = {.medium = water_medium(&t->water)};
+    struct imaging m = {.medium = medium_fit_value(&t->medium_fit)};
     lamp_store(&t->lamp, &m);
     return m;
 }
@@ -161,7 +161,7 @@ static oxl_result step_forward_loss(struct train *t, int view, const float gain[
     const oxl_camera     camera      = step_camera(t, view);
     const struct imaging m           = step_imaging(t);
     oxl_result           rc;
-    renderer_set_medium(t->renderer, &m.medium, learns && !t->water.fixed);
+    renderer_set_medium(t->renderer, &m.medium, learns && !t->medium_fit.fixed);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
     if (learns)
         renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations, STEP_DROPOUT ^ t->ctx->options.seed,
@@ -252,13 +252,13 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     rc                  = step_forward_loss(t, view, here->gain, 1, &loss);
     if (rc != OXL_OK) return rc;
     if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
-    if (t->water.on) rc = step_set_depths(t, view, progress);
+    if (t->medium_fit.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
-    if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
+    if (t->medium_fit.on) medium_fit_step(&t->medium_fit, progress, renderer_medium_gradient(t->renderer));
     if (lamp)
         lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
                   renderer_medium_gradient(t->renderer)[MEDIUM_FALLOFF]);
@@ -271,7 +271,7 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !step_loss_on_host(t) && !t->water.on;
+    return renderer_has_device(t->renderer) && !step_loss_on_host(t) && !t->medium_fit.on;
 }
 
 /* A deferred step that halted, or came behind one. */

@@ -1,6 +1,6 @@
 /* track_depth.c - the depths that a survey's tracks give: for each training view, pixels and the camera z of the points that it saw there.
  *
- * Each step compares some of its view's with what is rendered (render/depth_loss.c), while the water is modelled: without it, Gaussians
+ * Each step compares some of its view's with what is rendered (render/depth_loss.c), while a medium is modelled: without it, Gaussians
  * near the camera stand for haze, which the images need (docs/log/ROBUST.md).
  *
  * Invariant: a function of the scene and the step, so there is no state to archive.

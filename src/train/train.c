@@ -154,13 +154,13 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, continued);
     if (rc == OXL_OK && t->options->medium != OXL_OFF)
-        water_begin(&t->water, t->scene, continued ? &t->scene->imaging.medium : NULL);
+        medium_fit_begin(&t->medium_fit, t->scene, continued ? &t->scene->imaging.medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)
         lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? &t->scene->imaging : NULL);
     t->lamp.frozen = t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
     if (t->output && t->output->frozen) t->exposure.known_until = 2;
     if (rc == OXL_OK && !continued) rc = train_imaging_begin(t);
-    if (rc == OXL_OK && continued) water_scale(&t->water, 0, t->model);
+    if (rc == OXL_OK && continued) medium_fit_scale_colours(&t->medium_fit, 0, t->model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
@@ -223,7 +223,7 @@ static void train_archive(struct archive *a, void *user)
     prune_archive(a, &t->prune);
     transients_archive(a, &t->transients);
     exposure_archive(a, &t->exposure);
-    water_archive(a, &t->water, t->options->medium != OXL_OFF);
+    medium_fit_archive(a, &t->medium_fit, t->options->medium != OXL_OFF);
     lamp_archive(a, &t->lamp, t->options->lamp != OXL_OFF);
     selection_archive(a, t);
     archive_expect(a, views + (size_t)t->validation_views <=
@@ -307,7 +307,7 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = train_prune(t);
-    if (rc == OXL_OK) rc = train_imaging_start_water(t);
+    if (rc == OXL_OK) rc = train_imaging_start_medium(t);
     if (rc == OXL_OK) selection_sh_degree(t);
     return rc;
 }
@@ -401,7 +401,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (output && output->trained) *output->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
-    if (started) water_scale(&t.water, 1, out);
+    if (started) medium_fit_scale_colours(&t.medium_fit, 1, out);
     train_return_decisions(&t);
     train_imaging_store(&t);
     if (rc == OXL_OK && t.step == options->iterations) train_imaging_describe(&t);

@@ -12,7 +12,7 @@ struct train_output {
     const char                *key;    /* all inputs of the result */
     struct text               *log;    /* the caller's, kept with the state */
     struct text               *notes;  /* so are these */
-    const oxl_model           *start;  /* trained before: its gains, water and lamp go on, too; NULL: from the scene's points */
+    const oxl_model           *start;  /* trained before: its gains, medium and lamp go on, too; NULL: from the scene's points */
     struct text               *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
     oxl_nonfinite             *nonfinite; /* out: of the whole run; or NULL */
     int                       *trained;   /* out: 1: the run is complete; or NULL */

@@ -1,7 +1,7 @@
-/* train_imaging.c - exposure, lamp and water of a run: whether each is fitted and what it begins with, from the tracks
+/* train_imaging.c - exposure, lamp and medium of a run: whether each is fitted and what it begins with, from the tracks
  * (survey/photometry.c), before the first step; what is left of them in the scene, after the last one.
  *
- * The fits are exposure_fit.c, lamp.c and water.c. Invariant: what is off changes no byte of the result.
+ * The fits are exposure_fit.c, lamp.c and medium_fit.c. Invariant: what is off changes no byte of the result.
  */
 #include "train_state.h"
 
@@ -15,13 +15,13 @@ static void train_imaging_record(struct train *t, const char *what, oxl_switch m
     oxl_log(t->ctx, OXL_LOG_INFO, "%s %s: %s", what, on ? "on" : "off", why);
 }
 
-/* Lamp and water are rendered on the CPU. */
+/* Lamp and medium are rendered on the CPU. */
 static int train_imaging_parts(const struct train *t)
 {
     const oxl_train_options *o   = t->options;
     const int                cpu = !renderer_has_device(t->renderer);
     return (o->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0) | (o->lamp == OXL_ON || (o->lamp && cpu) ? PHOTOMETRY_LAMP : 0) |
-           (o->medium == OXL_ON || (o->medium && cpu) ? PHOTOMETRY_WATER : 0);
+           (o->medium == OXL_ON || (o->medium && cpu) ? PHOTOMETRY_MEDIUM : 0);
 }
 
 /* The first colours are those of the images, also where the survey's points have others: images that were corrected after COLMAP. */
@@ -56,31 +56,31 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
     }
     if (parts & PHOTOMETRY_LAMP) lamp_set_from_tracks(&t->lamp, o->lamp, &p, why, sizeof why);
     train_imaging_record(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
-    if (parts & PHOTOMETRY_WATER) water_set_from_tracks(&t->water, water_span(t->scene), &p, why, sizeof why);
-    train_imaging_record(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
-    if (t->water.on && fabs(p.drift) > TRAIN_IMAGING_DRIFT)
+    if (parts & PHOTOMETRY_MEDIUM) medium_fit_set_from_tracks(&t->medium_fit, medium_fit_span(t->scene), &p, why, sizeof why);
+    train_imaging_record(t, "medium", o->medium, t->medium_fit.on, parts & PHOTOMETRY_MEDIUM ? why : device);
+    if (t->medium_fit.on && fabs(p.drift) > TRAIN_IMAGING_DRIFT)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "
                 "separated, and scene_clear.ply is not measured colour",
                 p.drift);
     photometry_free(t->ctx, &p);
-    if (t->water.on || t->lamp.on) {
+    if (t->medium_fit.on || t->lamp.on) {
         struct imaging m = step_imaging(t);
         medium_bake(t->scene, &m, 1, t->model);
     }
     return OXL_OK;
 }
 
-/* Water that is asked for by name, and not known from tracks. */
-OXL_INTERNAL oxl_result train_imaging_start_water(struct train *t)
+/* A medium that is asked for by name, and not known from tracks. */
+OXL_INTERNAL oxl_result train_imaging_start_medium(struct train *t)
 {
     struct imaging m;
     oxl_result     rc;
-    if (t->water.on || water_starts_at(t->options) == 0 || t->step < water_starts_at(t->options)) return OXL_OK;
+    if (t->medium_fit.on || medium_fit_start_step(t->options) == 0 || t->step < medium_fit_start_step(t->options)) return OXL_OK;
     rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
-    water_start(&t->water, t->scene);
-    m = (struct imaging){.medium = water_medium(&t->water)};
+    medium_fit_start(&t->medium_fit, t->scene);
+    m = (struct imaging){.medium = medium_fit_value(&t->medium_fit)};
     medium_bake(t->scene, &m, 1, t->model);
     return OXL_OK;
 }
@@ -88,7 +88,7 @@ OXL_INTERNAL oxl_result train_imaging_start_water(struct train *t)
 OXL_INTERNAL void train_imaging_describe(struct train *t)
 {
     const struct imaging *m    = &t->scene->imaging;
-    const double          span = water_span(t->scene);
+    const double          span = medium_fit_span(t->scene);
     if (m->medium.has_falloff)
         oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f", (double)m->medium.falloff);
     if (m->medium.on)
@@ -98,10 +98,10 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
                 (double)m->medium.attenuation[0], (double)m->medium.attenuation[1], (double)m->medium.attenuation[2],
                 (double)m->medium.backscatter[0], (double)m->medium.backscatter[1], (double)m->medium.backscatter[2],
                 (double)m->medium.veiling_light[0], (double)m->medium.veiling_light[1], (double)m->medium.veiling_light[2], span);
-    if ((m->medium.on || m->medium.has_falloff) && span < WATER_SPAN_MIN)
+    if ((m->medium.on || m->medium.has_falloff) && span < MEDIUM_FIT_SPAN_MIN)
         oxl_log(
             t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
-            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, "
+            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: medium and falloff are not identified, "
             "and scene_clear.ply is not measured colour",
             span);
 }
@@ -111,7 +111,7 @@ OXL_INTERNAL void train_imaging_store(struct train *t)
     struct imaging *to = &t->scene->imaging;
     imaging_free(t->ctx, to);
     *to                       = t->exposure.of;
-    to->medium                = water_medium(&t->water);
+    to->medium                = medium_fit_value(&t->medium_fit);
     to->medium.training_range = 0;
     lamp_store(&t->lamp, to);
     t->exposure.of = (struct imaging){0};

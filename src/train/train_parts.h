@@ -183,26 +183,27 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 /* `at` and its moments; step: of this number, from 1. */
 OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step);
 
-/* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
+/* ---------------------------------------------------------------- medium_fit.c: the nine parameters of the medium */
 
-struct water {
+struct medium_fit {
     int    on, fixed, steps;            /* fixed: the tracks' values */
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *continued);
-/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks,
+OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const struct medium *continued);
+/* The tracks' medium, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks,
  * exposure_set_from_tracks. */
-OXL_INTERNAL void water_set_from_tracks(struct water *w, double span, const struct photometry *p, char *why, size_t size);
-#define WATER_SPAN_MIN 2 /* less does not identify the water: auto is off (docs/WATER.md) */
-OXL_INTERNAL double        water_span(oxl_scene *scene);
-OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* without tracks, after this step; 0: never */
-OXL_INTERNAL struct medium water_medium(const struct water *w);
-OXL_INTERNAL void          water_start(struct water *w, oxl_scene *scene);
-/* J from what it is in training to that without water, or back. */
-OXL_INTERNAL void          water_scale(const struct water *w, int to_clear, oxl_model *model);
-OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
-OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
+OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p, char *why,
+                                             size_t size);
+#define MEDIUM_FIT_SPAN_MIN 2 /* less does not identify the medium: auto is off (docs/IMAGING.md) */
+OXL_INTERNAL double medium_fit_span(oxl_scene *scene);
+OXL_INTERNAL int    medium_fit_start_step(const oxl_train_options *options); /* without tracks, after this step; 0: never */
+OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f);
+OXL_INTERNAL void          medium_fit_start(struct medium_fit *f, oxl_scene *scene);
+/* J from what it is in training to that without the medium, or back. */
+OXL_INTERNAL void          medium_fit_scale_colours(const struct medium_fit *f, int to_clear, oxl_model *model);
+OXL_INTERNAL void          medium_fit_step(struct medium_fit *f, double progress, const double gradient[9]);
+OXL_INTERNAL void          medium_fit_archive(struct archive *a, struct medium_fit *f, int used);
 
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 

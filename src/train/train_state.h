@@ -30,7 +30,7 @@ struct train {
     double                     dropout; /* of the last step */
     struct transients          transients;
     struct exposure            exposure;
-    struct water               water;
+    struct medium_fit          medium_fit;
     struct lamp_fit            lamp;
     struct free_space          free_space;
     struct track_depth         track_depth;
@@ -84,19 +84,19 @@ OXL_INTERNAL oxl_result     step_load_image(struct train *t, int view);
 OXL_INTERNAL oxl_result     step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL double         step_seconds(const struct train *t);           /* of the whole run, over all processes */
 OXL_INTERNAL int            step_report(const struct train *t, int trial); /* nonzero: the caller stops the run */
-OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* water and lamp as they are now */
+OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* medium and lamp as they are now */
 
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
 struct train_branch { /* the state that a step changes */
-    oxl_model       model, first, second;
-    struct density *density;
-    int            *view, views, step;
-    double          loss, psnr;
-    struct exposure exposure;
-    struct water    water;
-    struct lamp_fit lamp;
-    struct ucd      ucd;
+    oxl_model         model, first, second;
+    struct density   *density;
+    int              *view, views, step;
+    double            loss, psnr;
+    struct exposure   exposure;
+    struct medium_fit medium_fit;
+    struct lamp_fit   lamp;
+    struct ucd        ucd;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
@@ -122,13 +122,13 @@ OXL_INTERNAL void       selection_sh_degree(struct train *t); /* the same of SH 
 /* Choice and evidence of a decision, for run.json. */
 OXL_INTERNAL void       selection_record(struct train *t, const char *what, const char *chosen, const char *why);
 
-/* ---------------------------------------------------------------- train_imaging.c: exposure, lamp and water of a run */
+/* ---------------------------------------------------------------- train_imaging.c: exposure, lamp and medium of a run */
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
 OXL_INTERNAL oxl_result
-                  train_imaging_start_water(struct train *t); /* after a step, where it is due: water that tracks do not give */
-OXL_INTERNAL void train_imaging_describe(struct train *t);    /* logs what was fitted, and how far it can be believed */
-OXL_INTERNAL void train_imaging_store(struct train *t);       /* stores it in the scene, for evaluation and rendering */
+train_imaging_start_medium(struct train *t);               /* after a step, where it is due: a medium that tracks do not give */
+OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs what was fitted, and how far it can be believed */
+OXL_INTERNAL void train_imaging_store(struct train *t);    /* stores it in the scene, for evaluation and rendering */
 
 /* ---------------------------------------------------------------- train.c */
 

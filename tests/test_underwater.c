@@ -1,8 +1,8 @@
-/* test_water.c - exposure of images: gradients, gauge, what is written and read, and that a run recovers gains that are known. */
+/* test_underwater.c - exposure, lamp and medium: gradients, gauge, what is written and read; a run recovers values that are known. */
 
 /* ---------------------------------------------------------------- gains by hand */
 
-static struct imaging water_imaging(int views, const int *known, int count)
+static struct imaging imaging_test_make(int views, const int *known, int count)
 {
     struct imaging m;
     CHECK_OK(imaging_create(test_ctx, views, &m));
@@ -16,7 +16,7 @@ static struct imaging water_imaging(int views, const int *known, int count)
 
 TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighbours)
 {
-    struct imaging m = water_imaging(9, (int[]){2, 6}, 2);
+    struct imaging m = imaging_test_make(9, (int[]){2, 6}, 2);
     float          gain[3];
     imaging_gain(&m, 3, gain);
     CHECK_CLOSE(gain[1], exp(0.31), 1e-5);
@@ -53,7 +53,7 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
     const double             wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
     for (int k = 0; k < 2; k++) {
         oxl_scene     *scene = exposure_scene_named(names[k], 8);
-        struct imaging m     = water_imaging(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
+        struct imaging m     = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
         float          between[3];
         for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
         CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
@@ -67,7 +67,7 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
 
 TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
 {
-    struct imaging a = water_imaging(9, (int[]){0, 2, 4}, 3), b = water_imaging(9, (int[]){2, 4, 8}, 3), all;
+    struct imaging a = imaging_test_make(9, (int[]){0, 2, 4}, 3), b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all;
     int            count[9] = {0};
     const float    of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
@@ -219,7 +219,7 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 /* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
 static int exposure_test_takes(double wave, double jump, int parts)
 {
-    struct exposure   e = {.mode = OXL_AUTO, .of = water_imaging(8, NULL, 0)};
+    struct exposure   e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
     struct photometry p = {.points = 100, .observations = 900, .parts = parts};
     float             gain[24];
     uint8_t           known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
@@ -246,7 +246,7 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
                                         "03_right.png", "04_left.png",  "04_right.png", "05_left.png",  "05_right.png"};
     oxl_scene               *scene   = exposure_scene_named(names, 10);
     for (int together = 0; together < 2; together++) {
-        struct imaging m = water_imaging(10, NULL, 0);
+        struct imaging m = imaging_test_make(10, NULL, 0);
         float          gain[3];
         for (int v = 0; v < 10; v++) {
             m.known[v] = v != 4;
@@ -290,7 +290,7 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 TEST(exposure_is_read_as_it_was_written)
 {
     oxl_scene     *scene = train_scene(7);
-    struct imaging m     = water_imaging(7, (int[]){1, 3, 5}, 3), read;
+    struct imaging m     = imaging_test_make(7, (int[]){1, 3, 5}, 3), read;
     const char    *path  = test_path("imaging.txt");
     CHECK_OK(imaging_write(test_ctx, path, scene, &m));
     CHECK_OK(imaging_read(test_ctx, path, scene, &read));
@@ -386,7 +386,7 @@ static void photometry_test_scale(const synth_options *o, const char *survey, in
     oxl_image_free(test_ctx, &image);
 }
 
-TEST(photometry_of_tracks_in_air_finds_neither_water_nor_lamp_nor_gains)
+TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
 {
     struct photometry p;
     photometry_test_make("air", "none");
@@ -396,7 +396,7 @@ TEST(photometry_of_tracks_in_air_finds_neither_water_nor_lamp_nor_gains)
 }
 
 /* synth's shape, less its mean over a grid, as the polynomial's is. */
-TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_water)
+TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
 {
     enum { N = 16 };
     synth_options     o      = synth_test_options("lit");
@@ -542,8 +542,8 @@ TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
     CHECK(photometry_test_warns("far"));
 }
 
-/* Water, exposure and lamp of a synthetic survey; then all images times 0.5, and tinted. */
-TEST(photometry_of_tracks_finds_water_and_gains_and_scales_with_the_images)
+/* Medium, exposure and lamp of a synthetic survey; then all images times 0.5, and tinted. */
+TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
     synth_options       o         = synth_test_options("tracks");
@@ -554,7 +554,7 @@ TEST(photometry_of_tracks_finds_water_and_gains_and_scales_with_the_images)
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     photometry_test_measure("tracks", &p);
-    CHECK(p.parts & PHOTOMETRY_WATER && p.parts & PHOTOMETRY_GAINS);
+    CHECK(p.parts & PHOTOMETRY_MEDIUM && p.parts & PHOTOMETRY_GAINS);
     for (int c = 0; c < 3; c++) {
         static const double direct[3] = {.478, .494, .693}, veil[3] = {.18, .43, .27};
         CHECK_CLOSE(p.attenuation[c], direct[c], 0.15 * direct[c]);
@@ -575,7 +575,7 @@ TEST(photometry_of_tracks_finds_water_and_gains_and_scales_with_the_images)
     photometry_free(test_ctx, &scaled);
 }
 
-/* Mean of each channel of a view without the water, after a short run. */
+/* Mean of each channel of a view without the medium, after a short run. */
 static void photometry_test_clear(const char *survey, double mean[3])
 {
     oxl_train_options        o      = train_options(150);
@@ -597,7 +597,7 @@ static void photometry_test_clear(const char *survey, double mean[3])
 }
 
 /* The survey's points keep their colours, as where images are corrected after COLMAP. */
-TEST(water_tinted_images_give_the_same_clear_scene_times_the_tint)
+TEST(tinted_images_in_water_give_the_same_clear_scene_times_the_tint)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
     const synth_options o         = photometry_test_make("gauge", "3C");
@@ -610,9 +610,10 @@ TEST(water_tinted_images_give_the_same_clear_scene_times_the_tint)
 
 /* ---------------------------------------------------------------- the medium */
 
-static const struct medium water_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 0};
+static const struct medium imaging_test_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f,
+                                                 3, 0};
 
-/* S = the sum of drgb x the image, rendered through the water. */
+/* S = the sum of drgb x the image, rendered through the medium. */
 static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
                            const float *drgb)
 {
@@ -643,7 +644,7 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
     const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
     const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
     float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
-    struct medium     m      = water_murky;
+    struct medium     m      = imaging_test_murky;
     struct renderer  *r;
     oxl_model         model, gradient;
     double            d[MEDIUM_SUMS];
@@ -665,7 +666,7 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
         *at   = is;
         CHECK_CLOSE(d[k], (plus - minus) / (2 * (double)h), 1e-3 * fabs(d[k]) + 0.05);
     }
-    { /* all moved away from the eye and grown alike: the image stays, but for the water */
+    { /* all moved away from the eye and grown alike: the image stays, but for the medium */
         const double h = 1e-3;
         double       eye[3], slope = 0, plus, minus;
         camera_position(camera, eye);
@@ -688,19 +689,19 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
     oxl_scene_free(test_ctx, scene);
 }
 
-/* From one range only the baked colours are those through the water; backwards, they are what they were. */
+/* From one range only the baked colours are those through the medium; backwards, they are what they were. */
 TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
 {
     oxl_scene        *scene   = train_scene(1);
     const oxl_camera *camera  = &oxl_scene_view(scene, 0)->camera;
     const size_t      n       = 3 * (size_t)camera->width * (size_t)camera->height;
     float            *drgb    = oxl_alloc(test_ctx, n, sizeof *drgb);
-    struct medium     m       = water_murky;
+    struct medium     m       = imaging_test_murky;
     struct imaging    imaging = {0};
     struct renderer  *r;
     oxl_model         model;
     double            through, clear;
-    memset(m.veiling_light, 0, sizeof m.veiling_light); /* black background, as without water */
+    memset(m.veiling_light, 0, sizeof m.veiling_light); /* black background, as without the medium */
     for (size_t i = 0; i < n; i++) drgb[i] = 1;
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
@@ -718,12 +719,12 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with water, falloff and lamp. */
+/* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with a medium, falloff and lamp. */
 TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 {
     oxl_scene     *scene   = train_scene(3);
     struct imaging imaging = {
-        .medium = water_murky, .lamps = 1, .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
+        .medium = imaging_test_murky, .lamps = 1, .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
     const struct medium *m = &imaging.medium;
     oxl_model            model;
     int                  unseen = 0, by_some = 0;
@@ -768,7 +769,7 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* No Gaussian in view: only water. */
+/* No Gaussian in view: the veiling light alone. */
 TEST(medium_alone_shows_its_veil)
 {
     oxl_scene         *scene = train_scene(3);
@@ -779,10 +780,10 @@ TEST(medium_alone_shows_its_veil)
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_OPACITY][0] = -20;
-    renderer_set_medium(r, &water_murky, 1);
+    renderer_set_medium(r, &imaging_test_murky, 1);
     CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
-    CHECK(rgb[0] == water_murky.veiling_light[0]);
+    CHECK(rgb[0] == imaging_test_murky.veiling_light[0]);
     oxl_model_free(test_ctx, &model);
     renderer_free(test_ctx, r);
     oxl_scene_free(test_ctx, scene);
@@ -1003,11 +1004,11 @@ TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 TEST(medium_is_read_as_it_was_written)
 {
     oxl_scene     *scene = train_scene(3);
-    struct imaging m     = water_imaging(3, NULL, 0), read;
-    m.medium             = water_murky;
+    struct imaging m     = imaging_test_make(3, NULL, 0), read;
+    m.medium             = imaging_test_murky;
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
-    CHECK(!read.on && memcmp(&read.medium, &water_murky, sizeof water_murky) == 0);
+    CHECK(!read.on && memcmp(&read.medium, &imaging_test_murky, sizeof imaging_test_murky) == 0);
     imaging_free(test_ctx, &read);
     imaging_free(test_ctx, &m);
     oxl_scene_free(test_ctx, scene);
@@ -1084,8 +1085,8 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Gradients of a loss through water, lamp and gains: of the Gaussians; then of the 10 parameters of the water, the lamp's, the gains. */
-static void water_gradients(int isa, int threads, oxl_model *gradient, double d[MEDIUM_SUMS + LAMP_TERMS + 3])
+/* Gradients of a loss through the medium, lamp and gains: of the Gaussians; then of the 10 parameters of the medium, the lamp's, the gains. */
+static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, double d[MEDIUM_SUMS + LAMP_TERMS + 3])
 {
     const int            isa_before = test_ctx->isa, threads_before = test_ctx->threads;
     const double         log_gain[3] = {0.1, -0.2, 0.3};
@@ -1098,7 +1099,7 @@ static void water_gradients(int isa, int threads, oxl_model *gradient, double d[
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, gradient));
-    renderer_set_medium(r, &water_murky, 1);
+    renderer_set_medium(r, &imaging_test_murky, 1);
     renderer_set_lamp(r, &lamp);
     loss = exposure_loss(r, scene, &model, log_gain);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, gradient));
@@ -1111,13 +1112,13 @@ static void water_gradients(int isa, int threads, oxl_model *gradient, double d[
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(water_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_number_of_threads)
+TEST(medium_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_number_of_threads)
 {
     double    d[3][MEDIUM_SUMS + LAMP_TERMS + 3];
     oxl_model gradient[3];
-    water_gradients(test_ctx->isa, 1, &gradient[0], d[0]);
-    water_gradients(test_ctx->isa, 3, &gradient[1], d[1]);
-    water_gradients(OXL_MIN(test_ctx->isa, ISA_AVX2), 2, &gradient[2], d[2]);
+    imaging_test_gradients(test_ctx->isa, 1, &gradient[0], d[0]);
+    imaging_test_gradients(test_ctx->isa, 3, &gradient[1], d[1]);
+    imaging_test_gradients(OXL_MIN(test_ctx->isa, ISA_AVX2), 2, &gradient[2], d[2]);
     for (int k = 1; k < 3; k++) {
         CHECK(memcmp(d[0], d[k], sizeof d[0]) == 0);
         for (int plane = 0; plane < oxl_model_planes(&gradient[0]); plane++)
@@ -1235,7 +1236,7 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
     oxl_scene               *scene   = exposure_scene_named(names, 8);
-    struct imaging           m       = water_imaging(8, NULL, 0), read;
+    struct imaging           m       = imaging_test_make(8, NULL, 0), read;
     m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
@@ -1249,7 +1250,7 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 TEST(lamp_is_read_as_it_was_written)
 {
     oxl_scene     *scene = train_scene(3);
-    struct imaging m     = water_imaging(3, NULL, 0), read;
+    struct imaging m     = imaging_test_make(3, NULL, 0), read;
     m.on                 = 0;
     m.medium.has_falloff = 1, m.medium.falloff = 1.25f, m.medium.reference = 3.5f;
     m.lamps = 1, m.lamp[0] = lamp_of(-1);
@@ -1296,7 +1297,7 @@ static void blocks_test_shows_the_images(double viewer)
     CHECK(job_test_evaluate("out/scene.ply", 0).psnr > viewer);
 }
 
-TEST(water_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
+TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
 {
     const oxl_job_options o       = blocks_test_options();
     const char           *word[2] = {"bD 0.3", "lamp all "};
@@ -1313,7 +1314,7 @@ TEST(water_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
     blocks_test_shows_the_images(23);
 }
 
-TEST(water_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
+TEST(medium_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
 {
     oxl_job_options o = blocks_test_options();
     char            line[2][300];

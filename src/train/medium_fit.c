@@ -1,0 +1,158 @@
+/* medium_fit.c - the nine parameters of the medium, optimised with the scene (render/medium.h has the model).
+ *
+ * They are those that the colours of tracks give (survey/photometry.c), from the first step on, and are not trained: with the Gaussians'
+ * colours free, the images alone do not hold attenuation (docs/IMAGING.md). The first Gaussians' colours are taken through the medium once,
+ * backwards.
+ *
+ * While trained, J counts as it looks through the median range: else Adam's steps of colour, which are absolute, would be small ones of
+ * what is seen in turbid water.
+ *
+ * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count
+ * per median range of the survey's points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from
+ * MEDIUM_FIT_FROM of the run on.
+ *
+ * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which blurs.
+ *
+ * Invariant: off changes no byte of the result. The state is archived.
+ */
+#include "train_parts.h"
+#include "../core/vecmath.h"
+
+#define MEDIUM_FIT_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
+#define MEDIUM_FIT_FROM  0.3  /* of the run */
+#define MEDIUM_FIT_START 0.3  /* attenuation over the median range then */
+
+static double medium_fit_softplus(double x)
+{
+    return x > 30 ? x : vecmath_log(1 + vecmath_exp(x));
+}
+
+static double medium_fit_inverse_softplus(double y)
+{
+    return y > 30 ? y : vecmath_log(vecmath_exp(y) - 1);
+}
+
+static double medium_fit_slope(double x)
+{
+    return 1 / (1 + vecmath_exp(-OXL_CLAMP(x, -80, 80)));
+}
+
+OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f)
+{
+    struct medium m = {.on = f->on};
+    if (!f->on) return m;
+    m.training_range = (float)f->range;
+    for (int c = 0; c < 3; c++) {
+        m.attenuation[c]   = (float)(medium_fit_softplus(f->raw[c]) / f->range);
+        m.backscatter[c]   = (float)(medium_fit_softplus(f->raw[3 + c]) / f->range);
+        m.veiling_light[c] = (float)medium_fit_softplus(f->raw[6 + c]);
+    }
+    return m;
+}
+
+/* Of the points' depths: 0.9 to 0.1 quantile. */
+OXL_INTERNAL double medium_fit_span(oxl_scene *scene)
+{
+    const double near = scene_depth_quantile(scene, 0.1), far_ = scene_depth_quantile(scene, 0.9);
+    return near > 0 ? far_ / near : 1;
+}
+
+static void medium_fit_set(struct medium_fit *f, const float attenuation[3], const float backscatter[3],
+                           const float veiling_light[3])
+{
+    for (int c = 0; c < 3; c++) {
+        f->raw[c]     = medium_fit_inverse_softplus(OXL_MAX(attenuation[c] * f->range, 1e-6));
+        f->raw[3 + c] = medium_fit_inverse_softplus(OXL_MAX(backscatter[c] * f->range, 1e-6));
+        f->raw[6 + c] = medium_fit_inverse_softplus(OXL_MAX((double)veiling_light[c], 1e-6));
+    }
+}
+
+OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const struct medium *continued)
+{
+    *f = (struct medium_fit){.range = scene_depth_quantile(scene, 0.5), .fixed = continued && continued->on};
+    if (!(f->range > 0)) f->range = 1;
+    if (!continued || !continued->on) return;
+    f->on = 1;
+    medium_fit_set(f, continued->attenuation, continued->backscatter, continued->veiling_light);
+}
+
+OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p, char *why,
+                                             size_t size)
+{
+    float value[3][3];
+    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && span >= MEDIUM_FIT_SPAN_MIN;
+    for (int c = 0; c < 3; c++)
+        value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c], value[2][c] = (float)p->veiling_light[c];
+    if (f->on) medium_fit_set(f, value[0], value[1], value[2]);
+    snprintf(
+        why, size,
+        "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium; red green blue, standard error: bD %.3g %.3g "
+        "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
+        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0], p->attenuation[1],
+        p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->backscatter[0], p->backscatter[1],
+        p->backscatter[2], 100 * p->error[3], 100 * p->error[4], 100 * p->error[5], p->veiling_light[0], p->veiling_light[1],
+        p->veiling_light[2]);
+    if (span < MEDIUM_FIT_SPAN_MIN)
+        snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify a medium", span,
+                 MEDIUM_FIT_SPAN_MIN);
+    else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
+    else if (!f->on)
+        snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium", p->points,
+                 p->observations, 100 * p->residual, 100 * p->without[0]);
+}
+
+OXL_INTERNAL int medium_fit_start_step(const oxl_train_options *o)
+{
+    return o->medium == OXL_ON ? OXL_MAX(1, (int)(MEDIUM_FIT_FROM * o->iterations)) : 0;
+}
+
+/* First values where the tracks give none: MEDIUM_FIT_START over the median range, and the points' mean colour as veil. */
+OXL_INTERNAL void medium_fit_start(struct medium_fit *f, oxl_scene *scene)
+{
+    const oxl_point *point = oxl_scene_points(scene);
+    const size_t     count = oxl_scene_point_count(scene);
+    const float      start = (float)(MEDIUM_FIT_START / f->range), some[3] = {start, start, start};
+    float            veil[3];
+    for (int c = 0; c < 3; c++) {
+        double mean = 0;
+        for (size_t i = 0; i < count; i++) mean += point[i].rgb[c] / 255.0;
+        veil[c] = (float)OXL_CLAMP(count > 0 ? mean / (double)count : 0.3, 0.05, 0.9);
+    }
+    f->on = 1;
+    medium_fit_set(f, some, some, veil);
+}
+
+OXL_INTERNAL void medium_fit_scale_colours(const struct medium_fit *f, int to_clear, oxl_model *model)
+{
+    const struct medium m = medium_fit_value(f);
+    double              factor[3];
+    if (!f->on) return;
+    for (int c = 0; c < 3; c++)
+        factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.attenuation[c] * (double)m.training_range);
+    model_scale_colour(model, factor);
+}
+
+OXL_INTERNAL void medium_fit_step(struct medium_fit *f, double progress, const double gradient[9])
+{
+    const double rate = MEDIUM_FIT_RATE * vecmath_exp(OXL_MAX(0, progress - 0.5) * 2 * vecmath_log(0.1));
+    if (f->fixed) return;
+    f->steps++;
+    for (int k = 0; k < 9; k++) {
+        const double g = gradient[k] * medium_fit_slope(f->raw[k]) / (k < 6 ? f->range : 1);
+        scalar_adam_step(&f->raw[k], &f->first[k], &f->second[k], g, rate, f->steps);
+    }
+}
+
+OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, int used)
+{
+    if (!used) return;
+    archive_int(a, &f->on);
+    archive_int(a, &f->fixed);
+    archive_int(a, &f->steps);
+    archive_doubles(a, f->raw, 9);
+    archive_doubles(a, f->first, 9);
+    archive_doubles(a, f->second, 9);
+    for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
+        archive_expect(a, fabs(f->raw[k]) <= 1e6 && fabs(f->first[k]) <= DBL_MAX && f->second[k] >= 0);
+    archive_expect(a, (f->on == 0 || f->on == 1) && (f->fixed == 0 || f->fixed == 1) && f->steps >= 0);
+}
