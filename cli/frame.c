@@ -6,32 +6,14 @@
  */
 #include "cli.h"
 
+#include "../src/core/eigen.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum { FRAME_SAMPLE = 100000 };
 #define FRAME_WORLD 0.94 /* cos 20 degrees */
-
-/* Eigenvectors of a symmetric matrix, as rows of v (Jacobi 1846); the diagonal of a becomes the eigenvalues. */
-static void frame_jacobi(double a[3][3], double v[3][3])
-{
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) v[i][j] = i == j;
-    for (int sweep = 0; sweep < 60; sweep++) {
-        const int    p = sweep % 3 == 2 ? 1 : 0, q = sweep % 3 == 0 ? 1 : 2;
-        const double angle = 0.5 * atan2(2 * a[p][q], a[q][q] - a[p][p]), c = cos(angle), s = sin(angle);
-        for (int k = 0; k < 3; k++) {
-            const double x = a[k][p], y = a[k][q];
-            a[k][p] = c * x - s * y, a[k][q] = s * x + c * y;
-        }
-        for (int k = 0; k < 3; k++) {
-            const double x = a[p][k], y = a[q][k], vx = v[p][k], vy = v[q][k];
-            a[p][k] = c * x - s * y, a[q][k] = s * x + c * y;
-            v[p][k] = c * vx - s * vy, v[q][k] = s * vx + c * vy;
-        }
-    }
-}
 
 double frame_along(const struct frame *f, const double p[3], int axis)
 {
@@ -83,7 +65,7 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
     for (size_t i = 0; i < count; i += stride)
         for (int k = 0; k < 9; k++)
             a[k / 3][k % 3] += (point[i].position[k / 3] - f->centre[k / 3]) * (point[i].position[k % 3] - f->centre[k % 3]);
-    frame_jacobi(a, v);
+    eigen_symmetric(a, v);
     for (int k = 1; k < 3; k++) {
         if (a[k][k] > a[wide][wide]) wide = k;
         if (a[k][k] <= a[narrow][narrow]) narrow = k;

@@ -1,7 +1,6 @@
 /* partition_axes.c - the frame of the partition: principal axes of the survey and its extents along them.
  *
- * Sources: principal components (Pearson 1901); eigenvectors by Jacobi rotations (1846), which use only + - x / and the square root, and
- * so give the same bits on all machines. Outliers are trimmed first: the axes are those of the points within 1.5 times the 90 %
+ * Source: principal components (Pearson 1901). Outliers are trimmed first: the axes are those of the points within 1.5 times the 90 %
  * quantile of the distances. Uniform point clouds are not trimmed, and up to 10 % outliers have no effect.
  *
  * Invariants: the rotation is right-handed with rows in order of falling extent. It depends on the survey alone: a large one is sampled,
@@ -9,7 +8,9 @@
  */
 #include "partition.h"
 
-enum { AXES_SAMPLE = 1 << 18, AXES_SWEEPS = 30 };
+#include "../core/eigen.h"
+
+enum { AXES_SAMPLE = 1 << 18 };
 #define AXES_QUANTILE 0.9
 #define AXES_REACH    1.5
 
@@ -57,37 +58,6 @@ static void axes_covariance(const double *p, size_t n, double a[3][3])
     for (size_t i = 0; i < n; i++)
         for (int j = 0; j < 3; j++)
             for (int k = 0; k < 3; k++) a[j][k] += (p[3 * i + j] - mean[j]) * (p[3 * i + k] - mean[k]) / (double)n;
-}
-
-/* Rotates rows and columns i and j of a, and rows i and j of v, so that a[i][j] becomes 0. */
-static void axes_rotate(double a[3][3], double v[3][3], int i, int j)
-{
-    const double theta = (a[j][j] - a[i][i]) / (2 * a[i][j]);
-    const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1)), c = 1 / sqrt(t * t + 1), s = t * c;
-    for (int k = 0; k < 3; k++) {
-        const double x = a[k][i], y = a[k][j];
-        a[k][i] = c * x - s * y;
-        a[k][j] = s * x + c * y;
-    }
-    for (int k = 0; k < 3; k++) {
-        const double x = a[i][k], y = a[j][k], vx = v[i][k], vy = v[j][k];
-        a[i][k] = c * x - s * y;
-        a[j][k] = s * x + c * y;
-        v[i][k] = c * vx - s * vy;
-        v[j][k] = s * vx + c * vy;
-    }
-}
-
-/* The rows of v become the eigenvectors of the symmetric a. */
-static void axes_jacobi(double a[3][3], double v[3][3])
-{
-    const double scale = fabs(a[0][0]) + fabs(a[1][1]) + fabs(a[2][2]);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) v[i][j] = i == j;
-    for (int sweep = 0; sweep < AXES_SWEEPS; sweep++)
-        for (int i = 0; i < 2; i++)
-            for (int j = i + 1; j < 3; j++)
-                if (fabs(a[i][j]) > 1e-30 * scale) axes_rotate(a, v, i, j);
 }
 
 /* ---------------------------------------------------------------- extents, order, signs */
@@ -170,7 +140,7 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
     n    = axes_sample(c, oxl_scene_origin(scene), sample);
     kept = axes_trim(sample, n, scratch);
     axes_covariance(sample, kept, a);
-    axes_jacobi(a, v);
+    eigen_symmetric(a, v);
     for (int i = 0; i < 3; i++) r[i] = axes_measure(v[i], sample, kept, scratch);
     axes_sort(r);
     axes_orient(scene, r);
