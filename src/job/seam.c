@@ -29,17 +29,6 @@ static int seam_is_near(const struct partition_block *block, const double frame[
     return beside;
 }
 
-/* World position of pixel (x, y) at depth z. */
-static void seam_unproject(const oxl_camera *camera, const double origin[3], int x, int y, double z, double world[3])
-{
-    const double c[3] = {(x + 0.5 - camera->cx) / camera->fx * z - camera->translation[0],
-                         (y + 0.5 - camera->cy) / camera->fy * z - camera->translation[1], z - camera->translation[2]};
-    for (int a = 0; a < 3; a++) {
-        world[a] = origin[a];
-        for (int k = 0; k < 3; k++) world[a] += camera->rotation[3 * k + a] * c[k];
-    }
-}
-
 struct seam_view {
     const struct partition *partition;
     const oxl_camera       *camera;
@@ -58,7 +47,7 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
             int          beside = 0;
             if (v->depth[i] > 0) {
                 double world[3], frame[3];
-                seam_unproject(v->camera, v->origin, x, y, v->depth[i], world);
+                camera_unproject(v->camera, (double[2]){x + 0.5, y + 0.5}, v->depth[i], v->origin, world);
                 partition_to_frame(v->partition, world, frame);
                 own    = seam_block(v->partition, frame, OXL_MAX(own, 0));
                 beside = own >= 0 && seam_is_near(&v->partition->block[own], frame);

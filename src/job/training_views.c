@@ -32,7 +32,7 @@ struct training_views {
     oxl_scene           *scene;
     const oxl_metrics   *m;
     struct training_row *row;  /* (m->count) worst first, once sorted */
-    double              *work; /* (m->count) */
+    double              *work; /* (2, m->count) */
     int                 *view; /* (m->count) */
 };
 
@@ -41,11 +41,6 @@ struct training_views {
 static int training_nearest(const struct training_views *t, int of, int out[QUALITY_NEIGHBOURS])
 {
     return quality_nearest(t->scene, t->view, t->m->count, of, out);
-}
-
-static double training_median(double *value, int count)
-{
-    return count > 0 ? stats_select(value, (size_t)count, 0.5) : 0;
 }
 
 /* ---------------------------------------------------------------- what a view lacks */
@@ -66,19 +61,18 @@ static void training_compare(struct training_views *t)
             corrected[k] = training_corrected(&t->m->views[near[k]]);
         }
         t->row[i]          = (struct training_row){.at = i};
-        t->row[i].lacks    = training_median(fit, count) - t->m->views[i].cc_psnr;
-        t->row[i].exposure = training_corrected(&t->m->views[i]) - training_median(corrected, count);
+        t->row[i].lacks    = stats_select(fit, (size_t)count, 0.5) - t->m->views[i].cc_psnr;
+        t->row[i].exposure = training_corrected(&t->m->views[i]) - stats_select(corrected, (size_t)count, 0.5);
     }
 }
 
 /* From which on the exposure is another one. */
 static double training_limit(struct training_views *t)
 {
-    double middle, spread;
-    for (int i = 0; i < t->m->count; i++) t->work[i] = t->row[i].exposure;
-    middle = training_median(t->work, t->m->count);
-    for (int i = 0; i < t->m->count; i++) t->work[i] = fabs(t->row[i].exposure - middle);
-    spread = 1.4826 * training_median(t->work, t->m->count);
+    const size_t count = (size_t)t->m->count;
+    double       middle, spread;
+    for (size_t i = 0; i < count; i++) t->work[i] = t->row[i].exposure;
+    spread = stats_spread(t->work, count, t->work + count, &middle);
     return OXL_MAX(TRAINING_DECIBEL, middle + TRAINING_SPREADS * spread);
 }
 
@@ -158,7 +152,7 @@ static oxl_result training_is_blurred(struct training_views *t, int at, int *blu
     const int  count = training_nearest(t, at, near);
     oxl_result rc    = training_sharpness(t, at, &own);
     for (int k = 0; k < count && rc == OXL_OK; k++) rc = training_sharpness(t, near[k], &sharp[k]);
-    *blurred = rc == OXL_OK && own < QUALITY_BLUR * training_median(sharp, count);
+    *blurred = rc == OXL_OK && own < QUALITY_BLUR * stats_select(sharp, (size_t)count, 0.5);
     return rc;
 }
 
@@ -250,7 +244,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     oxl_result            rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
     if (rc != OXL_OK) return rc;
     t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
-    t.work = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.work);
+    t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
     if (!t.row || !t.work || !t.view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
     if (rc != OXL_OK) goto done;

@@ -33,9 +33,7 @@ static int pages_sphere_shows(const oxl_camera *c, double near_plane, const doub
 {
     const double focal[2] = {c->fx, c->fy}, middle[2] = {c->cx, c->cy}, size[2] = {c->width, c->height};
     double       p[3], z[2];
-    for (int a = 0; a < 3; a++)
-        p[a] = c->rotation[3 * a] * centre[0] + c->rotation[3 * a + 1] * centre[1] + c->rotation[3 * a + 2] * centre[2] +
-               c->translation[a];
+    camera_transform(c, centre, NULL, p);
     z[0] = OXL_MAX(p[2] - radius, 0), z[1] = p[2] + radius;
     if (!(z[1] > near_plane * (1 - 1e-6))) return 0;
     for (int a = 0; a < 2; a++) {

@@ -393,13 +393,27 @@ OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
     for (int i = 0; i < 3; i++) out[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
 }
 
-OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
-                                double pixel[2])
+OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3], double x[3])
 {
     for (int i = 0; i < 3; i++) {
         x[i] = camera->translation[i];
-        for (int k = 0; k < 3; k++) x[i] += camera->rotation[3 * i + k] * (world[k] - origin[k]);
+        for (int k = 0; k < 3; k++) x[i] += camera->rotation[3 * i + k] * (world[k] - (origin ? origin[k] : 0));
     }
+}
+
+OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z, const double origin[3],
+                                   double world[3])
+{
+    const double *r = camera->rotation, *t = camera->translation;
+    const double  x[3] = {(pixel[0] - camera->cx) / camera->fx * z - t[0], (pixel[1] - camera->cy) / camera->fy * z - t[1],
+                          z - t[2]};
+    for (int k = 0; k < 3; k++) world[k] = r[k] * x[0] + r[3 + k] * x[1] + r[6 + k] * x[2] + (origin ? origin[k] : 0);
+}
+
+OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
+                                double pixel[2])
+{
+    camera_transform(camera, world, origin, x);
     if (!(x[2] > 0)) return 0;
     pixel[0] = camera->fx * x[0] / x[2] + camera->cx;
     pixel[1] = camera->fy * x[1] / x[2] + camera->cy;

@@ -23,13 +23,11 @@ struct lint_view {
 
 static int lint_is_in_frame(const oxl_scene *scene, int view, const double world[3])
 {
-    const struct colmap_camera *from = scene_source_camera(scene, view);
-    const oxl_camera           *c    = &oxl_scene_view(scene, view)->camera;
-    const double               *o = oxl_scene_origin(scene), *r = c->rotation;
-    const double                p[3]   = {world[0] - o[0], world[1] - o[1], world[2] - o[2]};
+    const struct colmap_camera *from   = scene_source_camera(scene, view);
+    const oxl_camera           *c      = &oxl_scene_view(scene, view)->camera;
     const double                margin = LINT_MARGIN * OXL_MAX(from->width, from->height);
     double                      x[3], direction[2], pixel[2];
-    for (int k = 0; k < 3; k++) x[k] = r[3 * k] * p[0] + r[3 * k + 1] * p[1] + r[3 * k + 2] * p[2] + c->translation[k];
+    camera_transform(c, world, oxl_scene_origin(scene), x);
     if (!(x[2] > 0)) return 0;
     direction[0] = x[0] / x[2];
     direction[1] = x[1] / x[2];

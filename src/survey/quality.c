@@ -127,10 +127,7 @@ static double quality_median(const struct quality_check *q, const int *near, int
 /* Distance from the median of all ratios that counts as an outlier, at least `least`. */
 static double quality_limit(const struct quality_check *q, const double *ratio, double least, double *middle)
 {
-    for (int i = 0; i < q->count; i++) q->work[i] = ratio[i];
-    *middle = stats_select(q->work, (size_t)q->count, 0.5);
-    for (int i = 0; i < q->count; i++) q->work[i] = fabs(ratio[i] - *middle);
-    return OXL_MAX(least, QUALITY_SPREADS * 1.4826 * stats_select(q->work, (size_t)q->count, 0.5));
+    return OXL_MAX(least, QUALITY_SPREADS * stats_spread(ratio, (size_t)q->count, q->work, middle));
 }
 
 /* One message for the views of a kind, the worst first. by: (count) size of the deviation; 0: not of this kind. */

@@ -13,7 +13,8 @@ enum {
     STATS_VIEWS  = 64,      /* without tracks: views and points that depths are sampled from; their product is the sample */
     STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-#define STATS_OUTLIER 5.0 /* cameras beyond this multiple of the median distance are ignored */
+#define STATS_NORMAL  1.4826 /* standard deviation of a normal distribution over its median absolute deviation */
+#define STATS_OUTLIER 5.0    /* cameras beyond this multiple of the median distance are ignored */
 
 /* ---------------------------------------------------------------- quantiles */
 
@@ -52,6 +53,14 @@ OXL_INTERNAL double stats_select(double *value, size_t count, double quantile)
         else first = j + 1;
     }
     return count ? value[nth] : 0;
+}
+
+OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median)
+{
+    for (size_t i = 0; i < count; i++) work[i] = value[i];
+    *median = stats_select(work, count, 0.5);
+    for (size_t i = 0; i < count; i++) work[i] = fabs(value[i] - *median);
+    return STATS_NORMAL * stats_select(work, count, 0.5);
 }
 
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
@@ -132,8 +141,9 @@ struct stats_depths {
 
 static void stats_add_depth(struct stats_depths *d, const oxl_camera *c, const double p[3])
 {
-    const double z = c->rotation[6] * p[0] + c->rotation[7] * p[1] + c->rotation[8] * p[2] + c->translation[2];
-    if (z > 0 && z <= DBL_MAX && d->count < STATS_SAMPLE) d->z[d->count++] = z;
+    double x[3];
+    camera_transform(c, p, NULL, x);
+    if (x[2] > 0 && x[2] <= DBL_MAX && d->count < STATS_SAMPLE) d->z[d->count++] = x[2];
 }
 
 static int stats_compare_views(const void *a, const void *b)
@@ -161,14 +171,9 @@ static void stats_by_tracks(const struct stats_view *views, size_t count, const 
 
 static int stats_is_in_image(const oxl_camera *c, const double p[3])
 {
-    double x[3];
-    for (int i = 0; i < 3; i++) {
-        const double *r = c->rotation + 3 * i;
-        x[i]            = r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + c->translation[i];
-    }
-    if (!(x[2] > 0)) return 0;
-    return fabs(c->fx * x[0] / x[2] + c->cx - 0.5 * c->width) <= 0.5 * c->width &&
-           fabs(c->fy * x[1] / x[2] + c->cy - 0.5 * c->height) <= 0.5 * c->height;
+    double x[3], pixel[2];
+    return camera_project(c, p, NULL, x, pixel) && fabs(pixel[0] - 0.5 * c->width) <= 0.5 * c->width &&
+           fabs(pixel[1] - 0.5 * c->height) <= 0.5 * c->height;
 }
 
 static void stats_by_image(const struct stats_view *views, size_t count, const struct stats_points *points,

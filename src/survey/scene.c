@@ -191,15 +191,14 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
     *out              = points;
     if (!points) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu random points", count);
     for (size_t i = 0; i < count; i++) {
-        const uint64_t    seed = ctx->options.seed;
-        const int         view = (int)(random_unit(random_bits(seed, i, 0)) * scene->view_count);
-        const oxl_camera *c    = &scene->view[view].camera;
-        const double      z    = scene->extent * (0.5 + 2.5 * random_unit(random_bits(seed, i, 1)));
-        const double      x    = (random_unit(random_bits(seed, i, 2)) * c->width - c->cx) / c->fx * z - c->translation[0];
-        const double      y    = (random_unit(random_bits(seed, i, 3)) * c->height - c->cy) / c->fy * z - c->translation[1];
-        const double     *r = c->rotation, depth = z - c->translation[2];
-        points[i] = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
-        for (int k = 0; k < 3; k++) points[i].position[k] = r[k] * x + r[3 + k] * y + r[6 + k] * depth; /* R^T (x_c - t) */
+        const uint64_t    seed     = ctx->options.seed;
+        const int         view     = (int)(random_unit(random_bits(seed, i, 0)) * scene->view_count);
+        const oxl_camera *c        = &scene->view[view].camera;
+        const double      z        = scene->extent * (0.5 + 2.5 * random_unit(random_bits(seed, i, 1)));
+        const double      pixel[2] = {random_unit(random_bits(seed, i, 2)) * c->width,
+                                      random_unit(random_bits(seed, i, 3)) * c->height};
+        points[i]                  = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
+        camera_unproject(c, pixel, z, NULL, points[i].position);
     }
     return OXL_OK;
 }

@@ -124,9 +124,14 @@ OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
-/* A point of the world in the camera's axes, x (3), and in px of the image; 0: it is behind the camera. */
+/* A point of the world in the camera's axes, x (3). origin: of the scene's frame; NULL: the point is in that frame. */
+OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3], double x[3]);
+/* The same, and in px of the image; 0: it is behind the camera. */
 OXL_INTERNAL int  camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
                                  double pixel[2]);
+/* The point of the world that a pixel shows at camera z. */
+OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z, const double origin[3],
+                                   double world[3]);
 
 /* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
 
@@ -184,6 +189,8 @@ struct stats_view {              /* a training view */
 };
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
+/* Standard deviation without regard to outliers, from the median absolute deviation. work (count). */
+OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median);
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);

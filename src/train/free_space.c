@@ -18,14 +18,13 @@ enum {
 /* The cell that a position falls into, or -1. *z: camera z. */
 static int free_space_cell(const oxl_camera *c, const double p[3], double *z)
 {
-    const double *r = c->rotation, *t = c->translation;
-    double        x, y;
-    *z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
-    if (!(*z > 0)) return -1;
-    x = (c->cx + c->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / *z) / c->width;
-    y = (c->cy + c->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / *z) / c->height;
-    if (!(x >= 0 && y >= 0 && x < 1 && y < 1)) return -1;
-    return (int)(y * FREE_SPACE_GRID) * FREE_SPACE_GRID + (int)(x * FREE_SPACE_GRID);
+    double    x[3], pixel[2];
+    const int ahead = camera_project(c, p, NULL, x, pixel);
+    *z              = x[2];
+    if (!ahead) return -1;
+    pixel[0] /= c->width, pixel[1] /= c->height;
+    if (!(pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < 1 && pixel[1] < 1)) return -1;
+    return (int)(pixel[1] * FREE_SPACE_GRID) * FREE_SPACE_GRID + (int)(pixel[0] * FREE_SPACE_GRID);
 }
 
 static int free_space_compare(const void *a, const void *b)

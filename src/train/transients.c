@@ -132,14 +132,10 @@ static void transients_mark(const struct transients_grid *g, struct transients_s
 /* The square that a point lies in, or -1. */
 static int32_t transients_cell(const struct transients_grid *g, const oxl_camera *c, double near_plane, const double *p)
 {
-    const double *r = c->rotation, *t = c->translation;
-    const double  z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
-    double        x, y;
-    if (!(z > near_plane)) return -1;
-    x = c->cx + c->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z;
-    y = c->cy + c->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z;
-    if (!(x >= 0 && y >= 0 && x < g->width && y < g->height)) return -1;
-    return (int32_t)y / g->side * g->across + (int32_t)x / g->side;
+    double x[3], pixel[2];
+    if (!camera_project(c, p, NULL, x, pixel) || !(x[2] > near_plane)) return -1;
+    if (!(pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < g->width && pixel[1] < g->height)) return -1;
+    return (int32_t)pixel[1] / g->side * g->across + (int32_t)pixel[0] / g->side;
 }
 
 static void transients_project_points(oxl_context *ctx, struct transients *t, const struct transients_grid *g,
