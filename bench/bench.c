@@ -222,7 +222,7 @@ static void bench_table(oxl_context *ctx, struct bench_input *in, const struct b
     printf("\n%s: %d x %d px, %zu Gaussians, SH degree %d, %d threads, %s\n", in->name, in->camera.width, in->camera.height,
            in->model.count, in->model.sh_degree, ctx->threads, oxl_isa_name(ctx));
     printf("  %zu visible, %zu (tile, splat) pairs, %.3f M alpha evaluations in %.3f M block lanes: %.1f a pixel\n", n.visible,
-           n.pairs, n.pixels * 1e-6, n.blocks * 16e-6, (double)n.pixels / in->camera.width / in->camera.height);
+           n.pairs, n.pixels * 1e-6, n.subtiles * 16e-6, (double)n.pixels / in->camera.width / in->camera.height);
     for (int s = 0; s < STAGES; s++) {
         printf("  %-22s %8.3f ms, fastest %8.3f %5.1f %%", BENCH_NAMES[s], 1e3 * median[s], 1e3 * seconds[s][0],
                100 * median[s] / total);

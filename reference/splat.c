@@ -349,7 +349,7 @@ void adam(double *x, double g, double rate, int step, double *m, double *v) {
 
 enum verdict { REMOVE, KEEP, SPLIT };
 /* Density control: what becomes of a Gaussian [K sec. 5.2]. gradient: mean over the views of |dL/d(centre)|, in half images. */
-enum verdict judge(const struct gaussian *g, double gradient, double extent, int was_reset) {
+enum verdict classify(const struct gaussian *g, double gradient, double extent, int was_reset) {
     const double scale = exp(fmax(g->log_scale[0], fmax(g->log_scale[1], g->log_scale[2]))) / extent;
     if (sigmoid(g->logit) < 0.005) return REMOVE; /* [K*] */
     if (was_reset && scale > 0.1) return SPLIT;   /* [K*] removes it */
@@ -395,7 +395,7 @@ double train_step(struct trainer *t, const struct camera *cam, const double *tru
 void densify(struct trainer *t, int was_reset) {
     static const struct gaussian zero; /* moments of new rows */
     for (int i = t->model.count - 1; i >= 0; i--) {
-        const enum verdict verdict = judge(&t->x[i], t->gradient_sum[i] / fmax(1, t->views[i]), t->extent, was_reset);
+        const enum verdict verdict = classify(&t->x[i], t->gradient_sum[i] / fmax(1, t->views[i]), t->extent, was_reset);
         const int n = t->model.count;
         if (verdict == REMOVE) t->x[i] = t->x[n - 1], t->m[i] = t->m[n - 1], t->v[i] = t->v[n - 1], t->model.count--;
         if (verdict == REMOVE || verdict == KEEP || n == MOST) continue;

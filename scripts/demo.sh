@@ -1,5 +1,5 @@
 #!/bin/sh
-# demo.sh PROGRAM FOLDER - a synthetic survey, made, trained and judged. `make demo` runs it.
+# demo.sh PROGRAM FOLDER - a synthetic survey, made, trained and evaluated. `make demo` runs it.
 set -eu
 program=$1 folder=$2
 echo "demo 1/3: a synthetic underwater survey in $folder/survey"

@@ -15,7 +15,7 @@ kernels="$formulas $(find src/render -name 'medium.[ch]' -o -name exposure.c -o 
 constants=$(find src -name kernels.h -o -name real.h)
 # How much room there is, how the work is cut up, how finely a threshold is searched, margins of tests that are exact later, and the last of
 # some names: a larger number changes no result, by the invariants at the top of their files.
-sizes='TILE_PIXELS TILE_BLOCKS SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_MIN BIN_NARROW
+sizes='TILE_PIXELS TILE_SUBTILES SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_MIN BIN_NARROW
 BIN_RADIX_BITS RASTER_BATCH PROJECT_HUGE DENSITY_CAP_HIGH DENSITY_CAP_LOW DENSITY_CAP_GEOMETRIC DENSITY_CAP_ROUNDS
 BIN_CONTOUR_FACTOR BIN_CONTOUR_MARGIN BIN_SLACK BIN_SLACK_SHARE PROJECT_BOX_FACTOR PROJECT_BOX_MARGIN ADAM_GRADIENT_MAX'
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive

@@ -642,7 +642,7 @@ TEST(colmap_the_window_and_the_threads_do_not_matter)
     CHECK(whole.point_count == 1000 && whole.warnings > 0);
     for (size_t window = 1; window < 100000; window += window / 2 + 1) {
         test_ctx->threads = (int)(window % 4) + 1;
-        CHECK_OK(colmap_read_in_windows(test_ctx, test_path("model"), window, &parts));
+        CHECK_OK(colmap_read_buffered(test_ctx, test_path("model"), window, &parts));
         CHECK(colmap_same(&whole, &parts) && whole.warnings == parts.warnings);
         colmap_free(test_ctx, &parts);
     }
@@ -658,7 +658,7 @@ static void colmap_check_refused_in_windows(const char *points, const char *want
     CHECK_TEXT(colmap_refused_points(points), wanted);
     for (size_t window = 1; window < 100000; window += window / 2 + 1) {
         test_ctx->error[0] = 0;
-        CHECK(colmap_read_in_windows(test_ctx, test_path("model"), window, &c) == OXL_ERR_INPUT);
+        CHECK(colmap_read_buffered(test_ctx, test_path("model"), window, &c) == OXL_ERR_INPUT);
         CHECK_TEXT(oxl_error_text(test_ctx), wanted);
     }
 }
@@ -712,7 +712,7 @@ TEST(colmap_records_the_offset_of_the_text_of_2d_points)
     colmap_free(test_ctx, &c);
     CHECK_OK(os_reader_open(test_ctx, test_path("model/images.txt"), &file));
     for (size_t window = 1; window < 1000; window += window / 2 + 1) {
-        CHECK_OK(colmap_read_in_windows(test_ctx, test_path("model"), window, &c));
+        CHECK_OK(colmap_read_buffered(test_ctx, test_path("model"), window, &c));
         CHECK(c.image_count == 3);
         for (size_t i = c.image_count; i-- > 0;) {
             CHECK(c.image[i].points_size == strlen(wanted[i]));

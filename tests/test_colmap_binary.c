@@ -93,7 +93,7 @@ static const char *binary_refused(void)
 {
     const struct colmap zero = {0};
     struct colmap       c;
-    CHECK(colmap_read_in_windows(test_ctx, test_path("binary"), 64, &c) == OXL_ERR_INPUT);
+    CHECK(colmap_read_buffered(test_ctx, test_path("binary"), 64, &c) == OXL_ERR_INPUT);
     CHECK(memcmp(&c, &zero, sizeof c) == 0);
     CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
     return oxl_error_text(test_ctx);
@@ -137,7 +137,7 @@ static void binary_check_same(const char *text_folder, const char *binary_folder
 {
     struct colmap text, binary;
     CHECK_OK(colmap_read(test_ctx, text_folder, &text));
-    CHECK_OK(colmap_read_in_windows(test_ctx, binary_folder, window, &binary));
+    CHECK_OK(colmap_read_buffered(test_ctx, binary_folder, window, &binary));
     CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
     CHECK_OK(colmap_order(test_ctx, &text));
     CHECK_OK(colmap_order(test_ctx, &binary));
@@ -165,7 +165,7 @@ TEST(colmap_binary_real_surveys_are_those_of_their_text)
     CHECK_OK(colmap_read(test_ctx, text, &c));
     binary_write(test_path("binary"), &c, text);
     colmap_free(test_ctx, &c);
-    binary_check_same(text, test_path("binary"), COLMAP_WINDOW);
+    binary_check_same(text, test_path("binary"), COLMAP_BUFFER);
 }
 
 TEST(colmap_binary_rigs_and_frames_are_not_read)

@@ -80,12 +80,12 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
     for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++)
         for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++) {
             const struct splat *s = &r->splat[r->bins.pair[i].splat];
-            for (int block = 0; block < TILE_BLOCKS; block++) {
+            for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
                 int any = 0;
-                if (!(r->bins.pair[i].blocks >> block & 1)) continue;
+                if (!(r->bins.pair[i].subtiles >> subtile & 1)) continue;
                 for (int l = 0; l < PACK; l++) {
-                    const double x  = tile % r->bins.tiles_x * TILE + block % 4 * 4 + l % 4 + 0.5;
-                    const double y  = tile / r->bins.tiles_x * TILE + block / 4 * 4 + l / 4 + 0.5;
+                    const double x  = tile % r->bins.tiles_x * TILE + subtile % 4 * 4 + l % 4 + 0.5;
+                    const double y  = tile / r->bins.tiles_x * TILE + subtile / 4 * 4 + l / 4 + 0.5;
                     const double dy = y - s->v, dx = x - s->u + s->k * dy;
                     any |= s->peak - s->a * dx * dx - s->e * dy * dy >= -log2(255);
                 }

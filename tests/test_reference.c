@@ -607,7 +607,7 @@ static void reference_check_children(const oxl_model *was, const oxl_model *is, 
     for (size_t i = 0; i < REFERENCE_ROWS; i++) {
         const double             log_scale[3] = {was->plane[OXL_LOG_SCALE][i], was->plane[OXL_LOG_SCALE + 1][i],
                                                  was->plane[OXL_LOG_SCALE + 2][i]};
-        const enum splat_verdict verdict = splat_decide(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
+        const enum splat_verdict verdict = splat_classify(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
         const int                rows    = verdict == SPLAT_REMOVE ? 0 : verdict == SPLAT_KEEP ? 1 : 2;
         for (int child = 0; child < rows && at < is->count; child++, at++) {
             double row[OXL_SH];

@@ -221,7 +221,7 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
         vulkan_reserve(v, &r->row_key[k], n + 1, 4, "keys");
         vulkan_reserve(v, &r->row_value[k], n + 1, 4, "keys");
     }
-    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(most), 4, "keys");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_chunks(most), 4, "keys");
     if (n) vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
     for (size_t i = 0; i < n; i++) got[i] = (uint32_t)i;
     if (n) vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
@@ -252,7 +252,7 @@ static void vulkan_check_scan(oxl_context *device, size_t n)
     r = made;
     for (size_t i = 0; i < n; i++) in[i] = (uint32_t)(random_bits(6, i, n) % 7);
     vulkan_reserve(v, &r->seen, n, 4, "numbers");
-    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "numbers");
+    vulkan_reserve(v, &r->scan_sums, vulkan_chunks(n), 4, "numbers");
     vulkan_upload(v, &r->seen, 0, in, 4 * n);
     vulkan_scan(r, &r->seen, n, COUNT_PAIRS, UINT32_MAX);
     vulkan_download(v, &r->seen, 0, out, 4 * n);

@@ -58,7 +58,7 @@ void kernels_adam(double x[16], const double gradient[16], double rate, int step
 double splat_learning_rate(int plane, double extent, double progress);
 
 enum splat_verdict { SPLAT_REMOVE, SPLAT_KEEP, SPLAT_SPLIT };
-enum splat_verdict splat_decide(const double log_scale[3], double logit, double gradient, double extent, int was_reset);
+enum splat_verdict splat_classify(const double log_scale[3], double logit, double gradient, double extent, int was_reset);
 void splat_split(double row[OXL_SH], int side); /* its planes up to opacity become those of its child, side -1 or 1 */
 
 /* Trains reference/splat.c's trainer on one view of `truth` from `start`, steps times; returns the last loss over the first. */

@@ -247,10 +247,10 @@ double splat_learning_rate(int plane, double extent, double progress)
     return learning_rate(plane, extent, progress);
 }
 
-enum splat_verdict splat_decide(const double log_scale[3], double logit, double gradient, double extent, int was_reset)
+enum splat_verdict splat_classify(const double log_scale[3], double logit, double gradient, double extent, int was_reset)
 {
     const struct gaussian g = {.log_scale = {log_scale[0], log_scale[1], log_scale[2]}, .logit = logit};
-    return (enum splat_verdict)judge(&g, gradient, extent, was_reset);
+    return (enum splat_verdict)classify(&g, gradient, extent, was_reset);
 }
 
 void splat_split(double row[OXL_SH], int side)

@@ -16,28 +16,28 @@
 static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n, enum vulkan_count slot,
                         uint32_t most)
 {
-    const uint32_t push[3] = {(uint32_t)n, slot, most}, sums[3] = {(uint32_t)vulkan_blocks(n), slot, most};
+    const uint32_t push[3] = {(uint32_t)n, slot, most}, sums[3] = {(uint32_t)vulkan_chunks(n), slot, most};
     if (n <= VULKAN_SCAN_WHOLE) {
         VULKAN_RUN(r->v, SCAN, 1, 1, push, VULKAN_BUFFERS(data, &r->counts, NULL));
         return;
     }
-    VULKAN_RUN(r->v, SCAN, 0, vulkan_blocks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 0, vulkan_chunks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
     VULKAN_RUN(r->v, SCAN, 1, 1, sums, VULKAN_BUFFERS(&r->scan_sums, &r->counts, NULL));
-    VULKAN_RUN(r->v, SCAN, 2, vulkan_blocks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 2, vulkan_chunks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
 }
 
 /* counts[slot] keys, `most` at most, by their lowest `bits`; returns which of the two holds them sorted. */
 static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], struct vulkan_buffer value[2],
                        enum vulkan_count slot, size_t most, uint32_t bits)
 {
-    const size_t blocks = vulkan_blocks(most);
+    const size_t chunks = vulkan_chunks(most);
     int          at     = 0;
-    for (uint32_t shift = 0; shift < bits && blocks > 0; shift += VULKAN_DIGIT, at ^= 1) {
-        const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
-        VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
-        VULKAN_RUN(r->v, SCAN, 3, VULKAN_DIGITS / 8, VULKAN_PUSH((uint32_t)blocks, 0, 0),
+    for (uint32_t shift = 0; shift < bits && chunks > 0; shift += VULKAN_DIGIT, at ^= 1) {
+        const uint32_t push[3] = {slot, shift, (uint32_t)chunks};
+        VULKAN_RUN(r->v, SORT_COUNT, 0, chunks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
+        VULKAN_RUN(r->v, SCAN, 3, VULKAN_DIGITS / 8, VULKAN_PUSH((uint32_t)chunks, 0, 0),
                    VULKAN_BUFFERS(&r->histogram, &r->counts, &r->digits));
-        VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
+        VULKAN_RUN(r->v, SORT_SCATTER, 0, chunks, push,
                    VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at], &value[at ^ 1]));
     }
     return at;
@@ -220,7 +220,7 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
 static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
 {
     if (r->deferred && r->room == 0) {
-        const size_t more = r->low_memory ? 0 : r->pairs / VULKAN_ROOM + VULKAN_BLOCK;
+        const size_t more = r->low_memory ? 0 : r->pairs / VULKAN_ROOM + VULKAN_CHUNK;
         r->room           = OXL_MIN(r->pairs + more, (size_t)UINT32_MAX - 1);
         r->pairs          = r->room;
     }
@@ -229,7 +229,7 @@ static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
         vulkan_reserve_pairs(r, &r->pair_value[k], 4);
     }
     vulkan_reserve_pairs(r, &r->staged, 8);
-    vulkan_reserve(r->v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
+    vulkan_reserve(r->v, &r->histogram, VULKAN_DIGITS * vulkan_chunks(r->pairs), 4, "(tile, splat) pairs");
     if (steps) vulkan_reserve_step(r);
 }
 

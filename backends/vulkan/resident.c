@@ -136,8 +136,8 @@ static void vulkan_reserve_rows(struct vulkan_renderer *r)
     }
     if (r->lobes) vulkan_reserve(v, &r->lobe_a, r->lobes, 16, "second lobes");
     if (r->lobes) vulkan_reserve(v, &r->lobe_b, r->lobes, 16, "second lobes");
-    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(n), 4, "Gaussians");
-    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "Gaussians");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_chunks(n), 4, "Gaussians");
+    vulkan_reserve(v, &r->scan_sums, vulkan_chunks(n), 4, "Gaussians");
 }
 
 /* The model, unless it is here already. */

@@ -21,7 +21,7 @@
 #include "generated/bindings.h"
 
 #define VULKAN_GROUP      256u                             /* invocations a workgroup, as in shaders/common.glsl */
-#define VULKAN_BLOCK      2048u                            /* numbers that a workgroup scans or sorts */
+#define VULKAN_CHUNK      2048u                            /* numbers that a workgroup scans or sorts */
 #define VULKAN_SLAB_ROWS  (1u << 20)                       /* rows of a slab, at most: 264 MB of all planes */
 #define VULKAN_STAGING    (16u << 20)                      /* bytes of the buffer between host and device, of a frame */
 #define VULKAN_MARKS      (VULKAN_FRAMES * VULKAN_STAGING) /* behind it: a word of each frame, see vulkan_mark */
@@ -245,9 +245,9 @@ static inline size_t vulkan_groups(size_t items)
     return (items + VULKAN_GROUP - 1) / VULKAN_GROUP;
 }
 
-static inline size_t vulkan_blocks(size_t items)
+static inline size_t vulkan_chunks(size_t items)
 {
-    return (items + VULKAN_BLOCK - 1) / VULKAN_BLOCK;
+    return (items + VULKAN_CHUNK - 1) / VULKAN_CHUNK;
 }
 
 static inline uint32_t vulkan_bits(float x)

@@ -302,7 +302,7 @@ EXPORT int fit_show(void) {
         o[0] = s.centre[0], o[1] = s.centre[1], o[5] = sigmoid(g->logit),
         o[6] = fit->t.gradient_sum[i] / fmax(1, fit->t.views[i]);
         o[2] = dot(s.B[0][0], s.B[0][0], 3), o[3] = dot(s.B[0][0], s.B[0][1], 3), o[4] = dot(s.B[0][1], s.B[0][1], 3);
-        out[4] = fmax(out[4], fit->t.views[i]), o[7] = judge(g, o[6], fit->t.extent, 0), out[5 + (int)o[7]]++;
+        out[4] = fmax(out[4], fit->t.views[i]), o[7] = classify(g, o[6], fit->t.extent, 0), out[5 + (int)o[7]]++;
     }
     return 9 + 8 * fit->t.model.count;
 }

@@ -108,8 +108,8 @@ struct partition_candidate { /* a ratio, and the parts on each side */
 };
 
 /* One ratio with so many parts on its low side. */
-static struct partition_candidate partition_judge(const struct partition_build *b, const struct partition_node *n, int ratio,
-                                                  const struct partition_bin *low, uint64_t load, int low_parts)
+static struct partition_candidate partition_rate(const struct partition_build *b, const struct partition_node *n, int ratio,
+                                                 const struct partition_bin *low, uint64_t load, int low_parts)
 {
     const size_t               limit = (size_t)b->options.block_points;
     const int                  parts = OXL_MAX(2, n->parts);
@@ -144,7 +144,7 @@ static struct partition_candidate partition_choose(const struct partition_build 
         low.points += bins[k].points;
         low.load += bins[k].load;
         for (int low_parts = parts / 2; low_parts <= parts - parts / 2; low_parts++) {
-            const struct partition_candidate s = partition_judge(b, n, k, &low, load, low_parts);
+            const struct partition_candidate s = partition_rate(b, n, k, &low, load, low_parts);
             if (partition_is_better(b, &s, &best)) best = s;
         }
     }

@@ -239,16 +239,16 @@ static oxl_result job_write_gains(struct job *job)
 }
 
 /* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
-OXL_INTERNAL oxl_result job_finish(struct job *job, int judge)
+OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
     oxl_model  standard = {0};
     size_t     bytes[2];
-    oxl_result rc = job->scene || !judge ? OXL_OK : job_load(job);
+    oxl_result rc = job->scene || !evaluate ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_final_model(job, 0, &job->model);
     if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
     if (rc == OXL_OK) rc = job_write_gains(job);
-    if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
-    if (rc == OXL_OK && judge && job->options.renders) rc = job_render_views(job);
+    if (rc == OXL_OK && evaluate) rc = job_write_metrics(job, &standard, bytes);
+    if (rc == OXL_OK && evaluate && job->options.renders) rc = job_render_views(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
         if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */

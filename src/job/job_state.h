@@ -63,8 +63,8 @@ OXL_INTERNAL void       job_drop_checkpoints(struct job *job);
 
 /* ---------------------------------------------------------------- job_result.c: everything that belongs to the result */
 
-/* judge: with metrics; of an unfinished run of one block, the model as far as it is. */
-OXL_INTERNAL oxl_result job_finish(struct job *job, int judge);
+/* evaluate: with metrics; of an unfinished run of one block, the model as far as it is. */
+OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate);
 OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished); /* run.json */
 
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */

@@ -1,10 +1,10 @@
-/* bin.c - lists of splats per tile, in depth order, with the 4 x 4 blocks that each covers.
+/* bin.c - lists of splats per tile, in depth order, with the 4 x 4 subtiles that each covers.
  *
  * One radix sort of the visible splats by depth; the splats are then scattered to their tiles in that order, so each tile's list is
- * sorted. A splat's footprint is the ellipse alpha = 1/255, divided into rows of blocks (Speedy-Splat's AccuTile, Hanson et al.
+ * sorted. A splat's footprint is the ellipse alpha = 1/255, divided into rows of subtiles (Speedy-Splat's AccuTile, Hanson et al.
  * 2025, divides it into rows of tiles). With a second lobe it is the hull of both ellipses in each row.
  *
- * Invariants: every pixel with alpha >= 1/255 lies in a listed block. The lists do not depend on the number of threads or parts.
+ * Invariants: every pixel with alpha >= 1/255 lies in a listed subtile. The lists do not depend on the number of threads or parts.
  */
 #include "kernels.h"
 
@@ -29,7 +29,7 @@ struct bin_key {
 struct bin_staged { /* a pair before the scatter; its index is its slot */
     uint32_t tile;
     uint32_t splat;
-    uint32_t blocks;
+    uint32_t subtiles;
 };
 
 struct bin_scratch {
@@ -130,7 +130,7 @@ struct bin_contour {
     real slack;   /* px */
 };
 
-struct bin_spans { /* blocks of each of PACK rows, inclusive; none: first is INT_MAX, last -1 */
+struct bin_spans { /* subtiles of each of PACK rows, inclusive; none: first is INT_MAX, last -1 */
     int32_t first[PACK], last[PACK];
 };
 
@@ -144,17 +144,17 @@ SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cutoff_bi
     return c;
 }
 
-/* Within a block row, the contour's leftmost point is that of the ellipse or, if that is outside the row, at the nearer edge, since
- * an ellipse is convex; likewise on the right. block_row: the first of PACK. */
-SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour *c, int block_row, int width,
-                                struct bin_spans *out)
+/* Within a subtile row, the contour's leftmost point is that of the ellipse or, if that is outside the row, at the nearer edge, since
+ * an ellipse is convex; likewise on the right. subtile_row: the first of PACK. */
+SIMD_INLINE void bin_subtile_rows(const struct splat *s, const struct bin_contour *c, int subtile_row, int width,
+                                  struct bin_spans *out)
 {
     const real u = s->u, v = s->v, k = s->k, e = s->e, half_y = s->half_y;
     const real r = c->r, inverse = c->inverse, extreme = c->extreme, slack = c->slack;
     const real leftmost = (real)0.5, rightmost = width - (real)0.5; /* pixel centres */
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const real top = (block_row + l) * 4 + (real)0.5 - v, bottom = top + 3;
+        const real top = (subtile_row + l) * 4 + (real)0.5 - v, bottom = top + 3;
         const real y0 = top > -half_y ? top : -half_y, y1 = bottom < half_y ? bottom : half_y;
         const real yl = OXL_CLAMP(extreme, y0, y1), yr = OXL_CLAMP(-extreme, y0, y1);
         const real cl = r - e * yl * yl, cr = r - e * yr * yr;
@@ -190,13 +190,13 @@ SIMD_INLINE struct splat bin_lobe_splat(const struct splat *s, const struct lobe
     return other;
 }
 
-/* Which blocks of column tx of tiles lie in the spans; the bits of a tile are those of its four rows together. */
-SIMD_INLINE void bin_column(const struct bin_spans *spans, int tx, uint32_t *restrict blocks)
+/* Which subtiles of column tx of tiles lie in the spans; the bits of a tile are those of its four rows together. */
+SIMD_INLINE void bin_column(const struct bin_spans *spans, int tx, uint32_t *restrict subtiles)
 {
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const int32_t from = OXL_CLAMP(spans->first[l] - 4 * tx, 0, 4), past = OXL_CLAMP(spans->last[l] + 1 - 4 * tx, from, 4);
-        blocks[l] = ((1u << past) - (1u << from)) << (l % 4 * 4);
+        subtiles[l] = ((1u << past) - (1u << from)) << (l % 4 * 4);
     }
 }
 
@@ -224,7 +224,7 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     struct splat       main, second;
     struct bin_contour contour, other;
     struct bin_spans   spans, more;
-    uint32_t           count = 0, blocks[PACK];
+    uint32_t           count = 0, subtiles[PACK];
     if (lobe) {
         second      = bin_lobe_splat(s, lobe);
         other       = bin_contour(&second, b->cutoff_bits);
@@ -236,14 +236,14 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     for (int ty = s->tile_y0; ty <= s->tile_y1; ty += PACK / 4) {
         const int          rows = OXL_MIN(PACK / 4, s->tile_y1 - ty + 1);
         struct bin_columns columns;
-        bin_block_rows(s, &contour, 4 * ty, width, &spans);
-        if (lobe) bin_block_rows(&second, &other, 4 * ty, width, &more);
+        bin_subtile_rows(s, &contour, 4 * ty, width, &spans);
+        if (lobe) bin_subtile_rows(&second, &other, 4 * ty, width, &more);
         if (lobe) bin_join(&spans, &more);
         columns = bin_columns(s, &spans);
         for (int tx = columns.first; tx <= columns.last; tx++) {
-            bin_column(&spans, tx, blocks);
+            bin_column(&spans, tx, subtiles);
             for (int r = 0; r < rows; r++) {
-                const uint32_t *four = &blocks[4 * r], all = four[0] | four[1] | four[2] | four[3];
+                const uint32_t *four = &subtiles[4 * r], all = four[0] | four[1] | four[2] | four[3];
                 if (all) out[count++] = (struct bin_staged){(uint32_t)((ty + r) * b->tiles_x + tx), row, all};
             }
         }
@@ -317,7 +317,7 @@ static void bin_scatter_part(struct bins *b, int part)
         const struct splat *splat = &b->splat[b->order[i]];
         for (uint32_t slot = splat->first_slot; slot < splat->first_slot + splat->slots; slot++) {
             const struct bin_staged *from = &s->staged[slot];
-            b->pair[at[from->tile]++]     = (struct pair){from->splat, slot, from->blocks};
+            b->pair[at[from->tile]++]     = (struct pair){from->splat, slot, from->subtiles};
         }
     }
 }

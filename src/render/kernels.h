@@ -10,10 +10,10 @@
 
 /* ---------------------------------------------------------------- constants of the forward pass */
 
-#define PACK        16 /* rows per projection step, and pixels of a block: one AVX-512 vector */
-#define TILE        16 /* px: a tile is TILE x TILE pixels, 16 blocks of 4 x 4 */
-#define TILE_PIXELS 256
-#define TILE_BLOCKS 16
+#define PACK          16 /* rows per projection step, and pixels of a subtile: one AVX-512 vector */
+#define TILE          16 /* px: a tile is TILE x TILE pixels, 16 subtiles of 4 x 4 */
+#define TILE_PIXELS   256
+#define TILE_SUBTILES 16
 
 #define LOG2_255          ((real)7.9943534368588578) /* a contribution below alpha = 1/255 is skipped [Kerbl 2023] */
 #define ALPHA_MAX         ((real)0.99)               /* [Kerbl 2023] */
@@ -108,9 +108,9 @@ OXL_INTERNAL void project_backward(int isa, const struct project_job *job);
 /* ---------------------------------------------------------------- bin.c: which tile sees which splat, in depth order */
 
 struct pair {
-    uint32_t splat;  /* row of the model */
-    uint32_t slot;   /* index of its gradient sums; those of a second lobe are at slot + the splat's slots */
-    uint32_t blocks; /* bit 4 by + bx: the contour touches this 4 x 4 block of the tile */
+    uint32_t splat;    /* row of the model */
+    uint32_t slot;     /* index of its gradient sums; those of a second lobe are at slot + the splat's slots */
+    uint32_t subtiles; /* bit 4 by + bx: the contour touches this 4 x 4 subtile of the tile */
 };
 
 struct bins {

@@ -1,6 +1,6 @@
 /* raster.c - splats to pixels, gradients of pixels back to splats, and the pruning score of each splat.
  *
- * A tile is 16 blocks of 4 x 4 pixels; a block is one vector of AVX-512, two of AVX2. Compositing front to back (Kerbl et al.
+ * A tile is 16 subtiles of 4 x 4 pixels; a subtile is one vector of AVX-512, two of AVX2. Compositing front to back (Kerbl et al.
  * 2023, eq. 3):
  *     C = sum_i c_i alpha_i T_i + T background,   T_i = product of (1 - alpha_j), j before i.
  *
@@ -20,7 +20,7 @@
  */
 #include "kernels.h"
 
-struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
+struct raster_pixels { /* of a tile, subtile by subtile, 16 pixels a subtile */
     real t[TILE_PIXELS];
     real last_t[TILE_PIXELS]; /* T after the last contributing splat */
     real rgb[3][TILE_PIXELS];
@@ -50,9 +50,9 @@ SIMD_INLINE struct raster_tile raster_tile(const struct raster_job *job)
                                 b->pair + b->tile_start[job->tile + 1]};
 }
 
-/* ---------------------------------------------------------------- between the image's rows and the tile's blocks
+/* ---------------------------------------------------------------- between the image's rows and the tile's subtiles
  *
- * Inside the image a block's row of four pixels is copied as one piece.
+ * Inside the image a subtile's row of four pixels is copied as one piece.
  */
 
 SIMD_INLINE int raster_lane(int row, int column)
@@ -66,29 +66,29 @@ SIMD_INLINE int raster_is_full(const struct raster_tile *tile)
 }
 
 /* Copies the part of an image plane under the tile; 0 past the image's edge. */
-SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real *blocks)
+SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real *subtiles)
 {
     const real *in = plane + (size_t)tile->y * (size_t)job->width + tile->x;
     if (raster_is_full(tile)) {
         for (int row = 0; row < TILE; row++, in += job->width)
-            for (int quad = 0; quad < TILE; quad += 4) memcpy(blocks + raster_lane(row, quad), in + quad, 4 * sizeof *in);
+            for (int quad = 0; quad < TILE; quad += 4) memcpy(subtiles + raster_lane(row, quad), in + quad, 4 * sizeof *in);
         return;
     }
-    memset(blocks, 0, TILE_PIXELS * sizeof *blocks);
+    memset(subtiles, 0, TILE_PIXELS * sizeof *subtiles);
     for (int row = 0; row < tile->rows; row++, in += job->width)
-        for (int column = 0; column < tile->columns; column++) blocks[raster_lane(row, column)] = in[column];
+        for (int column = 0; column < tile->columns; column++) subtiles[raster_lane(row, column)] = in[column];
 }
 
-SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_tile *tile, const real *blocks, real *plane)
+SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_tile *tile, const real *subtiles, real *plane)
 {
     real *out = plane + (size_t)tile->y * (size_t)job->width + tile->x;
     if (raster_is_full(tile)) {
         for (int row = 0; row < TILE; row++, out += job->width)
-            for (int quad = 0; quad < TILE; quad += 4) memcpy(out + quad, blocks + raster_lane(row, quad), 4 * sizeof *out);
+            for (int quad = 0; quad < TILE; quad += 4) memcpy(out + quad, subtiles + raster_lane(row, quad), 4 * sizeof *out);
         return;
     }
     for (int row = 0; row < tile->rows; row++, out += job->width)
-        for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_lane(row, column)];
+        for (int column = 0; column < tile->columns; column++) out[column] = subtiles[raster_lane(row, column)];
 }
 
 /* T before the first splat: 1; 0 outside the image, where pixels have ended. */
@@ -100,26 +100,26 @@ SIMD_INLINE void raster_begin(const struct raster_tile *tile, real *t)
         for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++) t[raster_lane(row, column)] = 0;
 }
 
-/* Blocks with a pixel that has not ended. */
-SIMD_INLINE uint32_t raster_active_blocks(const real *t)
+/* Subtiles with a pixel that has not ended. */
+SIMD_INLINE uint32_t raster_active_subtiles(const real *t)
 {
     uint32_t active = 0;
-    for (int block = 0; block < TILE_BLOCKS; block++) {
+    for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
         int32_t any = 0;
 #pragma omp simd reduction(| : any)
-        for (int l = 0; l < PACK; l++) any |= t[block * PACK + l] >= TRANSMITTANCE_MIN;
-        active |= (uint32_t)(any != 0) << block;
+        for (int l = 0; l < PACK; l++) any |= t[subtile * PACK + l] >= TRANSMITTANCE_MIN;
+        active |= (uint32_t)(any != 0) << subtile;
     }
     return active;
 }
 
 /* ---------------------------------------------------------------- a batch: some of the tile's splats
  *
- * A batch goes through block by block: a block's pixels stay in registers while all of the batch's splats that touch it pass over
+ * A batch goes through subtile by subtile: a subtile's pixels stay in registers while all of the batch's splats that touch it pass over
  * them. Only the sums over a splat's pixels are taken splat by splat, in a second pass over what the first one left.
  */
 
-#define RASTER_BATCH 16 /* splats; blocks that have ended are removed between batches */
+#define RASTER_BATCH 16 /* splats; subtiles that have ended are removed between batches */
 
 struct raster_splat {   /* inputs of the passes, contiguous */
     real u, v;          /* centre from the tile's first pixel centre, px */
@@ -134,15 +134,15 @@ struct raster_batch {
     real                alpha_min, log2_alpha_min;                 /* smallest contribution, and its log2 */
     struct raster_splat splat[RASTER_BATCH], second[RASTER_BATCH]; /* second: of those that have a second lobe */
     uint32_t            lobed;                                     /* bit n: splat n has one */
-    uint32_t            blocks[RASTER_BATCH];                      /* by splat: its blocks that have not ended */
-    uint32_t            splats[TILE_BLOCKS];                       /* by block: the splats on it */
-    /* by splat, block and pixel, written by raster_differentiate: */
-    real dlog_alpha[RASTER_BATCH][TILE_BLOCKS][PACK]; /* alpha dL/dalpha = dL/d(log alpha); for the score dS/dalpha */
-    real dlog_lobe[RASTER_BATCH][TILE_BLOCKS][PACK];  /* o' dL/do' = dL/d(log o') of the second lobe */
-    real weight[RASTER_BATCH][TILE_BLOCKS][PACK];     /* alpha T */
+    uint32_t            subtiles[RASTER_BATCH];                    /* by splat: its subtiles that have not ended */
+    uint32_t            splats[TILE_SUBTILES];                     /* by subtile: the splats on it */
+    /* by splat, subtile and pixel, written by raster_differentiate: */
+    real dlog_alpha[RASTER_BATCH][TILE_SUBTILES][PACK]; /* alpha dL/dalpha = dL/d(log alpha); for the score dS/dalpha */
+    real dlog_lobe[RASTER_BATCH][TILE_SUBTILES][PACK];  /* o' dL/do' = dL/d(log o') of the second lobe */
+    real weight[RASTER_BATCH][TILE_SUBTILES][PACK];     /* alpha T */
 };
 
-/* The next splats of the tile, and which blocks each of them covers. lobed: constant 0 or 1; 0 removes the code of lobes. */
+/* The next splats of the tile, and which subtiles each of them covers. lobed: constant 0 or 1; 0 removes the code of lobes. */
 SIMD_INLINE void raster_load_batch(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
                                    const struct pair *pair, uint32_t active, struct raster_batch *batch)
 {
@@ -153,19 +153,19 @@ SIMD_INLINE void raster_load_batch(const int lobed, const struct raster_job *job
     batch->lobed          = 0;
     memset(batch->splats, 0, sizeof batch->splats);
     for (int n = 0; n < batch->count; n++) {
-        const struct splat *s      = &job->bins->splat[pair[n].splat];
-        const uint32_t      blocks = pair[n].blocks & active;
-        const struct lobe  *o      = lobed ? bins_lobe(job->bins, pair[n].splat) : NULL;
-        batch->splat[n]            = (struct raster_splat){.u      = s->u - (tile->x + (real)0.5),
-                                                           .v      = s->v - (tile->y + (real)0.5),
-                                                           .a      = -s->a,
-                                                           .k      = s->k,
-                                                           .e      = -s->e,
-                                                           .peak   = s->peak,
-                                                           .colour = {s->colour[0], s->colour[1], s->colour[2]}};
-        batch->blocks[n]           = blocks;
+        const struct splat *s        = &job->bins->splat[pair[n].splat];
+        const uint32_t      subtiles = pair[n].subtiles & active;
+        const struct lobe  *o        = lobed ? bins_lobe(job->bins, pair[n].splat) : NULL;
+        batch->splat[n]              = (struct raster_splat){.u      = s->u - (tile->x + (real)0.5),
+                                                             .v      = s->v - (tile->y + (real)0.5),
+                                                             .a      = -s->a,
+                                                             .k      = s->k,
+                                                             .e      = -s->e,
+                                                             .peak   = s->peak,
+                                                             .colour = {s->colour[0], s->colour[1], s->colour[2]}};
+        batch->subtiles[n]           = subtiles;
 #pragma omp simd
-        for (int block = 0; block < TILE_BLOCKS; block++) batch->splats[block] |= (blocks >> block & 1) << n;
+        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) batch->splats[subtile] |= (subtiles >> subtile & 1) << n;
         if (o) {
             batch->lobed |= 1u << n;
             batch->second[n]   = batch->splat[n];
@@ -180,7 +180,7 @@ SIMD_INLINE int raster_lobed(const int lobed, const struct raster_batch *batch, 
     return lobed && batch->lobed >> n & 1;
 }
 
-/* Positions of a block's pixels in the tile, from its column and row of blocks. */
+/* Positions of a subtile's pixels in the tile, from its column and row of subtiles. */
 static const real RASTER_X[4][PACK] = {{0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3},
                                        {4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7},
                                        {8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11},
@@ -241,15 +241,15 @@ SIMD_INLINE real raster_keep_normal(real t)
 
 /* ---------------------------------------------------------------- forward */
 
-struct raster_block_state { /* a block's pixels */
+struct raster_subtile_state { /* a subtile's pixels */
     real t[PACK], last_t[PACK], r[PACK], g[PACK], b[PACK];
 };
 
-/* A splat over the 16 pixels of a block, front to back: C += c alpha T, T *= 1 - alpha. */
+/* A splat over the 16 pixels of a subtile, front to back: C += c alpha T, T *= 1 - alpha. */
 SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
-                                  int block, struct raster_block_state *out)
+                                  int subtile, struct raster_subtile_state *out)
 {
-    const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
@@ -263,11 +263,11 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
     }
 }
 
-SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch, int block,
-                                        struct raster_pixels *pixels)
+SIMD_INLINE void raster_composite_subtile(const int fused, const int lobed, const struct raster_batch *batch, int subtile,
+                                          struct raster_pixels *pixels)
 {
-    const int                 at = block * PACK;
-    struct raster_block_state state;
+    const int                   at = subtile * PACK;
+    struct raster_subtile_state state;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         state.t[l]      = raster_keep_normal(pixels->t[at + l]);
@@ -276,10 +276,10 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
         state.g[l]      = pixels->rgb[1][at + l];
         state.b[l]      = pixels->rgb[2][at + l];
     }
-    for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
+    for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, block, &state);
-        else raster_composite(fused, lobed, 0, batch, n, block, &state);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, subtile, &state);
+        else raster_composite(fused, lobed, 0, batch, n, subtile, &state);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -313,19 +313,19 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
     for (int i = 0; i < TILE_PIXELS; i++) p.last_t[i] = 1;
     for (const struct pair *pair = tile.pair; pair < tile.end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, &tile, pair, active, &batch);
-        for (int block = 0; block < TILE_BLOCKS; block++)
-            if (batch.splats[block]) raster_composite_block(fused, lobed, &batch, block, &p);
-        if (tile.end - pair > RASTER_BATCH) active = raster_active_blocks(p.t);
+        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
+            if (batch.splats[subtile]) raster_composite_subtile(fused, lobed, &batch, subtile, &p);
+        if (tile.end - pair > RASTER_BATCH) active = raster_active_subtiles(p.t);
     }
     raster_finish(job, &tile, &p);
 }
 
-/* ---------------------------------------------------------------- backward and score, a block at a time
+/* ---------------------------------------------------------------- backward and score, a subtile at a time
  *
  * score: 0 or 1, a constant.
  */
 
-struct raster_block_gradients { /* a block's pixels, as in struct raster_gradients */
+struct raster_subtile_gradients { /* a subtile's pixels, as in struct raster_gradients */
     real t[PACK], dr[PACK], dg[PACK], db[PACK], behind[PACK];
 };
 
@@ -335,13 +335,13 @@ struct raster_block_gradients { /* a block's pixels, as in struct raster_gradien
  *   weight       alpha T, which times dC is dL/dc; not for the score
  * All are 0 without a contribution. dlog_alpha and dlog_lobe are also 0 where the clamp at ALPHA_MAX holds for their own lobe. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
-                                      struct raster_batch *batch, int n, int block, struct raster_block_gradients *d)
+                                      struct raster_batch *batch, int n, int subtile, struct raster_subtile_gradients *d)
 {
-    const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
-    real *restrict dlog_alpha = batch->dlog_alpha[n][block], *restrict dlog_lobe = batch->dlog_lobe[n][block];
-    real *restrict weight = batch->weight[n][block];
+    real *restrict dlog_alpha = batch->dlog_alpha[n][subtile], *restrict dlog_lobe = batch->dlog_lobe[n][subtile];
+    real *restrict weight = batch->weight[n][subtile];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_contribution p = raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
@@ -364,11 +364,11 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
     }
 }
 
-SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score, struct raster_batch *batch,
-                                            int block, struct raster_gradients *tile)
+SIMD_INLINE void raster_differentiate_subtile(const int fused, const int lobed, const int score, struct raster_batch *batch,
+                                              int subtile, struct raster_gradients *tile)
 {
-    const int                     at = block * PACK;
-    struct raster_block_gradients d;
+    const int                       at = subtile * PACK;
+    struct raster_subtile_gradients d;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         d.t[l]      = raster_keep_normal(tile->t[at + l]);
@@ -377,10 +377,10 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, co
         d.db[l]     = tile->drgb[2][at + l];
         d.behind[l] = tile->behind[at + l];
     }
-    for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
+    for (uint32_t splats = batch->splats[subtile]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, block, &d);
-        else raster_differentiate(fused, lobed, 0, score, batch, n, block, &d);
+        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, subtile, &d);
+        else raster_differentiate(fused, lobed, 0, score, batch, n, subtile, &d);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -391,7 +391,7 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, co
 
 /* ---------------------------------------------------------------- backward and score, the sums of a splat
  *
- * A lane each over the splat's blocks, then over the lanes.
+ * A lane each over the splat's subtiles, then over the lanes.
  */
 
 /* Pairwise, in this order on every machine. */
@@ -416,17 +416,17 @@ SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster
 {
     const struct raster_splat *s = lobe ? &batch->second[n] : &batch->splat[n];
     const real                 u = s->u, v = s->v, k = s->k;
-    uint32_t                   blocks                 = batch->blocks[n];
+    uint32_t                   subtiles               = batch->subtiles[n];
     real                       sums[SPLAT_SUMS][PACK] = {{0}};
-    if (!blocks) {
+    if (!subtiles) {
         memset(out, 0, (lobe ? SUM_RED : SPLAT_SUMS) * sizeof *out);
         return;
     }
-    for (; blocks; blocks &= blocks - 1) {
-        const int block = simd_lowest_bit(blocks), at = block * PACK;
-        const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
-        const real *restrict d      = lobe ? batch->dlog_lobe[n][block] : batch->dlog_alpha[n][block];
-        const real *restrict weight = batch->weight[n][block], *restrict dr = gradients->drgb[0] + at;
+    for (; subtiles; subtiles &= subtiles - 1) {
+        const int subtile = simd_lowest_bit(subtiles), at = subtile * PACK;
+        const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+        const real *restrict d      = lobe ? batch->dlog_lobe[n][subtile] : batch->dlog_alpha[n][subtile];
+        const real *restrict weight = batch->weight[n][subtile], *restrict dr = gradients->drgb[0] + at;
         const real *restrict dg = gradients->drgb[1] + at, *restrict db = gradients->drgb[2] + at;
 #pragma omp simd
         for (int l = 0; l < PACK; l++) {
@@ -452,8 +452,8 @@ SIMD_INLINE real raster_sum_squares(const int fused, const struct raster_batch *
 {
     const real o            = real_exp2(fused, batch->splat[n].peak);
     real       sum[1][PACK] = {{0}}, whole;
-    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) {
-        const real *restrict dalpha = batch->dlog_alpha[n][simd_lowest_bit(blocks)]; /* for the score */
+    for (uint32_t subtiles = batch->subtiles[n]; subtiles; subtiles &= subtiles - 1) {
+        const real *restrict dalpha = batch->dlog_alpha[n][simd_lowest_bit(subtiles)]; /* for the score */
 #pragma omp simd
         for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, dalpha[l], dalpha[l], sum[0][l]);
     }
@@ -516,10 +516,10 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
     raster_begin_backward(job, &tile, &d);
     for (; pair < tile.end && active; pair += RASTER_BATCH) {
         raster_load_batch(lobed, job, &tile, pair, active, &batch);
-        for (int block = 0; block < TILE_BLOCKS; block++)
-            if (batch.splats[block]) raster_differentiate_block(fused, lobed, score, &batch, block, &d);
+        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++)
+            if (batch.splats[subtile]) raster_differentiate_subtile(fused, lobed, score, &batch, subtile, &d);
         for (int n = 0; n < batch.count; n++) raster_store_sums(fused, lobed, score, job, &batch, n, &d);
-        if (tile.end - pair > RASTER_BATCH) active = raster_active_blocks(d.t);
+        if (tile.end - pair > RASTER_BATCH) active = raster_active_subtiles(d.t);
     }
     for (; pair < tile.end; pair++) raster_zero_sums(lobed, score, job, pair);
 }

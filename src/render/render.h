@@ -137,8 +137,8 @@ OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row
 OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
 
-struct renderer_counts {                   /* of the last view */
-    size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image */
+struct renderer_counts {                     /* of the last view */
+    size_t visible, pairs, subtiles, pixels; /* pixels: alpha evaluations inside the image */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 

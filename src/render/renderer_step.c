@@ -201,10 +201,10 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
         const int left  = r->kernel_camera.width - tile % r->bins.tiles_x * TILE,
                   below = r->kernel_camera.height - tile / r->bins.tiles_x * TILE;
         for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
-            for (uint32_t blocks = r->bins.pair[i].blocks; blocks; blocks &= blocks - 1) {
-                const int block = simd_lowest_bit(blocks);
-                const int w = OXL_CLAMP(left - block % 4 * 4, 0, 4), h = OXL_CLAMP(below - block / 4 * 4, 0, 4);
-                c.blocks++;
+            for (uint32_t subtiles = r->bins.pair[i].subtiles; subtiles; subtiles &= subtiles - 1) {
+                const int subtile = simd_lowest_bit(subtiles);
+                const int w = OXL_CLAMP(left - subtile % 4 * 4, 0, 4), h = OXL_CLAMP(below - subtile / 4 * 4, 0, 4);
+                c.subtiles++;
                 c.pixels += (size_t)(w * h);
             }
     }

@@ -141,7 +141,7 @@ static oxl_result colmap_read_second_line(struct colmap_reader *r, struct colmap
         r->line--;
         return OXL_OK;
     }
-    image->points_at   = r->offset + (uint64_t)(r->cursor - r->window);
+    image->points_at   = r->offset + (uint64_t)(r->cursor - r->buffer);
     image->points_size = (size_t)(r->end - r->cursor);
     return OXL_OK;
 }
@@ -226,9 +226,9 @@ static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder)
     return rc;
 }
 
-OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, size_t window, struct colmap *out)
+OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out)
 {
-    struct colmap_reader r      = {.ctx = ctx, .out = out, .window_size = window};
+    struct colmap_reader r      = {.ctx = ctx, .out = out, .buffer_size = buffer};
     enum colmap_format   format = COLMAP_TEXT;
     oxl_result           rc;
     *out = (struct colmap){0};
@@ -238,14 +238,14 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
     out->format      = format;
     out->images_file = colmap_names[format][1];
     if (rc == OXL_OK) rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder) : colmap_read_binary(&r, folder);
-    OXL_FREE(ctx, r.window, r.cameras.slot, r.images.slot);
+    OXL_FREE(ctx, r.buffer, r.cameras.slot, r.images.slot);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
 }
 
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out)
 {
-    return colmap_read_in_windows(ctx, folder, COLMAP_WINDOW, out);
+    return colmap_read_buffered(ctx, folder, COLMAP_BUFFER, out);
 }
 
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)

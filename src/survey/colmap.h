@@ -1,4 +1,4 @@
-/* colmap.h - shared by the readers of COLMAP's files: a window on a file, its lines, their fields, tables of ids.
+/* colmap.h - shared by the readers of COLMAP's files: a buffer on a file, its lines, their fields, tables of ids.
  *
  * Functions are in colmap_text.c unless stated. colmap.c reads cameras.txt and images.txt, colmap_points.c points3D.txt, and
  * colmap_binary.c the binary files.
@@ -20,7 +20,7 @@ enum colmap_warning { WARN_NO_POINTS_LINE, WARN_QUATERNION, WARN_POSITION, WARN_
 
 #define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
 
-enum { COLMAP_WINDOW = 8 << 20 }; /* bytes */
+enum { COLMAP_BUFFER = 8 << 20 }; /* bytes */
 
 struct colmap_reader {
     oxl_context        *ctx;
@@ -28,12 +28,12 @@ struct colmap_reader {
     char               *path;
     struct os_reader    file;
     oxl_result          rc;           /* of reading: not OXL_OK if the lines ended before the end of the file */
-    char               *window;       /* a part of the file, followed by a zero byte */
-    size_t              room;         /* capacity of the window in bytes, with the zero */
-    size_t              window_size;  /* bytes of a file to hold at a time; a longer line widens the window */
-    uint64_t            offset;       /* of the window, in the file */
-    int                 at_end;       /* the window holds the end of the file */
-    const char         *limit;        /* end of the data in the window */
+    char               *buffer;       /* a part of the file, followed by a zero byte */
+    size_t              room;         /* capacity of the buffer in bytes, with the zero */
+    size_t              buffer_size;  /* bytes of a file to hold at a time; a longer line widens the buffer */
+    uint64_t            offset;       /* of the buffer, in the file */
+    int                 at_end;       /* the buffer holds the end of the file */
+    const char         *limit;        /* end of the data in the buffer */
     const char         *next;         /* first byte after this line */
     const char         *cursor, *end; /* rest of this line, without blanks at its ends */
     int                 line;         /* from 1; in a binary file, the record */
@@ -52,9 +52,9 @@ OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *f
 OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
 OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
 
-OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* fills the first window; repeated after a seek to 0 */
+OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* fills the first buffer; repeated after a seek to 0 */
 
-/* Moves the window so that it begins at `next`; enlarges it if it is full from there on. */
+/* Moves the buffer so that it begins at `next`; enlarges it if it is full from there on. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
 OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);   /* 0: end of file, or see r->rc */
 OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is not blank and not a comment */

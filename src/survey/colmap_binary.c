@@ -31,7 +31,7 @@ enum {
 /* Offset in the file of the first unread byte. */
 static uint64_t binary_offset(const struct colmap_reader *r)
 {
-    return r->offset + (uint64_t)(r->next - r->window);
+    return r->offset + (uint64_t)(r->next - r->buffer);
 }
 
 static uint64_t binary_left(const struct colmap_reader *r)
@@ -72,7 +72,7 @@ static oxl_result binary_skip(struct colmap_reader *r, uint64_t size)
     }
     r->rc     = os_reader_seek(r->ctx, &r->file, to);
     r->offset = to;
-    r->next = r->limit = r->window;
+    r->next = r->limit = r->buffer;
     return r->rc == OXL_OK ? colmap_fill(r) : r->rc;
 }
 

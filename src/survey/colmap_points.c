@@ -2,11 +2,11 @@
  *
  *     POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)*
  *
- * The window is divided at line ends into a fixed number of pieces, which are parsed in parallel, each into its own rows, without
+ * The buffer is divided at line ends into a fixed number of pieces, which are parsed in parallel, each into its own rows, without
  * messages or allocation. A piece with an error or a warning stops. Then, in file order, stopped pieces are parsed again by one
  * thread with messages, and all rows are joined.
  *
- * Invariant: rows, messages and their line numbers do not depend on threads, pieces or the size of the window.
+ * Invariant: rows, messages and their line numbers do not depend on threads, pieces or the size of the buffer.
  */
 #include "colmap.h"
 
@@ -21,7 +21,7 @@ struct points_piece {
     size_t               point_row, track_row; /* destination in colmap */
 };
 
-struct points_rows { /* capacity for a full window, divided into pieces */
+struct points_rows { /* capacity for a full buffer, divided into pieces */
     struct colmap_point *point;
     struct colmap_track *track;
     size_t               point_capacity, track_capacity;
@@ -103,7 +103,7 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- the pieces of a window */
+/* ---------------------------------------------------------------- the pieces of a buffer */
 
 /* `lines`: number of lines before the piece, for messages. */
 static void points_read_piece(struct points_piece *p, const char *begin, int is_quiet, int lines)
@@ -126,7 +126,7 @@ static const char *points_line_begin(const char *from, const char *to)
 }
 
 /* begin (POINTS_PIECES + 1): pieces are whole lines; the last line may have no newline. */
-static void points_divide_window(const struct colmap_reader *r, const char **begin)
+static void points_divide_buffer(const struct colmap_reader *r, const char **begin)
 {
     const char  *end  = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
     const size_t size = (size_t)(end - r->next);
@@ -137,7 +137,7 @@ static void points_divide_window(const struct colmap_reader *r, const char **beg
 
 static oxl_result points_reserve_rows(struct colmap_reader *r, struct points_rows *rows)
 {
-    const size_t size = (size_t)(r->limit - r->window);
+    const size_t size = (size_t)(r->limit - r->buffer);
     oxl_result   rc =
         oxl_reserve(r->ctx, &rows->point, &rows->point_capacity, size / POINTS_TEXT_MIN + POINTS_PIECES, sizeof *rows->point);
     if (rc == OXL_OK)
@@ -151,7 +151,7 @@ static void points_read_pieces(struct colmap_reader *r, const struct points_rows
 {
 #pragma omp parallel for schedule(dynamic) num_threads(r->ctx->threads)
     for (int i = 0; i < POINTS_PIECES; i++) {
-        const size_t at        = (size_t)(begin[i] - r->window);
+        const size_t at        = (size_t)(begin[i] - r->buffer);
         piece[i].reader        = *r;
         piece[i].reader.limit  = begin[i + 1];
         piece[i].reader.at_end = 1;
@@ -183,10 +183,10 @@ static oxl_result points_report(struct colmap_reader *r, const char *const *begi
     return OXL_OK;
 }
 
-/* Estimates the number of points from the first window, so that arrays need not grow. */
+/* Estimates the number of points from the first buffer, so that arrays need not grow. */
 static size_t points_expected(const struct colmap_reader *r, size_t so_far)
 {
-    const double read = (double)(r->next - r->window), expected = 1.05 * (double)so_far * ((double)r->file.size / read);
+    const double read = (double)(r->next - r->buffer), expected = 1.05 * (double)so_far * ((double)r->file.size / read);
     return r->offset == 0 && read > 0 && expected > (double)so_far ? (size_t)expected : so_far;
 }
 
@@ -210,13 +210,13 @@ static oxl_result points_join(struct colmap_reader *r, const struct points_piece
     return OXL_OK;
 }
 
-static oxl_result points_read_window(struct colmap_reader *r, struct points_rows *rows)
+static oxl_result points_read_buffer(struct colmap_reader *r, struct points_rows *rows)
 {
     struct points_piece piece[POINTS_PIECES];
     const char         *begin[POINTS_PIECES + 1];
     oxl_result          rc = points_reserve_rows(r, rows);
     if (rc != OXL_OK) return rc;
-    points_divide_window(r, begin);
+    points_divide_buffer(r, begin);
     points_read_pieces(r, rows, begin, piece);
     rc      = points_report(r, begin, piece);
     r->next = begin[POINTS_PIECES];
@@ -247,10 +247,10 @@ OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r)
 {
     struct points_rows rows = {0};
     int64_t            id   = 0;
-    oxl_result         rc   = points_read_window(r, &rows);
+    oxl_result         rc   = points_read_buffer(r, &rows);
     while (rc == OXL_OK && !r->at_end) {
         rc = colmap_fill(r);
-        if (rc == OXL_OK) rc = points_read_window(r, &rows);
+        if (rc == OXL_OK) rc = points_read_buffer(r, &rows);
     }
     if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, r->out, &id)) == OXL_ERR_INPUT) rc = points_repeated(r, &rows, id);
     OXL_FREE(r->ctx, rows.point, rows.track);

@@ -1,6 +1,6 @@
-/* colmap_text.c - COLMAP's text files: a window that moves over the file, its lines, their fields, and error messages.
+/* colmap_text.c - COLMAP's text files: a buffer that moves over the file, its lines, their fields, and error messages.
  *
- * Only the window is in memory, so a file of several gigabytes needs no more than its parsed rows.
+ * Only the buffer is in memory, so a file of several gigabytes needs no more than its parsed rows.
  *
  * Invariant: a message names file:line, the value found, the value expected, and a fix. A quiet reader does not log or allocate.
  */
@@ -46,18 +46,18 @@ static const char *const colmap_warning_text[WARN_COUNT] = {
 
 enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
 
-/* ---------------------------------------------------------------- the window */
+/* ---------------------------------------------------------------- the buffer */
 
 /* To `room` bytes. */
-static oxl_result colmap_grow_window(struct colmap_reader *r, size_t room)
+static oxl_result colmap_grow_buffer(struct colmap_reader *r, size_t room)
 {
-    const size_t rest   = r->window ? (size_t)(r->limit - r->window) : 0;
-    char        *window = oxl_regrow(r->ctx, r->window, rest, room, 1);
-    if (!window) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for a window of %zu bytes", r->path, room);
-    r->window = window;
+    const size_t rest   = r->buffer ? (size_t)(r->limit - r->buffer) : 0;
+    char        *buffer = oxl_regrow(r->ctx, r->buffer, rest, room, 1);
+    if (!buffer) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for a buffer of %zu bytes", r->path, room);
+    r->buffer = buffer;
     r->room   = room;
-    r->next   = window;
-    r->limit  = window + rest;
+    r->next   = buffer;
+    r->limit  = buffer + rest;
     return OXL_OK;
 }
 
@@ -65,16 +65,16 @@ OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
 {
     const size_t rest = (size_t)(r->limit - r->next);
     size_t       got  = 0;
-    memmove(r->window, r->next, rest);
-    r->offset += (uint64_t)(r->next - r->window);
-    r->next  = r->window;
-    r->limit = r->window + rest;
-    if (rest + 1 == r->room && colmap_grow_window(r, 2 * r->room) != OXL_OK) return r->rc;
+    memmove(r->buffer, r->next, rest);
+    r->offset += (uint64_t)(r->next - r->buffer);
+    r->next  = r->buffer;
+    r->limit = r->buffer + rest;
+    if (rest + 1 == r->room && colmap_grow_buffer(r, 2 * r->room) != OXL_OK) return r->rc;
     r->rc = context_stopped(r->ctx);
-    if (r->rc == OXL_OK) r->rc = os_reader_read(r->ctx, &r->file, r->window + rest, r->room - 1 - rest, &got);
+    if (r->rc == OXL_OK) r->rc = os_reader_read(r->ctx, &r->file, r->buffer + rest, r->room - 1 - rest, &got);
     r->at_end = got < r->room - 1 - rest;
     r->limit += got;
-    r->window[rest + got] = 0;
+    r->buffer[rest + got] = 0;
     return r->rc;
 }
 
@@ -83,7 +83,7 @@ OXL_INTERNAL int colmap_is_blank(char c)
     return c == ' ' || c == '\t';
 }
 
-/* N of "# Number of images: N, ..." among the comments at the window's start. */
+/* N of "# Number of images: N, ..." among the comments at the buffer's start. */
 static uint64_t colmap_declared_count(const struct colmap_reader *r)
 {
     static const char words[] = "# Number of ";
@@ -121,9 +121,9 @@ OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *f
     if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc != OXL_OK) return r->rc;
-    r->limit = r->next = r->window;
-    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* one byte to detect the end, and the zero byte */
-    return r->room < wanted ? colmap_grow_window(r, wanted) : OXL_OK;
+    r->limit = r->next = r->buffer;
+    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->buffer_size) + 2; /* one byte to detect the end, and the zero byte */
+    return r->room < wanted ? colmap_grow_buffer(r, wanted) : OXL_OK;
 }
 
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
@@ -136,7 +136,7 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
 {
     r->line   = 0;
     r->offset = 0;
-    r->limit = r->next = r->window;
+    r->limit = r->next = r->buffer;
     if (colmap_fill(r) != OXL_OK) return r->rc;
     if (r->limit - r->next >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0) r->next += 3; /* the byte order mark of UTF-8 */
     if (r->limit - r->next >= 2 && (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))

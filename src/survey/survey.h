@@ -71,8 +71,8 @@ struct colmap {
 
 /* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
-/* The same with another window size in bytes, for tests. */
-OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, size_t window, struct colmap *out);
+/* The same with another buffer size in bytes, for tests. */
+OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out);
 /* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Tracks are not moved.
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);

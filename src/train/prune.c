@@ -1,20 +1,20 @@
 /* prune.c - Wise Adaptive Pruning: drops that shrink, with refinement between them (paper sec. 3.2 and 4; "Prune Wisely, Reconstruct
  * Sharply", arXiv 2602.24136, and its code, for the schedule; Speedy-Splat, arXiv 2412.00578, for the score).
  *
- * When density control is over, a window of a quarter of the run opens. In it 1/2, 1/4, 1/8, 1/16 and 1/16 of the excess are removed:
+ * When density control is over, a phase of a quarter of the run begins. In it 1/2, 1/4, 1/8, 1/16 and 1/16 of the excess are removed:
  * the first at once, each further one when the mean L1 of training has fallen to 0.99 of its value before the last drop, or after
  * 1500 of 40 000 iterations without that.
  *
  * Removed are those with the lowest score,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
  * rendered image. It is the plain sum: divided by the number of views it was worse in 7 of 7 pairs (docs/PAPER.md).
  *
- * Invariants: the window ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
+ * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
  * is a function of the model, the scene and the options; ties are resolved by row.
  */
 #include "train_parts.h"
 
-#define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the window [paper sec. 4] */
-#define PRUNE_WINDOW   0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */
+#define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the phase [paper sec. 4] */
+#define PRUNE_PHASE    0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */
 #define PRUNE_EVERY    (1.0 / 80)      /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
 #define PRUNE_PATIENCE 3               /* checks without a drop: 1500 of 40 000 */
 #define PRUNE_RECOVERY 0.99            /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
@@ -50,7 +50,7 @@ OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, in
 {
     *p       = (struct prune){.keep = keep, .row_bytes = row_bytes};
     p->start = (int)OXL_MIN(densified + OXL_MAX(1, PRUNE_WAIT * iterations), iterations);
-    p->end   = (int)OXL_MIN(p->start + PRUNE_WINDOW * iterations, iterations);
+    p->end   = (int)OXL_MIN(p->start + PRUNE_PHASE * iterations, iterations);
     p->every = (int)OXL_MAX(PRUNE_EVERY * iterations + 0.5, OXL_MIN(views, (p->end - p->start) / 20)); /* sees each view once */
     p->every = OXL_MAX(p->every, PRUNE_EVERY_MIN);
     p->patience = OXL_MIN(PRUNE_PATIENCE * p->every, (p->end - p->start) / (int)OXL_COUNT(prune_drops));
@@ -75,7 +75,7 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
 static size_t prune_due_auto(struct prune *p, int step, size_t count, double validation_loss)
 {
     if (p->validation_loss == 0)
-        p->validation_loss = validation_loss; /* not always at the start of the window: a trial may be under way there */
+        p->validation_loss = validation_loss; /* not always at the start of the phase: a trial may be under way there */
     if (step > p->end - p->patience || !(validation_loss <= (1 + PRUNE_EPSILON) * p->validation_loss)) return 0;
     p->drops++;
     return count / PRUNE_AUTO_SHARE;

@@ -121,20 +121,20 @@ struct prune {
     oxl_keep keep;
     double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
     int      views;               /* a score is taken of at most so many, spread evenly */
-    int      start, end;          /* the window: steps */
+    int      start, end;          /* the phase: steps */
     int      every, patience;     /* steps between checks; without a drop */
     int      drops, last;         /* done; step of the last */
-    size_t   first_count, target; /* at the window's start (0: not yet), at its end */
+    size_t   first_count, target; /* at the phase's start (0: not yet), at its end */
     double   drop_l1;             /* mean L1 before the last drop */
     double   l1_sum;              /* since the last check */
     int      l1_count;
-    double   validation_loss; /* auto: loss of the validation views at the window's start */
+    double   validation_loss; /* auto: loss of the validation views at the phase's start */
 };
 /* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
 OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
 OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
 OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
-OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
+OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the phase are ignored */
 OXL_INTERNAL int    prune_is_check_step(const struct prune *p,
                                         int step); /* whether prune_due would look: then `auto` needs validation_loss */
 /* After the step: number of `count` Gaussians to remove now. validation_loss: mean of the validation views, for auto. */

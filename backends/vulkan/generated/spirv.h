@@ -1,5 +1,5 @@
 /* spirv.h - the shaders of backends/vulkan/shaders as SPIR-V, for Vulkan 1.0. Made by backends/vulkan/shaders.sh: do not edit.
- * sources: 3528673529-76316
+ * sources: 344920359-76356
  * glslc: shaderc 2023.2-1 spirv-tools 2022.4+1.3.236.0-1 glslang 11.13.0-1  Target: SPIR-V 1.0 */
 static const uint32_t SPIRV_COMPACT[] = {
 119734787,65536,851979,146,

@@ -1,4 +1,4 @@
-/* footprint.comp - which tiles see which splat, and which of their 4 x 4 blocks: the counterpart of src/render/bin.c. An invocation a splat, in
+/* footprint.comp - which tiles see which splat, and which of their 4 x 4 subtiles: the counterpart of src/render/bin.c. An invocation a splat, in
  * depth order.
  *
  *     VARIANT 0  how many tiles: pairs[i]
@@ -21,7 +21,7 @@ layout(std430, binding = 6) readonly buffer LobeB { vec4 lobe_b[]; };
 layout(std430, binding = 7) buffer Pairs { uint pairs[]; };                 /* (splats) VARIANT 1: first slots */
 layout(std430, binding = 8) writeonly buffer Key { uint key[]; };           /* (pairs) tile */
 layout(std430, binding = 9) writeonly buffer Value { uint value[]; };       /* (pairs) slot */
-layout(std430, binding = 10) writeonly buffer Staged { uvec2 staged[]; };   /* (slots) row, blocks */
+layout(std430, binding = 10) writeonly buffer Staged { uvec2 staged[]; };   /* (slots) row, subtiles */
 layout(std430, binding = 11) writeonly buffer RowSlots { uvec2 row_slots[]; }; /* (rows) first slot, how many */
 layout(push_constant) uniform Push { uint lobes, n; } push;
 
@@ -45,10 +45,10 @@ Contour contour_of(vec2 c, vec4 shape, vec2 box) /* shape: a k e peak */
     return o;
 }
 
-/* Blocks of a block row that the contour meets, inclusive; none: x is large, y -1. */
-ivec2 block_row(Contour o, int block_row)
+/* Subtiles of a subtile row that the contour meets, inclusive; none: x is large, y -1. */
+ivec2 subtile_row(Contour o, int subtile_row)
 {
-    precise float top = float(block_row * 4) + 0.5 - o.c.y, bottom = top + 3.0, rightmost = float(view.width) - 0.5;
+    precise float top = float(subtile_row * 4) + 0.5 - o.c.y, bottom = top + 3.0, rightmost = float(view.width) - 0.5;
     precise float y0 = max(top, -o.half_y), y1 = min(bottom, o.half_y);
     if (!(y0 <= y1)) return ivec2(0x7FFFFFFF, -1);
     precise float yl = clamp(o.extreme, y0, y1), yr = clamp(-o.extreme, y0, y1);
@@ -85,9 +85,9 @@ void main()
         ivec2 span[4];
         int   first = 0x7FFFFFFF, last = -1;
         for (int r = 0; r < 4; r++) {
-            span[r] = block_row(main_, 4 * ty + r);
+            span[r] = subtile_row(main_, 4 * ty + r);
             if (lobed) {
-                ivec2 more = block_row(other, 4 * ty + r);
+                ivec2 more = subtile_row(other, 4 * ty + r);
                 span[r]    = ivec2(min(span[r].x, more.x), max(span[r].y, more.y));
             }
             first = min(first, span[r].x);
@@ -96,16 +96,16 @@ void main()
         first = max(first / 4, x0);
         last  = last < 0 ? -1 : min(last / 4, x1);
         for (int tx = first; tx <= last; tx++) {
-            uint blocks = 0u;
+            uint subtiles = 0u;
             for (int r = 0; r < 4; r++) {
                 int from = max(span[r].x - 4 * tx, 0), to = min(span[r].y - 4 * tx, 3);
-                if (from <= to) blocks |= ((2u << uint(to - from)) - 1u) << uint(from + 4 * r);
+                if (from <= to) subtiles |= ((2u << uint(to - from)) - 1u) << uint(from + 4 * r);
             }
-            if (blocks == 0u || slot >= end_slot) continue;
+            if (subtiles == 0u || slot >= end_slot) continue;
             if (VARIANT == 1u) {
                 key[slot]    = uint(ty) * view.tiles_x + uint(tx);
                 value[slot]  = slot;
-                staged[slot] = uvec2(row, blocks);
+                staged[slot] = uvec2(row, subtiles);
             }
             slot++;
         }

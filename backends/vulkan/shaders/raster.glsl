@@ -1,6 +1,6 @@
 /* raster.glsl - what forward and backward must compute alike to the bit: a splat over a pixel. The counterpart of src/render/raster.c.
  *
- * A workgroup is a tile, an invocation a pixel: 16 invocations that follow each other are a block of 4 x 4.
+ * A workgroup is a tile, an invocation a pixel: 16 invocations that follow each other are a subtile of 4 x 4.
  * Built several times (shaders.sh): BATCH is how many splats the workgroup holds at a time; LOBED 1: rows below push.lobes have a second
  * lobe. Both are macros, not specialization constants: some drivers size shared arrays by a constant's default.
  */
@@ -16,7 +16,7 @@ layout(push_constant) uniform Push { uint lobes, begin, end, depths; } push;
 
 /* Bits of numbers beside whole numbers: as floats, a device may flush or change the latter. */
 shared vec4  batch_shape[BATCH]; /* -a k -e peak */
-shared uvec4 batch_place[BATCH]; /* bits of u v from the tile's first pixel centre; blocks; 1: it has a second lobe */
+shared uvec4 batch_place[BATCH]; /* bits of u v from the tile's first pixel centre; subtiles; 1: it has a second lobe */
 shared uvec4 batch_light[BATCH]; /* bits of the colour; w: the pair's slot */
 #if LOBED
 shared vec4 batch_lobe[BATCH];
@@ -28,8 +28,8 @@ uvec2 tile_at() { return uvec2(tile_index() % view.tiles_x, tile_index() / view.
 
 uvec2 pixel_at(uint i)
 {
-    uint block = i >> 4;
-    return uvec2((block & 3u) * 4u + (i & 3u), (block >> 2) * 4u + (i >> 2 & 3u));
+    uint subtile = i >> 4;
+    return uvec2((subtile & 3u) * 4u + (i & 3u), (subtile >> 2) * 4u + (i >> 2 & 3u));
 }
 
 /* The n-th splat of the batch that starts at pair `first`. */
@@ -54,7 +54,7 @@ void batch_load(uint first, uint end, uint n, uint lobes, bool depths)
 vec2 place_of(uint n) { return uintBitsToFloat(batch_place[n].xy); }
 vec3 light_of(uint n) { return uintBitsToFloat(batch_light[n].rgb); }
 bool lobed_of(uint n) { return LOBED == 1 && batch_place[n].w != 0u; }
-bool touches(uint n, uint block) { return (batch_place[n].z >> block & 1u) != 0u; }
+bool touches(uint n, uint subtile) { return (batch_place[n].z >> subtile & 1u) != 0u; }
 
 float value_of(vec4 shape, vec2 place, float least, vec2 pixel)
 {
