@@ -1,5 +1,5 @@
-/* medium.c - attenuation and backscatter between the camera and the Gaussians (medium.h): what a whole model looks like through it; the light behind the last
- * Gaussian.
+/* medium.c - attenuation and backscatter between the camera and the Gaussians (medium.h): what a whole model looks like through them;
+ * the light behind the last Gaussian.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"

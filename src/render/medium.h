@@ -1,4 +1,4 @@
-/* medium.h - attenuation and backscatter between the camera and the Gaussians of a pack: attenuation and backscatter. Part of project.c.
+/* medium.h - attenuation and backscatter between the camera and the Gaussians of a pack, and their gradients. Part of project.c.
  *
  * Per Gaussian, with the range r from the camera to its centre, and for the background (Akkaynak & Treibitz 2018; SeaSplat, arXiv
  * 2409.17345, applies it per pixel):

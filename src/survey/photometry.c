@@ -35,8 +35,8 @@ enum {
 /* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains; the lamps' common shape, and
  * how far a camera's is off it. Where water is clear the tracks hardly hold bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
-/* By how much larger residuals must be without the medium, lamp, gains: with a medium they are 2 to 4 times as large, in surveys without it 1.01
- * times (docs/log/IMAGING.md). */
+/* By how much larger residuals must be without the medium, lamp, gains. In surveys with a medium they are 2 to 4 times as large, in
+ * those without 1.01 times (docs/log/IMAGING.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
 /* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill determined. */
 #define PHOTOMETRY_SEPARATE 0.1

@@ -8,8 +8,8 @@
  * what is seen in turbid water.
  *
  * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count
- * per median range of the survey's points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from
- * MEDIUM_FIT_FROM of the run on.
+ * per median range of the survey's points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate
+ * MEDIUM_FIT_RATE, from MEDIUM_FIT_FROM of the run on.
  *
  * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which blurs.
  *
