@@ -588,7 +588,8 @@ int main(int argc, char **argv)
     console.limit      = a.job.ram;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
-    if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF) a.job.scene.allow_cut = 1;
+    if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF)
+        a.job.scene.allow_truncated = 1;
     options.backend = (oxl_backend)a.backend;
     options.device  = a.device;
     rc              = oxl_context_create(&options, &ctx);

@@ -172,9 +172,9 @@ typedef struct oxl_scene_options {
     int         max_side;          /* larger images are reduced to this longer side, px */
     int         test_every;        /* every n-th view by name is held out; 0: none */
     size_t      image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
-    double      missing_share;     /* fail if more than this share of the images is missing on disk */
+    double      missing_images;    /* fail if more than this share of the images is missing on disk */
     int         read_images;       /* 0: read the COLMAP model only, for check and partition */
-    int         allow_cut;         /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
+    int         allow_truncated;   /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
 } oxl_scene_options;
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
@@ -371,33 +371,34 @@ typedef struct oxl_ucd {
 } oxl_ucd;
 
 typedef struct oxl_train_options {
-    int      iterations;    /* one image each */
-    int      sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
-    int      max_gaussians; /* limit of their number; 0: one per 60 training pixels (PAPER.md) */
-    double   max_seconds;   /* stop after this time and write the model; 0: no limit */
-    float    background[3]; /* red, green, blue, 0..1 */
-    float    ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
+    int        iterations;    /* one image each */
+    int        sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
+    int        max_gaussians; /* limit of their number; 0: one per 60 training pixels (PAPER.md) */
+    double     max_seconds;   /* stop after this time and write the model; 0: no limit */
+    float      background[3]; /* red, green, blue, 0..1 */
+    float      ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
-    float    coarse;  /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    float    dropout; /* share of the Gaussians that a step leaves out, rising from 0 to this; -1: 0.4 with fewer than 30 training
-                                    * views, fewer than 4.6 images per point and 60 steps per view [Park 2025]; CPU only */
-    float    alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    float    sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
+    float      coarse; /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
+    /* Share of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: 0.4 where there are
+     * fewer than 30 training views, fewer than 4.6 images per point and at least 60 steps per view; else 0. */
+    float      dropout;
+    float      alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
+    float      sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    float      lr_position, lr_position_final, lr_scale, lr_rotation, lr_opacity, lr_sh0, lr_sh;
     /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and rotations by h = (30 000 / n)^e and
      * those of SH degrees above 0 by sqrt(h), with e = short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
      * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by r^2 (at most 0.5)
      * and 1 - beta2 by r^-1.5 (docs/TRADEOFF.md). */
-    float    short_run_exponent;
-    float    cooldown; /* last share of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
+    float      short_run_exponent;
+    float      cooldown; /* last share of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control */
-    float    densify_from, densify_until; /* shares of the run */
-    int      densify_every;               /* steps */
-    float    densify_gradient;            /* threshold of |dL/d(mean)|, in units of half an image */
-    float    reset_opacity_every;         /* share of the run */
-    oxl_ucd  ucd;
-    oxl_keep keep;
+    float      densify_from, densify_until; /* shares of the run */
+    int        densify_every;               /* steps */
+    float      densify_gradient;            /* threshold of |dL/d(mean)|, in units of half an image */
+    float      opacity_reset_interval;      /* share of the run */
+    oxl_ucd    ucd;
+    oxl_keep   keep;
     oxl_switch exposure; /* a log gain per channel and training image */
     oxl_switch lamp;     /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
     oxl_switch medium;   /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */

@@ -145,7 +145,7 @@ static oxl_scene *map_load(oxl_context *ctx, const struct report *r)
     oxl_scene_options options = r->options.scene;
     oxl_scene        *scene   = NULL;
     options.read_images       = 0;
-    options.allow_cut         = 1;
+    options.allow_truncated   = 1;
     return oxl_scene_load(ctx, r->scene, &options, &scene) == OXL_OK ? scene : NULL;
 }
 

@@ -133,7 +133,7 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
     options.preset = "a name changes nothing";
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 12);
-    options.train.rate_opacity *= 2;
+    options.train.lr_opacity *= 2;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 24);
     test_ctx->options.seed = 7;
@@ -579,12 +579,12 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
     const char     *survey = job_test_survey();
     oxl_manifest   *run    = NULL;
     given.scene.max_side   = 40;
-    given.train.rate_sh    = 1e-3f;
+    given.train.lr_sh      = 1e-3f;
     given.seed             = 77;
     given.scene.images     = test_path("survey/images");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &given, NULL));
     CHECK_OK(oxl_job_resume(test_ctx, survey, test_path("out"), &found, &run));
-    CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.rate_sh == 1e-3f && found.seed == 77);
+    CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.lr_sh == 1e-3f && found.seed == 77);
     CHECK_TEXT(found.scene.images ? found.scene.images : "", "survey/images");
     CHECK_TEXT(found.preset ? found.preset : "", "draft");
     oxl_manifest_free(test_ctx, &run);

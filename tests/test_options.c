@@ -36,8 +36,8 @@ TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
 TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.rate_mean_first == 1.6e-4f && o.rate_mean_last == 1.6e-6f);
-    CHECK(o.rate_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.densify_gradient == 2e-4f);
+    CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.lr_position == 1.6e-4f && o.lr_position_final == 1.6e-6f);
+    CHECK(o.lr_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.densify_gradient == 2e-4f);
     CHECK(o.ucd.mode == OXL_UCD_ON && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1);
     CHECK(o.keep.kind == OXL_KEEP_FRACTION && o.keep.value == 0.5 && o.dog == OXL_DOG_SELECTIVE);
 }

@@ -564,13 +564,13 @@ TEST(reference_steps_of_adam_agree)
 TEST(reference_learning_rates_are_the_papers)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK_CLOSE(o.rate_mean_first / splat_learning_rate(OXL_MEAN, 1, 0), 1, 1e-6);
-    CHECK_CLOSE(o.rate_mean_last / splat_learning_rate(OXL_MEAN, 1, 1), 1, 1e-6);
-    CHECK_CLOSE(o.rate_log_scale / splat_learning_rate(OXL_LOG_SCALE, 1, 0), 1, 1e-6);
-    CHECK_CLOSE(o.rate_rotation / splat_learning_rate(OXL_ROTATION, 1, 0), 1, 1e-6);
-    CHECK_CLOSE(o.rate_opacity / splat_learning_rate(OXL_OPACITY, 1, 0), 1, 1e-6);
-    CHECK_CLOSE(o.rate_sh0 / splat_learning_rate(OXL_SH, 1, 0), 1, 1e-6);
-    CHECK_CLOSE(o.rate_sh / splat_learning_rate(OXL_SH + 3, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.lr_position / splat_learning_rate(OXL_MEAN, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.lr_position_final / splat_learning_rate(OXL_MEAN, 1, 1), 1, 1e-6);
+    CHECK_CLOSE(o.lr_scale / splat_learning_rate(OXL_LOG_SCALE, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.lr_rotation / splat_learning_rate(OXL_ROTATION, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.lr_opacity / splat_learning_rate(OXL_OPACITY, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.lr_sh0 / splat_learning_rate(OXL_SH, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.lr_sh / splat_learning_rate(OXL_SH + 3, 1, 0), 1, 1e-6);
     CHECK_CLOSE(MODEL_LOBE_RATE_OPACITY / splat_learning_rate(OXL_LOBE, 1, 0), 1, 1e-6);
     CHECK_CLOSE(MODEL_LOBE_RATE_SCALE / splat_learning_rate(OXL_LOBE + 1, 1, 0), 1, 1e-6);
     CHECK_CLOSE(o.ssim_weight, 0.2, 1e-7); /* Kerbl 2023 */

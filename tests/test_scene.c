@@ -60,7 +60,7 @@ TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT && scene == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "fewer rows than its header announces");
     CHECK_TEXT(oxl_error_text(test_ctx), "--force");
-    options.allow_cut = 1;
+    options.allow_truncated = 1;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(oxl_scene_view_count(scene) == 1);
     oxl_scene_free(test_ctx, scene);
@@ -227,7 +227,7 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_share)
     CHECK(image_cache_get(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
     CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] - oxl_scene_view(scene, 0)->camera.translation[0], -3, 1e-12);
     oxl_scene_free(test_ctx, scene);
-    options.missing_share = 0.2;
+    options.missing_images = 0.2;
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK(!scene);
     CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 images");

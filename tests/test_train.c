@@ -553,8 +553,8 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     oxl_scene        *scene = train_scene(7);
     oxl_train_options o     = train_options(1);
     oxl_model         usual, hasty;
-    o.rate_mean_first = o.rate_mean_last = 1e-30f;
-    o.rate_log_scale = o.rate_opacity = 0;
+    o.lr_position = o.lr_position_final = 1e-30f;
+    o.lr_scale = o.lr_opacity = 0;
     for (int i = 0; i < 2; i++) {
         o.short_run_exponent = (float)i * 0.1f;
         CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, i ? &hasty : &usual));

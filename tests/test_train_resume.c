@@ -28,11 +28,11 @@ static struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options 
 /* All options that save work are on: the stops below fall on both sides of their changes. */
 static struct checkpoint_case checkpoint_case(void)
 {
-    struct checkpoint_case c      = checkpoint_of(train_scene(7), train_options(130));
-    c.options.coarse              = 0.5f;
-    c.options.sh_degree_interval  = 0.76f; /* at 99 */
-    c.options.densify_until       = 0.9f;  /* at 100: rows, moments and statistics change shape */
-    c.options.reset_opacity_every = 0;
+    struct checkpoint_case c         = checkpoint_of(train_scene(7), train_options(130));
+    c.options.coarse                 = 0.5f;
+    c.options.sh_degree_interval     = 0.76f; /* at 99 */
+    c.options.densify_until          = 0.9f;  /* at 100: rows, moments and statistics change shape */
+    c.options.opacity_reset_interval = 0;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     return c;
 }

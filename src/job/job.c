@@ -417,7 +417,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
         return rc;
     }
     manifest_options(&run, &options);
-    options.scene.allow_cut = 1; /* as its training was allowed to */
+    options.scene.allow_truncated = 1; /* as its training was allowed to */
     job_begin(&job, ctx, run.scene, out, &options, callback);
     job.lock = lock;
     rc       = job_check(&job);

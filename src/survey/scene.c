@@ -208,7 +208,7 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
-    if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_cut)
+    if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc =
             oxl_fail(ctx, OXL_ERR_INPUT,
                      "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"

@@ -166,8 +166,8 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     if (missing > SCENE_NAMED_MISSING)
         oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu images are missing in all", missing - SCENE_NAMED_MISSING,
                 missing, c->image_count);
-    if (missing && (scene->view_count == 0 || missing > b->options->missing_share * (double)c->image_count))
-        return scene_fail_missing(ctx, scene, first, b->options->missing_share);
+    if (missing && (scene->view_count == 0 || missing > b->options->missing_images * (double)c->image_count))
+        return scene_fail_missing(ctx, scene, first, b->options->missing_images);
     return OXL_OK;
 }
 

@@ -55,7 +55,7 @@ static double schedule_momentum_factor(const oxl_train_options *o)
 
 OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *o)
 {
-    return (float)(schedule_short_run_factor(o) * sqrt(schedule_momentum_factor(o)) * o->rate_log_scale);
+    return (float)(schedule_short_run_factor(o) * sqrt(schedule_momentum_factor(o)) * o->lr_scale);
 }
 
 /* 0 until the cooldown, 1 at its end. */
@@ -86,7 +86,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     const oxl_train_options *o                = t->options;
     const double             short_run_factor = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
+    const double             first = vecmath_log(o->lr_position), last = vecmath_log(o->lr_position_final);
     const float  mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     const double early =
         SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_factor);
@@ -97,10 +97,10 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
-                       : k < OXL_OPACITY  ? (float)(short_run_factor * o->rate_rotation)
-                       : k < OXL_SH       ? o->rate_opacity
-                       : k < OXL_SH + 3   ? o->rate_sh0
-                       : k < OXL_LOBE     ? (float)(sqrt(short_run_factor) * o->rate_sh)
+                       : k < OXL_OPACITY  ? (float)(short_run_factor * o->lr_rotation)
+                       : k < OXL_SH       ? o->lr_opacity
+                       : k < OXL_SH + 3   ? o->lr_sh0
+                       : k < OXL_LOBE     ? (float)(sqrt(short_run_factor) * o->lr_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
     for (int k = 0; k < OXL_PLANES; k++)
@@ -120,14 +120,14 @@ OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
 {
-    return (int)OXL_MAX(SCHEDULE_RESET_MIN * schedule_scale(o), o->reset_opacity_every * o->iterations);
+    return (int)OXL_MAX(SCHEDULE_RESET_MIN * schedule_scale(o), o->opacity_reset_interval * o->iterations);
 }
 
 /* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step)
 {
     const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o), SCHEDULE_RESET_RECOVERY_SHARE * o->iterations);
-    return o->reset_opacity_every > 0 && step + recovery <= o->densify_until * o->iterations &&
+    return o->opacity_reset_interval > 0 && step + recovery <= o->densify_until * o->iterations &&
            step % schedule_reset_interval(o) == 0;
 }
 

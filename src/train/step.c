@@ -391,7 +391,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                        .f_mid       = f[0],
                                        .f_far       = f[1],
                                        .extent      = oxl_scene_extent(t->scene),
-                                       .split_large = o->reset_opacity_every > 0 && t->step > schedule_reset_interval(o),
+                                       .split_large = o->opacity_reset_interval > 0 && t->step > schedule_reset_interval(o),
                                        .cap         = schedule_gaussian_cap(t->scene, o)};
     struct density_change    change = {0};
     uint8_t                 *carved = NULL;
