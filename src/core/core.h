@@ -61,7 +61,7 @@ struct oxl_context {
     oxl_context_options options;
     int                 threads; /* resolved: at least 1 */
     int                 isa;     /* enum isa of simd.h */
-    struct backend     *backend; /* of the renderer; NULL: none was begun */
+    struct backend     *backend; /* of the renderer; NULL: not opened */
     char                error[1024];
     struct text        *notes;  /* copies of log lines, as elements of a JSON array; NULL: not kept */
     oxl_result          failed; /* code of `error`, for functions that return a pointer or NULL */
@@ -175,7 +175,7 @@ OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct 
 /* A file that does not begin with `start` is read only as far as its first bytes. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
-/* Pages are read when they are used, and may be dropped again; no zero byte after it. Where that cannot be, it is read. */
+/* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without mapping read it. */
 OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 OXL_INTERNAL void       os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 
@@ -202,7 +202,7 @@ struct os_writer {
     FILE *file;
     char *path, *temporary;
     int   error;    /* errno of os_writer_sync */
-    int   unsynced; /* 1: of a file that may be lost in a crash of the machine: no fsync */
+    int   unsynced; /* 1: no fsync, for files that a crash of the machine may lose */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
 OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
@@ -215,15 +215,15 @@ OXL_INTERNAL int   os_remove(const char *path);                 /* 0: success */
 /* A lock on a file, exclusive or shared between processes; see lock.c. */
 enum os_locked {
     OS_LOCK_TAKEN,
-    OS_LOCK_BUSY,    /* `holder` has it; the file is closed, or the lock stays as it was */
+    OS_LOCK_BUSY,    /* `holder` holds it; the file is closed, or the lock is unchanged */
     OS_LOCK_REMOVED, /* taken, but its last holder has removed the file; closed */
     OS_LOCK_NONE,    /* the file system has no locks; the file is open */
     OS_LOCK_FAILED   /* the file cannot be opened: errno */
 };
 struct os_lock {
     intptr_t file;
-    long     process;     /* that has it, as the system says; 0: unknown */
-    char     holder[128]; /* "process 17 on reef": of BUSY who has it, of TAKEN who had it and was killed; "": unknown */
+    long     process;     /* that holds it, as reported by the system; 0: unknown */
+    char     holder[128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
 };
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
@@ -258,7 +258,7 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 
 /* ---------------------------------------------------------------- lock.c: a folder that one process writes to at a time */
 
-/* oxl_lock_folder; shared: beside other processes that share it. */
+/* oxl_lock_folder; shared: other processes may share it, too. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
 /* Of a folder within the OUT of a run that another process has: OXL_ERR_FAILED. */
 OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);

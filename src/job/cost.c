@@ -15,9 +15,10 @@
 #define COST_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
 #define COST_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
-#define COST_PROGRAM_BYTES   1.2e7  /* 9 to 10 MB were seen */
-#define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
-#define COST_STEPS_PER_IMAGE 700 /* at most, of a preset's: more overfit (docs/TRADEOFF.md) */
+#define COST_PROGRAM_BYTES   1.2e7  /* measured: 9 to 10 MB */
+#define COST_CONTEXT \
+    1.25 /* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
+#define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
 #define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
@@ -71,7 +72,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double cache  = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double depths = o->train.medium == OXL_OFF ? 0 : track_depth_bytes((double)load->observations, load->views);
     const int    sets =
-        schedule_has_trials(&o->train) ? 9 : 3; /* planes of 4 bytes: parameters, two moments; three times in a trial */
+        schedule_has_trials(&o->train) ? 9 : 3; /* sets of planes: parameters and two moments; a trial holds three copies */
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES + gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
            (double)load->observations * sizeof(struct colmap_track) + depths;
@@ -91,7 +92,7 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
     return cost;
 }
 
-/* 1: into several blocks, as set. */
+/* 1: the options ask for several blocks. */
 static int cost_has_blocks(const oxl_job_options *o, size_t points)
 {
     const size_t most = (size_t)o->partition.block_points;
@@ -104,7 +105,7 @@ OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const
     const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
     const double all      = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
     double       timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
-    const int    fits     = o->ram == 0 || cost->memory <= (double)o->ram; /* the steps that are timed take as much */
+    const int    fits     = o->ram == 0 || cost->memory <= (double)o->ram; /* timed steps need as much memory */
     double       seconds  = fits ? predict_time(ctx, scene, &o->train, cost->gaussians, timed) : 0;
     if (!(seconds > 0)) seconds = cost->seconds;
     for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);

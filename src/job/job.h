@@ -9,10 +9,10 @@
 
 enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about them */ };
 
-struct oxl_manifest { /* read back from run.json */
+struct oxl_manifest { /* read from run.json */
     int      finished;
-    char    *line, *found;                            /* "job": {...}, "found": {...}; line NULL: there was no run */
-    char    *scene, *preset, *value[MANIFEST_VALUES]; /* value: of the options as text, in the table's order; NULL: not there */
+    char    *line, *found;                            /* "job": {...}, "found": {...}; line NULL: no run */
+    char    *scene, *preset, *value[MANIFEST_VALUES]; /* value: options as text, in the table's order; NULL: absent */
     uint64_t seed;
 };
 OXL_INTERNAL void       manifest_describe(struct text *t, const char *scene, const oxl_job_options *o); /* "job": {...} */
@@ -21,12 +21,12 @@ OXL_INTERNAL void       manifest_free(oxl_context *ctx, struct oxl_manifest *run
 OXL_INTERNAL void       manifest_options(const struct oxl_manifest *run, oxl_job_options *o); /* o borrows run's strings */
 /* A line for each member of "job" and "found" that differs between two runs. */
 OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current);
-OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* a finite member, or 0 */
+OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* a member's value; 0 if absent or not finite */
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
 struct block_record {                                    /* block.json */
-    int           exists, trained, finished, iterations; /* trained: all steps are done; scene_standard.ply may be missing */
+    int           exists, trained, finished, iterations; /* trained: all steps are done, scene_standard.ply may be missing */
     size_t        gaussians;
     double        seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_nonfinite nonfinite;
@@ -36,11 +36,11 @@ struct block_task {
     oxl_train_options          train;
     const oxl_callback        *callback;
     const oxl_model           *start;   /* a trained model that is refined; NULL: the scene's points */
-    const oxl_model           *from;    /* in the place of the points; NULL: they */
-    const oxl_model           *context; /* as in struct train_output, and so are these */
+    const oxl_model           *from;    /* starts instead of the points; NULL: the points do */
+    const oxl_model           *context; /* this and the next three as in struct train_output */
     const struct image_window *window;
     int                        first, until;
-    int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
+    int    standard; /* steps that refine model_standard.ply, the model without second lobes; 0: it is not made */
     double predicted_seconds, predicted_peak;
 };
 /* A run of `steps` further steps from a finished model: the number of Gaussians does not change. */
@@ -56,74 +56,72 @@ OXL_INTERNAL oxl_result        block_write_finished(oxl_context *ctx, oxl_scene 
 /* Continues from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
 OXL_INTERNAL oxl_result        block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
-/* ---------------------------------------------------------------- start.c: a model in the place of the points */
+/* ---------------------------------------------------------------- start.c: a model to start from instead of the points */
 
 struct start {
-    oxl_model model; /* count 0: training starts from the points */
+    oxl_model model; /* count 0: the run starts from the points */
     int       after; /* iterations of the finished run that is continued; 0: the model is --from's */
 };
-/* Finds the model; `found` of run.json gets its checksum. key: "job" and "found" as of a run from the points. */
+/* Finds the model and adds its checksum to `found` of run.json. key: "job" and "found" of the same run from the points. */
 OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const oxl_job_options *o,
                                    const char *key, struct text *found, struct start *start);
-/* Makes it the task's; the gains of a run that is continued become the scene's. */
+/* Sets the task's start; the scene gets the gains of a continued run. */
 OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start,
                                   struct block_task *task);
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
-                                    int blocks); /* several blocks start from the survey */
+                                    int blocks); /* OXL_ERR_USAGE: several blocks can only start from the survey */
 
 /* ---------------------------------------------------------------- metrics.c */
 
 OXL_INTERNAL double metrics_decibel(double error, double weight); /* PSNR of weighted squared errors; NaN of none */
 
 struct metrics_sum {
-    double error, weight; /* sum of squared differences, and of what they are divided by */
-    size_t pixels;        /* that count */
+    double error, weight; /* weighted sum of squared differences; sum of the weights */
+    size_t pixels;        /* with a weight above 0 */
 };
-/* The i-th pixel of both, three channels, by the image's weight. */
+/* Adds pixel i, three channels, with the image's weight. */
 OXL_INTERNAL void   metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* PSNR of the right half, after a gain per channel that is fitted on the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------------------------------------------------------- evaluate.c */
 
-/* The view as its image was taken: through the medium, by the lamp and with the gains of `imaging`; NULL: without any. depth
- * (height,width), or NULL. */
+/* Renders the view as its image was taken: with medium, lamp and gains of `imaging`, or without (NULL). depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
                                       const struct imaging *imaging, int view, oxl_image *out, float *depth);
-/* As oxl_evaluate, but of each view PSNR, cc_psnr and SSIM alone: less than half of the time. */
+/* As oxl_evaluate, but only PSNR, cc_psnr and SSIM of each view, in less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
                                        oxl_metrics *out);
-/* Adds the members of a JSON object, without its braces: the means, by depth, and "views". */
+/* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
 OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
-/* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */
+/* ---------------------------------------------------------------- seam.c: PSNR near the borders between blocks */
 
-struct seam { /* of all pixels of a split that count: by squared error, not the mean of views; NaN of no pixels */
+struct seam { /* over all unmasked pixels of a split, not the mean over views; NaN without pixels */
     double near_psnr, elsewhere_psnr;
     size_t near_pixels, elsewhere_pixels;
 };
 OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
                                      oxl_split split, struct seam *out);
-OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a member and its comma: one line of an object */
+OXL_INTERNAL void       seam_add_json(struct text *t, const struct seam *seam); /* a member of an object and its comma */
 
 /* ---------------------------------------------------------------- render_files.c, training_views.c */
 
-/* oxl_render_views of these views. */
+/* oxl_render_views for the given views. */
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                         const char *folder, const int *view, int requested, int *count);
-/* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours, after
- * enough iterations. The worst are rendered
- * beside their images into `folder`; NULL: none. */
+/* After enough iterations: logs the training views that fit far worse than their neighbours, renders the worst beside their images into
+ * `folder` (NULL: none), and adds the member "training" of metrics.json with its comma. */
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
                                              struct text *json, const char *folder);
 
-/* ---------------------------------------------------------------- predict_time.c: times some steps */
+/* ---------------------------------------------------------------- predict_time.c: time of a run, from some timed steps */
 
 /* Expected Gaussians at the end of a run with at most `cap`. */
 OXL_INTERNAL double predict_time_expected(const oxl_train_options *options, size_t points, size_t cap);
 
-/* Seconds of a run that ends with so many Gaussians, extrapolated from steps timed here; range: lower and upper limit. 0: not
- * predicted, since timing would take too long or memory is missing. */
+/* Seconds of a run that ends with so many Gaussians, extrapolated from steps timed here; range: lower and upper limit. 0: no
+ * prediction, since timing would take too long or there is no memory. */
 OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians,
                                  double range[2]);
 
@@ -133,19 +131,19 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
     int    views;
-    double pixels, schedule_pixels, largest; /* of all views; of the training views; of the largest view */
+    double pixels, schedule_pixels, largest; /* pixels of all views; of the training views; of the largest view */
     double largest_file;                     /* pixels of the largest image file */
-    double context;                          /* Gaussians of others that its views show, for each of its own */
+    double context;                          /* Gaussians of other blocks in its views, per Gaussian of its own */
 };
 struct cost {
     double gaussians, memory, seconds; /* at the end of the run; peak, bytes; with ctx's threads */
 };
-/* Steps of the run of a survey of so many images (docs/SCALE.md). */
+/* Steps of a run with so many images (docs/SCALE.md). */
 OXL_INTERNAL int              cost_iterations(const oxl_job_options *options, int images);
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene);
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block); /* p by partition_make */
 OXL_INTERNAL struct cost      cost_estimate(const oxl_context *ctx, const oxl_job_options *options, const struct cost_load *load);
-/* Peak memory of a run that ends with so many Gaussians, bytes. */
+/* Peak memory, bytes, of a run that ends with so many Gaussians. */
 OXL_INTERNAL double           cost_memory(const oxl_job_options *options, const struct cost_load *load, double gaussians);
 /* Duration for all blocks of the scene, from timed steps, or from the cost where timing takes too long. range: lower and upper limit, or
  * NULL. */
@@ -154,9 +152,9 @@ OXL_INTERNAL double           cost_seconds(oxl_context *ctx, const oxl_scene *sc
 
 /* ---------------------------------------------------------------- budget.c: --ram */
 
-/* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
+/* Sets image cache and largest number of Gaussians so that the load fits options->ram (0: no limit); returns 0 if it cannot. */
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
-/* 1: a run without trials that ends with so many Gaussians fits options->ram. */
+/* 1: a run without trials, with so many Gaussians at its end, fits options->ram. */
 OXL_INTERNAL int        budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians);
 OXL_INTERNAL size_t     budget_cache(const oxl_job_options *o); /* of images, bytes */
 /* The most Gaussians of a run without trials that fit options->ram. */
@@ -164,9 +162,9 @@ OXL_INTERNAL double     budget_max_gaussians(const struct cost_load *load, const
 /* As budget_fit for a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int        budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
-/* --ram, or what is available if the run may exceed it and the number of blocks is not set; 0: no limit. */
+/* --ram; without it, and without a set number of blocks, the available memory if the run may exceed it; 0: no limit. */
 OXL_INTERNAL size_t     budget_limit(const oxl_scene *scene, const oxl_job_options *o);
-/* partition_make with blocks small enough that each fits this limit. OXL_ERR_BUDGET: not even small ones do. */
+/* partition_make with blocks that each fit this limit. OXL_ERR_BUDGET: even the smallest blocks do not. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
 
@@ -175,7 +173,7 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
 /* closely: also checks each image and mask, without decoding images. */
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
                                         oxl_survey *out);
-/* An object without a final newline; lines after the first start with `indent`. */
+/* Adds an object without a final newline; lines after the first start with `indent`. */
 OXL_INTERNAL void       survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
 #endif

@@ -1,26 +1,26 @@
 /* predict_time.c - how long a run will take: times some steps here and now, and extrapolates. The uncertainty is stated with it.
  *
- * Steps of two models are timed over views all over the survey: of the starting one, and of one with as many Gaussians as the run is
- * expected to end with, beside the points that there are. The run's mean step lies between them, by the share of the run in which it
- * has grown. Not predicted: how wide Gaussians become while they are trained, so how many lie over a pixel: that is in the range.
+ * Steps of two models are timed on views across the survey: the starting model, and one with as many Gaussians as the run is expected to
+ * end with. The mean step of the run lies between the two, depending on how early the model grows. Gaussians also widen in training, so
+ * that more of them cover a pixel; this is not predicted, and the stated range allows for it.
  *
- * Invariant: the state of the run is not changed: it ends in the same bytes as without.
+ * Invariant: the state of the run is not changed; the run ends with the same bytes.
  */
 #include "job.h"
 #include "../core/vecmath.h"
 
-#define PREDICT_TIME_GROWTH 0.4 /* new Gaussians in a densification for each that there is: 0.2 to 0.8 were seen, until the cap */
+#define PREDICT_TIME_GROWTH 0.4 /* new Gaussians per Gaussian in a densification; measured: 0.2 to 0.8, until the cap */
 #define PREDICT_TIME_TRAINED \
-    1.25 /* steps of a run over those that are timed: seven runs of five surveys took 0.95 to 2.07 times as long */
-#define PREDICT_TIME_WITHIN  1.7 /* the factor to either side that holds them */
-#define PREDICT_TIME_SECONDS 1.0 /* each model is timed for at most about so long */
+    1.25 /* mean step of a run over the prediction; measured: 0.95 to 2.07 in seven runs of five surveys */
+#define PREDICT_TIME_WITHIN  1.7 /* factor of uncertainty, which covers these */
+#define PREDICT_TIME_SECONDS 1.0 /* limit of the timing of a model */
 #define PREDICT_TIME_SPACING 0.7 /* distance of new Gaussians from their parents, in standard deviations */
 enum {
-    PREDICT_TIME_WARM  = 1,      /* steps that make room and wake threads, not counted */
-    PREDICT_TIME_STEPS = 48,     /* that are timed, at most; the median counts: what else the machine does comes in bursts */
-    PREDICT_TIME_MIN   = 4,      /* in short runs, */
-    PREDICT_TIME_SHARE = 100,    /* where each model is timed for this part of the run */
-    PREDICT_TIME_MAX   = 1000000 /* points: of more, the blocks will be timed; Gaussians: more of them cost in proportion */
+    PREDICT_TIME_WARM  = 1,      /* first steps, which allocate and start threads: not timed */
+    PREDICT_TIME_STEPS = 48,     /* limit of timed steps; their median is used, since other load comes in bursts */
+    PREDICT_TIME_MIN   = 4,      /* timed steps in short runs, */
+    PREDICT_TIME_SHARE = 100,    /* which time 1/100 of their steps with each model */
+    PREDICT_TIME_MAX   = 1000000 /* limit of points that are timed, and of Gaussians: more of them take time in proportion */
 };
 
 struct time_probe {
@@ -28,73 +28,73 @@ struct time_probe {
     const oxl_scene   *scene;
     oxl_render_options render;
     struct renderer   *renderer;
-    oxl_model          first, second; /* the shape of the model that is timed */
-    float             *target;        /* (3,H,W) of the largest view: grey */
-    int                steps;         /* timed of each model */
+    oxl_model          first, second; /* Adam's moments of the timed model */
+    float             *target;        /* (3,H,W) of the largest view; grey */
+    int                steps;         /* timed per model */
 };
 
-static oxl_result predict_time_target(struct time_probe *r)
+static oxl_result predict_time_target(struct time_probe *p)
 {
     size_t most = 0;
-    for (int i = 0; i < oxl_scene_view_count(r->scene); i++) {
-        const oxl_camera *c = &oxl_scene_view(r->scene, i)->camera;
+    for (int i = 0; i < oxl_scene_view_count(p->scene); i++) {
+        const oxl_camera *c = &oxl_scene_view(p->scene, i)->camera;
         most                = OXL_MAX(most, (size_t)c->width * (size_t)c->height);
     }
-    r->target = oxl_alloc(r->ctx, 3 * most, sizeof *r->target);
-    if (!r->target) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "no memory to time a step");
-    for (size_t i = 0; i < 3 * most; i++) r->target[i] = 0.5f;
+    p->target = oxl_alloc(p->ctx, 3 * most, sizeof *p->target);
+    if (!p->target) return oxl_fail(p->ctx, OXL_ERR_MEMORY, "no memory to time a step");
+    for (size_t i = 0; i < 3 * most; i++) p->target[i] = 0.5f;
     return OXL_OK;
 }
 
-static oxl_result predict_time_step(struct time_probe *r, oxl_model *model, const oxl_camera *camera)
+static oxl_result predict_time_step(struct time_probe *p, oxl_model *model, const oxl_camera *camera)
 {
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
-    oxl_result                rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
-    if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
-    if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, NULL);
-    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, NULL, &r->first, &r->second, &still, &skipped);
+    oxl_result                rc = renderer_forward(p->ctx, p->renderer, model, camera, &p->render);
+    if (rc == OXL_OK) rc = renderer_loss(p->ctx, p->renderer, p->target, NULL, 0.2f, &loss);
+    if (rc == OXL_OK) rc = renderer_backward(p->ctx, p->renderer, NULL, NULL);
+    if (rc == OXL_OK) rc = renderer_step(p->ctx, p->renderer, model, NULL, &p->first, &p->second, &still, &skipped);
     return rc;
 }
 
 /* The k-th view of an order in which neighbours are far apart, as in a run: data of one view is not in the cache for the next. */
-static const oxl_camera *predict_time_camera(const struct time_probe *r, int k)
+static const oxl_camera *predict_time_camera(const struct time_probe *p, int k)
 {
     const double along = k * 0.6180339887498949; /* the golden ratio's multiples fill a circle evenly */
-    return &oxl_scene_view(r->scene, (int)((along - floor(along)) * oxl_scene_view_count(r->scene)))->camera;
+    return &oxl_scene_view(p->scene, (int)((along - floor(along)) * oxl_scene_view_count(p->scene)))->camera;
 }
 
-static void predict_time_end_model(struct time_probe *r)
+static void predict_time_end_model(struct time_probe *p)
 {
-    oxl_model_free(r->ctx, &r->first);
-    oxl_model_free(r->ctx, &r->second);
+    oxl_model_free(p->ctx, &p->first);
+    oxl_model_free(p->ctx, &p->second);
 }
 
 /* Median seconds of a step of the model; halved: at half the images' sides. */
-static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int halved, double *seconds)
+static oxl_result predict_time_model(struct time_probe *p, oxl_model *model, int halved, double *seconds)
 {
     double     took[PREDICT_TIME_STEPS], spent = 0;
     int        steps = 0;
-    oxl_result rc    = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->first);
-    if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->second);
-    for (int k = 0; rc == OXL_OK && steps < r->steps && spent < PREDICT_TIME_SECONDS; k++) {
-        const oxl_camera *whole   = predict_time_camera(r, k);
+    oxl_result rc    = oxl_model_create(p->ctx, model->count, model->sh_degree, &p->first);
+    if (rc == OXL_OK) rc = oxl_model_create(p->ctx, model->count, model->sh_degree, &p->second);
+    for (int k = 0; rc == OXL_OK && steps < p->steps && spent < PREDICT_TIME_SECONDS; k++) {
+        const oxl_camera *whole   = predict_time_camera(p, k);
         const oxl_camera  camera  = halved ? camera_halve(whole) : *whole;
         const double      started = os_seconds();
-        rc                        = context_stopped(r->ctx);
-        if (rc == OXL_OK) rc = predict_time_step(r, model, &camera);
+        rc                        = context_stopped(p->ctx);
+        if (rc == OXL_OK) rc = predict_time_step(p, model, &camera);
         if (k < PREDICT_TIME_WARM) continue;
         took[steps] = os_seconds() - started;
         spent += took[steps++];
     }
-    if (rc == OXL_OK) rc = renderer_download(r->ctx, r->renderer, DOWNLOAD_TO_CHANGE);
+    if (rc == OXL_OK) rc = renderer_download(p->ctx, p->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) *seconds = stats_select(took, (size_t)steps, 0.5);
-    predict_time_end_model(r);
+    predict_time_end_model(p);
     return rc;
 }
 
-/* As many as `count`: the model's own centres, again and again, from the second time on a little beside. */
+/* A model of `count` Gaussians: copies of the model's centres; copies after the first are displaced a little. */
 static oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out)
 {
     oxl_point *point = oxl_calloc(ctx, count + 1, sizeof *point);
@@ -116,7 +116,7 @@ OXL_INTERNAL double predict_time_expected(const oxl_train_options *o, size_t poi
     return OXL_MIN(grown * (double)points, (double)cap);
 }
 
-/* Share of the run, in steps, that its mean number of Gaussians is on the way from `points` to `count`. */
+/* Mean over the run of (Gaussians - points) / (count - points): 0 without growth, 1 if all are there from the start. */
 static double predict_time_grown(const oxl_train_options *o, double points, double count)
 {
     double now = points, progress = 0;
@@ -128,30 +128,30 @@ static double predict_time_grown(const oxl_train_options *o, double points, doub
 }
 
 /* step[0..2]: seconds of a step of the starting model, of the same at half the sides (when the run has such steps), of the grown one. */
-static oxl_result predict_time_all(struct time_probe *r, const oxl_train_options *o, double coarse, size_t count, double step[3])
+static oxl_result predict_time_all(struct time_probe *p, const oxl_train_options *o, double coarse, size_t count, double step[3])
 {
     const int  degree = o->sh_degree < 0 ? 3 : o->sh_degree;
     oxl_model  model = {0}, grown = {0};
-    oxl_result rc = predict_time_target(r);
-    if (rc == OXL_OK) rc = renderer_create(r->ctx, &r->renderer);
-    if (rc == OXL_OK) renderer_expect_steps(r->renderer);
+    oxl_result rc = predict_time_target(p);
+    if (rc == OXL_OK) rc = renderer_create(p->ctx, &p->renderer);
+    if (rc == OXL_OK) renderer_expect_steps(p->renderer);
     if (rc == OXL_OK)
-        rc = oxl_model_from_points(r->ctx, oxl_scene_points(r->scene), oxl_scene_point_count(r->scene), degree, &model);
-    if (rc == OXL_OK) rc = predict_time_model(r, &model, 0, &step[0]);
-    if (rc == OXL_OK && coarse > 0) rc = predict_time_model(r, &model, 1, &step[1]);
-    if (rc == OXL_OK) rc = predict_time_grow(r->ctx, &model, count, &grown);
-    if (rc == OXL_OK) rc = predict_time_model(r, &grown, 0, &step[2]);
-    oxl_model_free(r->ctx, &model);
-    oxl_model_free(r->ctx, &grown);
-    renderer_free(r->ctx, r->renderer);
-    oxl_free(r->ctx, r->target);
+        rc = oxl_model_from_points(p->ctx, oxl_scene_points(p->scene), oxl_scene_point_count(p->scene), degree, &model);
+    if (rc == OXL_OK) rc = predict_time_model(p, &model, 0, &step[0]);
+    if (rc == OXL_OK && coarse > 0) rc = predict_time_model(p, &model, 1, &step[1]);
+    if (rc == OXL_OK) rc = predict_time_grow(p->ctx, &model, count, &grown);
+    if (rc == OXL_OK) rc = predict_time_model(p, &grown, 0, &step[2]);
+    oxl_model_free(p->ctx, &model);
+    oxl_model_free(p->ctx, &grown);
+    renderer_free(p->ctx, p->renderer);
+    oxl_free(p->ctx, p->target);
     return rc;
 }
 
 OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *o, double gaussians,
                                  double range[2])
 {
-    struct time_probe r      = {.ctx    = ctx,
+    struct time_probe p      = {.ctx    = ctx,
                                 .scene  = scene,
                                 .render = oxl_render_options_default(),
                                 .steps  = OXL_CLAMP(o->iterations / PREDICT_TIME_SHARE, PREDICT_TIME_MIN, PREDICT_TIME_STEPS)};
@@ -159,9 +159,9 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
     const size_t      timed   = OXL_MIN(count, (size_t)PREDICT_TIME_MAX);
     double            step[3] = {0}, coarse, seconds;
     if (points == 0 || points > PREDICT_TIME_MAX || oxl_scene_view_count(scene) == 0) return 0;
-    r.render.near_plane = (float)scene_near_plane(scene);
+    p.render.near_plane = (float)scene_near_plane(scene);
     coarse = schedule_coarse_share(o, oxl_scene_view(scene, 0)->camera.width, oxl_scene_view(scene, 0)->camera.height);
-    if (predict_time_all(&r, o, coarse, timed, step) != OXL_OK) return 0;
+    if (predict_time_all(&p, o, coarse, timed, step) != OXL_OK) return 0;
     step[2] *= (double)count / (double)timed;
     seconds = step[0] + predict_time_grown(o, (double)points, (double)count) * (step[2] - step[0]);
     seconds *= o->iterations * (step[0] > 0 && coarse > 0 ? 1 - coarse * (1 - step[1] / step[0]) : 1);

@@ -4,19 +4,19 @@
 
 #include "../model/model.h"
 
-/* ---------------------------------------------------------------- backend.c: which machine draws */
+/* ---------------------------------------------------------------- backend.c: the device that renders */
 
 enum { DREW_CPU = 1, DREW_DEVICE = 2 };
 
 struct backend {             /* of a context */
     struct vulkan *vulkan;   /* device that renders; NULL: the CPU */
     int            drew;     /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
-    int            said_cpu; /* for which failures of a device, by bits of oxl_result, it was said that the CPU continues */
+    int            said_cpu; /* bit set of oxl_result: device failures after which the log has said that the CPU continues */
 };
-/* Opens the device of the context's options, once; backend->vulkan stays NULL with OXL_OK: the CPU. */
+/* Opens the device of the context's options, once. OXL_OK with backend->vulkan NULL: the CPU renders. */
 OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
-OXL_INTERNAL void        backend_begin_run(oxl_context *ctx); /* failures of a device are said again: each run's notes tell */
-/* Its name, whether or not it has rendered; NULL: there is none. */
+OXL_INTERNAL void        backend_begin_run(oxl_context *ctx); /* logs failures of a device again, once a run */
+/* Name of the device, whether or not it has rendered; NULL: none. */
 OXL_INTERNAL const char *backend_device(const oxl_context *ctx);
 
 /* ---------------------------------------------------------------- renderer.c: the kernels behind one interface */
@@ -71,8 +71,8 @@ struct adam_params {
         0.9, 0.999     \
     } /* [Kerbl 2023] */
 struct renderer_nonfinite {
-    size_t rows, first; /* how many; the first of them */
-    size_t cleared;     /* of them, on a device: those that held such a value, as nonfinite.c clears them */
+    size_t rows, first; /* number; the first */
+    size_t cleared;     /* on a device: those of them that held such a value and were cleared, as in nonfinite.c */
 };
 /* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
  * invisible from then on. gradient: as renderer_backward gave it; NULL if it gave none. */
@@ -114,7 +114,7 @@ enum renderer_download {
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
 
 /* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
- * RENDERER_FRESH is set; the order stays. Bands that the model had not are 0. The host does the same with the model and calls
+ * RENDERER_FRESH is set; the order stays. SH planes that the model did not have are 0. The host does the same with the model and calls
  * renderer_send_shape. *moved 0: on the CPU, or there was no room on the device; everything is on the host then, as after
  * DOWNLOAD_TO_CHANGE. */
 #define RENDERER_FRESH 0x80000000u

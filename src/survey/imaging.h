@@ -51,16 +51,17 @@ static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
 }
 OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void   imaging_clear(struct imaging *m);
-OXL_INTERNAL void   imaging_interpolate(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void   imaging_interpolate(const struct imaging *m, int view,
+                                        float log_gain[3]); /* from its neighbours, even if the view is known */
 OXL_INTERNAL void   imaging_predict(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
 OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
-                                  oxl_image *image); /* the gain, to what is rendered at mean exposure */
-/* The polynomial at a place, -1..1 across the image. */
+                                  oxl_image *image); /* multiplies an image rendered at mean exposure */
+/* The polynomial at (x, y), each -1..1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 OXL_INTERNAL void   lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
-/* Pixels, width x height from x, y on, of an image of full_width x full_height. */
+/* The pixels from (x, y), width x height, of an image of full_width x full_height. */
 struct lamp_area {
     int   width, height, full_width, full_height;
     float x, y;
@@ -76,39 +77,40 @@ OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_are
 OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y, float a[LAMP_DEGREE + 1]);
 /* sum (14): adds each term x values of row y, by power[k], the sum of the values times x^k. */
 OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1], double sum[LAMP_TERMS]);
-/* One for each camera with LAMP_VIEWS training views, and the first for all others; flat. Their number. */
+/* Sets flat lamps: the first for all cameras with fewer than LAMP_VIEWS training views, then one per other camera. Returns their
+ * number. */
 OXL_INTERNAL int  imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
-/* Which of them is the view's; -1: none. */
+/* Index of the view's lamp; -1: none. */
 OXL_INTERNAL int  imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
-                                                   oxl_image *image); /* to what is rendered; before the gain */
-OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
-OXL_INTERNAL int imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
-OXL_INTERNAL int imaging_alters_colours(
-    const struct imaging *m); /* 1: a medium, or light that falls with range: viewers need a model of their own */
+                                                   oxl_image *image); /* multiplies a rendered image; before the gain */
+OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* gives the known views this mean */
+OXL_INTERNAL int                imaging_is_needed(const struct imaging *m); /* 1: images are not the scene's colours */
+OXL_INTERNAL int                imaging_alters_colours(
+                   const struct imaging *m); /* 1: a medium, or light that falls off with range: viewers need a separate model */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
-/* Images that the scene has not are passed over. */
+/* Images that are not in the scene are ignored. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
-/* Adds a block's gains to the mean over blocks, and takes its lamp and medium; count (views): how many there were. */
+/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added so far. */
 OXL_INTERNAL void       imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
 /* ---------------------------------------------------------------- photometry.c: exposure, lamp and medium from the colours of tracks */
 
 enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
 struct photometry {
-    size_t   points, observations; /* 0: too few tracks */
-    int      parts;                /* of those asked for, the ones that the residuals are evidence for */
-    double   attenuation[3], backscatter[3], veiling_light[3]; /* as of struct medium */
+    size_t   points, observations;                             /* 0: too few tracks */
+    int      parts;                                            /* the requested parts that the residuals support */
+    double   attenuation[3], backscatter[3], veiling_light[3]; /* as in struct medium */
     double   error[9];                                         /* standard errors of their logarithms */
-    float    shape[LAMP_MAX][LAMP_TERMS];                      /* of the lamps, as imaging_set_lamps has them */
+    float    shape[LAMP_MAX][LAMP_TERMS];                      /* of the lamps, in the order of imaging_set_lamps */
     float   *log_gain;                                         /* (views,3) of zero mean */
     uint8_t *known;                                            /* (views) 1: log_gain is fitted */
-    double   colour[3];            /* mean of the images over that of the points' own colours; 0: these are black */
-    double   drift;                /* correlation of the images' gains with the mean range of their points */
-    double   residual, without[3]; /* of white, robust: with all parts; without the medium, lamp, gains (0: not asked for) */
+    double   colour[3];          /* mean colour of the images over that of the points; 0: the points are black */
+    double   drift;              /* correlation of the images' gains with the mean range of their points */
+    double residual, without[3]; /* share of white, robust: with all parts; without the medium, lamp, gains (0: not requested) */
 };
-/* parts: those that may be. Free the result with photometry_free. */
+/* parts: PHOTOMETRY_* that may be used. Free the result with photometry_free. */
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);
 OXL_INTERNAL void       photometry_free(oxl_context *ctx, struct photometry *p);
 

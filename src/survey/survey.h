@@ -7,7 +7,7 @@
 
 /* ---------------------------------------------------------------- colmap.c: the files of a COLMAP model, as they are */
 
-enum { CAMERA_PARAMETERS = 16 }; /* of the model that has most */
+enum { CAMERA_PARAMETERS = 16 }; /* of the camera model with the most */
 
 struct colmap_camera {
     int64_t     id;
@@ -217,38 +217,38 @@ struct scene_stats { /* for `check` and the first message */
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
-/* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
+/* The row of `colmap` that a view comes from; scenes from files only. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
 /* A view's image from its file, undistorted, reduced and masked (image_training_free). */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
-OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]);
-/* (images of scene_colmap) the view of each, -1: none of the training views, or of all. NULL: error set. Free with oxl_free. */
+OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]); /* 0: too far away */
+/* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with oxl_free. */
 OXL_INTERNAL int       *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);
 OXL_INTERNAL int  scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);           /* of decoded images; scenes from arrays keep all */
 OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
 OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile); /* camera z of points in training views */
 OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the depths, since COLMAP's scale is arbitrary */
-/* Decoded images are kept in files of this folder, to be read instead of the originals; NULL: none are. Training views only. */
+/* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL: off. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
 /* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
-/* scene_file.c: the scene in a file, and from it; *out NULL: there is none of this key. */
+/* scene_file.c: writes the scene to a file and maps it again; *out is NULL if the file has another key or does not exist. */
 OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const char *key);
 OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
 
 /* ---------------------------------------------------------------- image_cache.c: which images are in memory */
 
 struct image_cache {
-    struct training_image *image; /* (count) rgb NULL: not in memory */
+    struct training_image *image; /* (count) rgb is NULL if not in memory */
     uint64_t              *used;  /* (count) time of the last request */
     uint64_t               clock;
     int                    count;
-    size_t                 held, limit; /* bytes in memory; of the cache */
+    size_t                 held, limit; /* bytes in memory; bytes allowed */
 };
-OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* none in memory, no limit */
+OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* empty, no limit */
 OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *cache);
 /* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
@@ -261,7 +261,7 @@ OXL_INTERNAL double                       image_cache_bytes(double cache, double
 
 OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to);
 OXL_INTERNAL int      image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
-                                      struct training_image *out); /* 1: it was there and is whole */
+                                      struct training_image *out); /* 1: it exists and is complete */
 OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel */
@@ -275,7 +275,7 @@ struct depth_bands {
     struct depth_sample *sample;   /* (count) by view and pixel, the nearer first */
     size_t               count;
 };
-/* Of `count` given views. */
+/* Samples the observations of the `count` requested views. */
 OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested, int count,
                                           struct depth_bands *out);
 OXL_INTERNAL void       depth_bands_free(oxl_context *ctx, struct depth_bands *b);
@@ -287,24 +287,24 @@ OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth
 
 struct contrast {
     int    measured;    /* 0: too few points observed from several depths */
-    double beta, error; /* contrast goes as exp(-beta z), 1/unit of the scene; its standard error */
+    double beta, error; /* contrast is proportional to exp(-beta z), per unit of the scene; the standard error of beta */
     size_t points, observations;
 };
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
 
-/* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
+/* ---------------------------------------------------------------- lint.c: contradictions between files that can each be read */
 
 #define LINT_MISSED_SURVEY 0.1 /* share of observations outside their image from which the whole survey is reported */
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
-OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* their sizes alone, from the files' headers */
+OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* compares sizes, from the files' headers */
 
-/* ---------------------------------------------------------------- quality.c: images unlike those taken beside them */
+/* ---------------------------------------------------------------- quality.c: images that differ from those taken next to them */
 
 enum { QUALITY_NEIGHBOURS = 8 };
-#define QUALITY_BLUR 0.6 /* x the neighbours' sharpness, at most, and an image is blurred */
-/* Of `count` views, the indices of those that stand nearest to `of` and look the same way, the nearest first; returns how many. */
+#define QUALITY_BLUR 0.6 /* an image below this share of its neighbours' sharpness is blurred */
+/* The indices, among `count` views, of the cameras nearest to `of` that look the same way, nearest first; returns their number. */
 OXL_INTERNAL int        quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
 /* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean:
  * sharpness, whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does

@@ -93,7 +93,7 @@ OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model
 
 struct ucd {
     int             on, learns;
-    double          z_near, z_far; /* where the bands meet, camera z */
+    double          z_near, z_far; /* limits of the middle band, camera z */
     double          f[2];          /* f_mid, f_far: the estimate, or fixed */
     double          prior[2];      /* of the estimate */
     double          offset[2];     /* sums over the pairs: how far each alone would move f_mid and f_far - f_mid from the prior */
@@ -107,38 +107,39 @@ struct ucd {
     struct contrast contrast;
     char            reason[256];
 };
-/* What is `on` and between which depths. Logs nothing; ucd_describe gives the text. */
+/* Sets whether it is on, and the limits of the bands. Logs nothing; ucd_describe gives the text. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options);
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
-OXL_INTERNAL void       ucd_observe(struct ucd *u, double loss);               /* of each step */
-OXL_INTERNAL void       ucd_weights(struct ucd *u, size_t count, double f[2]); /* of this densification: f_mid, f_far */
+OXL_INTERNAL void       ucd_observe(struct ucd *u, double loss);               /* call after each step */
+OXL_INTERNAL void       ucd_weights(struct ucd *u, size_t count, double f[2]); /* f_mid, f_far of this densification */
 OXL_INTERNAL void       ucd_restart(struct ucd *u); /* the pair in progress is void: opacities were reset */
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 
-/* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
+/* ---------------------------------------------------------------- prune.c: removes the Gaussians that matter least */
 
 struct prune {
     oxl_keep keep;
     double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
-    int      views;               /* a score is taken of at most so many, spread evenly */
+    int      views;               /* views of a score, at most; spread evenly */
     int      start, end;          /* the phase: steps */
-    int      every, patience;     /* steps between checks; without a drop */
-    int      drops, last;         /* done; step of the last */
+    int      every, patience;     /* steps between checks; steps without a drop after which one is made */
+    int      drops, last;         /* drops made; step of the last */
     size_t   first_count, target; /* at the phase's start (0: not yet), at its end */
     double   drop_l1;             /* mean L1 before the last drop */
     double   l1_sum;              /* since the last check */
     int      l1_count;
     double   validation_loss; /* auto: loss of the validation views at the phase's start */
 };
-/* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
-OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
-OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
-OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
-OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the phase are ignored */
-OXL_INTERNAL int    prune_is_check_step(const struct prune *p,
-                                        int step); /* whether prune_due would look: then `auto` needs validation_loss */
+/* densified: last step of density control; views: number of training views; row_bytes: prune_row_bytes. */
+OXL_INTERNAL void       prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
+OXL_INTERNAL double     prune_row_bytes(int sh_degree, int lobes); /* lobes: 1 if rows may have a second one */
+OXL_INTERNAL void       prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
+OXL_INTERNAL void       prune_observe(struct prune *p, int step,
+                                      double l1); /* call after each step; steps outside the phase are ignored */
+OXL_INTERNAL int        prune_is_check_step(const struct prune *p,
+                                            int                 step); /* 1: prune_due checks; `auto` then needs validation_loss */
 /* After the step: number of `count` Gaussians to remove now. validation_loss: mean of the validation views, for auto. */
-OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
+OXL_INTERNAL size_t     prune_due(struct prune *p, int step, size_t count, double validation_loss);
 /* keep (count): 0 for the `drop` that matter least, else 1. */
 OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
                                      const oxl_render_options *options, const oxl_model *model, uint8_t *keep);
@@ -151,8 +152,8 @@ OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t dr
 /* ---------------------------------------------------------------- transients.c: masks of moving objects */
 
 struct transients_square { /* of pixels, in the present view */
-    float    error;        /* how far off its mean colour is, of white; -1: none of its pixels counts */
-    float    expected;     /* the largest expected error of the points in it; -1: there are none */
+    float    error;        /* difference of the mean colours, share of white; -1: all its pixels are masked */
+    float    expected;     /* largest expected error of the points in it; -1: no point */
     unsigned marks;
 };
 struct transients {
@@ -170,9 +171,9 @@ struct transients_view {
     double            near_plane;
     const float      *rendered, *image; /* (3,H,W) */
     float            *weight;           /* (H,W): set to 0 where masked as transient */
-    int               has_mask;         /* weight contains a mask; 0: all of it is set */
+    int               has_mask;         /* weight contains a mask; 0: all weights are 1 */
 };
-/* update 0: expected errors stay as they are, as in the steps of a trial. */
+/* update 0: the expected errors do not change, as in the steps of a trial. */
 OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
                                         const struct transients_view *view, int update);
 OXL_INTERNAL void       transients_describe(const struct transients *t, char *out, size_t size); /* the masked share, as text */
@@ -187,20 +188,20 @@ OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, do
 
 struct medium_fit {
     int    on, fixed, steps;            /* fixed: the tracks' values */
-    double range;                       /* the survey's median, that attenuation counts by */
+    double range;                       /* the survey's median; attenuation is per this range */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
 OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const struct medium *continued);
-/* The tracks' medium, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_set_from_tracks,
- * exposure_set_from_tracks. */
+/* Uses the medium fitted to the tracks, if the residuals support it and the depths span enough; why: the evidence. Likewise
+ * lamp_set_from_tracks and exposure_set_from_tracks. */
 OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p, char *why,
                                              size_t size);
-#define MEDIUM_FIT_SPAN_MIN 2 /* less does not identify the medium: auto is off (docs/IMAGING.md) */
+#define MEDIUM_FIT_SPAN_MIN 2 /* ratio of depths below which the medium is not identifiable: auto is off (docs/IMAGING.md) */
 OXL_INTERNAL double medium_fit_span(oxl_scene *scene);
 OXL_INTERNAL int    medium_fit_start_step(const oxl_train_options *options); /* without tracks, after this step; 0: never */
 OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f);
 OXL_INTERNAL void          medium_fit_start(struct medium_fit *f, oxl_scene *scene);
-/* J from what it is in training to that without the medium, or back. */
+/* Converts the model's colours from those of training to those without the medium, or back. */
 OXL_INTERNAL void          medium_fit_scale_colours(const struct medium_fit *f, int to_clear, oxl_model *model);
 OXL_INTERNAL void          medium_fit_step(struct medium_fit *f, double progress, const double gradient[9]);
 OXL_INTERNAL void          medium_fit_archive(struct archive *a, struct medium_fit *f, int used);
@@ -208,16 +209,16 @@ OXL_INTERNAL void          medium_fit_archive(struct archive *a, struct medium_f
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 
 struct lamp_fit {
-    int         on, has_falloff, frozen, steps, groups;                    /* has_falloff: it is trained; frozen: nothing is */
-    int         visits[LAMP_MAX];                                          /* steps of a camera */
-    struct lamp group[LAMP_MAX];                                           /* the first: cameras that have none of their own */
+    int         on, has_falloff, frozen, steps, groups; /* has_falloff: falloff is trained; frozen: nothing is */
+    int         visits[LAMP_MAX];                       /* steps of a camera */
+    struct lamp group[LAMP_MAX];                        /* the first: cameras that have none of their own */
     double      first[LAMP_MAX][LAMP_TERMS], second[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
     double      falloff, falloff_first, falloff_second, reference;
 };
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued);
 OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m);
-/* of: the lamp of the view's camera. */
+/* of: lamp of the view's camera. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
                             double falloff);
 OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
@@ -235,20 +236,19 @@ struct exposure {
     struct imaging           of;             /* the gains; on: they are applied */
     float                   *first, *second; /* (views,3) Adam's moments */
     int                     *visits;         /* (views) steps of a view's gains */
-    double                   mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
-    struct exposure_gradient pending;        /* of the last step, not applied yet */
+    double                   mean[3]; /* that the log gains are given after each step: 0, or the mean of the continued run */
+    struct exposure_gradient pending; /* gradient of the last step, not yet applied */
 };
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-/* Keeps a step's gradient, which exposure_apply_pending applies unless it is of a later step than `last`. That of the step before is
- * applied. */
+/* Applies the pending gradient and keeps that of this step. exposure_apply_pending applies it, unless its step is later than `last`. */
 OXL_INTERNAL void       exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
 OXL_INTERNAL void       exposure_apply_pending(struct exposure *e, int last);
 OXL_INTERNAL void       exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
-/* ---------------------------------------------------------------- free_space.c: between a camera and the points that it saw */
+/* ---------------------------------------------------------------- free_space.c: the space between a camera and the points it observes */
 
 enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
 
@@ -267,10 +267,10 @@ OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *ou
 /* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
 OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved);
 
-/* ---------------------------------------------------------------- track_depth.c: depths that the tracks give */
+/* ---------------------------------------------------------------- track_depth.c: depths from the tracks */
 
 struct track_depth_view {
-    int                 seen;  /* points; as many are kept, up to a limit */
+    int                 seen;  /* points observed; they are kept up to a limit */
     struct depth_point *point; /* px of the view's camera */
 };
 struct track_depth {
@@ -278,7 +278,7 @@ struct track_depth {
     struct track_depth_view *view; /* (views); NULL: no tracks */
     struct depth_point      *all;
 };
-/* window (views): only of views that have one; NULL: of all training views. */
+/* window (views): only views with a window are used; NULL: all training views. */
 OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
                                           const struct image_window *window);
 OXL_INTERNAL void       track_depth_free(oxl_context *ctx, struct track_depth *d);
