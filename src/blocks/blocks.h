@@ -21,20 +21,20 @@ struct partition {
     double                  origin[3];   /* world */
     double                  extent[3];   /* l1 >= l2 >= l3, trimmed */
     int                     dimensions;  /* 2: the third axis is never cut; 3 */
-    double                  memory;      /* bytes that a process may take, from which the blocks follow; 0: no limit */
+    double                  memory;      /* limit of a process, bytes, that determined the number of blocks; 0: no limit */
     int                     block_count;
     struct partition_block *block;
-    struct partition_plan  *plan; /* which point and view is where, for the export; NULL when read from partition.txt */
+    struct partition_plan  *plan; /* the block of each point and view, for the export; NULL if read from partition.txt */
 };
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
 OXL_INTERNAL int  partition_contains(const struct partition_box *box, const double frame[3]);
 
-/* Cuts a scene from files into blocks; the scene must outlive the partition. One block when it is small enough, when the options ask for
- * it, or when there are no tracks, from which a view's points follow; the log states which, and on what evidence 2D or 3D was chosen. */
+/* Splits a scene from files into blocks; the scene must outlive the partition. It stays one block if it is small enough, if the options
+ * say so, or if it has no tracks, which tell the points of a view. The log states the reason, and the evidence for 2D or 3D. */
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
                                        struct partition *out);
 OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);
-OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p); /* and what it refers to is not used any more */
+OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p); /* the partition no longer refers to the scene */
 
 /* partition_file.c: partition.txt, which reads back to the same bits. */
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
@@ -50,7 +50,7 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
 /* Appends the rows of `from` with keep (count) not 0, or all with keep NULL, relative to into's origin. The SH degree of `into` grows
  * to that of `from`, missing coefficients are 0; rows with a second lobe stay in front. On failure `into` is unchanged. */
 OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, const uint8_t *keep, oxl_model *into);
-/* Model files as one, page by page: rows with a second lobe first. */
+/* Merges model files into one, page by page; rows with a second lobe come first. */
 OXL_INTERNAL oxl_result merge_files(oxl_context *ctx, char *const *path, int count, const double origin[3], const char *out);
 /* inside (count): 1 for the Gaussians whose centres lie in the block's box; a centre that is not finite lies in none. */
 OXL_INTERNAL void       merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside);

@@ -6,7 +6,7 @@
 
 struct partition_node {
     struct partition_box box;      /* owner */
-    struct partition_box finite;   /* what is searched for a cut */
+    struct partition_box finite;   /* the part searched for a cut */
     struct partition_box expanded; /* of a leaf; of a node: around those of its leaves */
     struct partition_box deep;     /* of a leaf: the part of it that no other block expands into */
     int                  parent;
@@ -18,7 +18,7 @@ struct partition_node {
     int                  in_batch; /* its place in the batch of boxes that are searched; -1: not in it */
     int                  block;    /* of a leaf */
     size_t               points;   /* of a leaf, at owner */
-    int                  parts;    /* blocks to be made of it; 0: while it holds more than N_p points, two */
+    int                  parts;    /* blocks to make of it; 0: two while it holds more than N_p points */
 };
 
 struct partition_build {

@@ -93,7 +93,7 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
-/* A file of another run, or a damaged one, is as none. */
+/* A damaged file, or one of another run, is ignored. */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out)
 {
     struct os_file_map map  = {0};

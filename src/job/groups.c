@@ -1,4 +1,4 @@
-/* groups.c - the last part of a run in blocks where memory does not hold the merged model: it is trained in groups of views.
+/* groups.c - the last stage of a run in blocks, where the merged model does not fit into memory: it is trained in groups of views.
  *
  * Memory holds what the views of a group show, with gradient and moments. A task trains these Gaussians, of whatever block, on the group's
  * views. Moments are kept with the Gaussians and all groups have several turns: nearly as with all views in random order (docs/SCALE.md).
@@ -94,7 +94,7 @@ static oxl_result groups_write_state(const struct groups *g)
     return rc;
 }
 
-/* A file of another run, or a damaged one, is as none: count stays 0. */
+/* A damaged file, or one of another run, is ignored: count stays 0. */
 static oxl_result groups_read_state(struct groups *g)
 {
     struct os_file_map map    = {0};
@@ -116,7 +116,7 @@ static oxl_result groups_read_state(struct groups *g)
     return rc;
 }
 
-/* A file of another version than groups.txt names is of a process that was killed before it had removed it, or named it. */
+/* A file of another version than in groups.txt is left by a process that was killed before it removed or named the file. */
 static void groups_remove_other_version(void *user, const char *name)
 {
     const struct groups *g     = user;
@@ -179,7 +179,8 @@ static oxl_result groups_divide(struct groups *g, const int *view, int count)
         return rc == OXL_OK ? groups_divide(g, view + count / 2, count - count / 2) : rc;
     }
     if (rows > g->limit) {
-        oxl_log(g->job->ctx, OXL_LOG_WARNING, "%s shows %.0f Gaussians, memory holds %.0f: it is left out of the last part",
+        oxl_log(g->job->ctx, OXL_LOG_WARNING,
+                "%s shows %.0f Gaussians, more than the %.0f that fit into memory: it is left out of the last stage",
                 oxl_scene_view(g->job->scene, view[0])->name, rows, g->limit);
         return OXL_OK;
     }
@@ -218,7 +219,8 @@ static oxl_result groups_make(struct groups *g)
     oxl_result rc = view ? groups_order(g, view, &count) : job_no_memory(g->job);
     for (int i = 0; i < g->views; i++) g->of[i] = -1;
     if (rc == OXL_OK) rc = groups_divide(g, view, count);
-    if (rc == OXL_OK) oxl_log(g->job->ctx, OXL_LOG_INFO, "memory does not hold the merged model: %d groups of views", g->count);
+    if (rc == OXL_OK)
+        oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views", g->count);
     if (rc == OXL_OK) rc = os_make_folder(g->job->ctx, g->folder);
     if (rc == OXL_OK) rc = groups_write_state(g);
     oxl_free(g->job->ctx, view);
@@ -434,7 +436,7 @@ static oxl_result groups_finish(struct groups *g)
 OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
 {
     const struct cost_load load   = cost_load_of_scene(job->scene);
-    const int              blocks = job->partition.block_count, steps = job->part_until;
+    const int              blocks = job->partition.block_count, steps = job->stage_until;
     struct groups          g = {.job     = job,
                                 .folder  = folder,
                                 .limit   = budget_max_gaussians(&load, &job->options),

@@ -86,10 +86,11 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     struct job  *job  = user;
     oxl_progress p    = *progress;
     const double here = os_seconds() - job->started, limit = job->options.train.max_seconds;
-    const double done = job->done + job->part * (p.iteration - job->part_first) / OXL_MAX(1, job->part_until - job->part_first);
-    p.memory          = os_peak_rss();
-    p.block           = job->block;
-    p.blocks          = job->partition.block_count;
+    const double done =
+        job->done + job->stage * (p.iteration - job->stage_first) / OXL_MAX(1, job->stage_until - job->stage_first);
+    p.memory = os_peak_rss();
+    p.block  = job->block;
+    p.blocks = job->partition.block_count;
     if (p.blocks > 1 && done > job->done_before)
         p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before); /* the rest as what this process has done */
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));

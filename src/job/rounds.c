@@ -43,8 +43,8 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
                                    .until    = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
     oxl_result         rc       = job->scene ? OXL_OK : job_load(job);
     job->block                  = job->partition.block_count;
-    job->part                   = JOB_COARSE;
-    job->part_first = 0, job->part_until = task.until;
+    job->stage                  = JOB_COARSE;
+    job->stage_first = 0, job->stage_until = task.until;
     if (rc == OXL_OK) {
         const struct cost_load load = cost_load_of_scene(job->scene);
         oxl_job_options        o    = job->options;
@@ -241,8 +241,8 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     oxl_result               rc;
     task.predicted_seconds = job->survey.seconds * plan->work;
     job->block             = block;
-    job->part              = plan->work / JOB_ROUNDS;
-    job->part_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->part_until = task.until;
+    job->stage             = plan->work / JOB_ROUNDS;
+    job->stage_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->stage_until = task.until;
     job_limit_time(job, &task.train);
     rc = rounds_read_imaging(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
@@ -278,7 +278,7 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
     oxl_result  rc     = rounds_train(r, block, round, folder);
     if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
     job->unfinished += rc == OXL_OK && done <= round;
-    job->done += job->part;
+    job->done += job->stage;
     return rc;
 }
 
@@ -383,14 +383,14 @@ static int rounds_merged_fits(const struct job *job)
 static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    const int              step = (int)ceil(ROUNDS_GROWTH * job->part_until);
+    const int              step = (int)ceil(ROUNDS_GROWTH * job->stage_until);
     oxl_job_options        o    = job->options;
-    o.train                     = block_refinement(&job->options.train, sh_degree, job->part_until);
+    o.train                     = block_refinement(&job->options.train, sh_degree, job->stage_until);
     if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
         budget_limit_gaussians(job->ctx, &load, &o)) {
         job_set_cache(job, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
         o.train.densify_every = step;
-        o.train.densify_until = (float)((step + 0.5) / job->part_until);
+        o.train.densify_until = (float)((step + 0.5) / job->stage_until);
     }
     return o.train;
 }
@@ -421,8 +421,8 @@ static oxl_result rounds_train_merged(struct job *job)
     oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
     const int           steps  = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
     job->block                 = job->partition.block_count + 1;
-    job->part                  = block_plan_merged_share(job);
-    job->part_first = 0, job->part_until = steps;
+    job->stage                 = block_plan_merged_share(job);
+    job->stage_first = 0, job->stage_until = steps;
     if (rc == OXL_OK && !record.finished) {
         if (!job->scene) rc = job_load(job);
         if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);

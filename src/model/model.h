@@ -34,7 +34,7 @@ enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
 #define MODEL_OPACITY           0.1    /* of a new Gaussian; Kerbl 2023 */
 #define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
 #define MODEL_LOBE_RATE_SCALE   0.005f /* of OXL_LOBE + 1..3 */
-/* Rows 0..lobes-1 have one; new ones are zero. */
+/* Rows 0..lobes-1 get a lobe; new ones are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
 OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
 /* Moves the rows with active (count) not 0 to the front of all three, each part in its order, and gives them lobes with these factors and
@@ -58,7 +58,7 @@ struct model_file_layout {
     size_t   rows, row_bytes, lobes;
     int      degree, offset[OXL_PLANES]; /* of a plane's value in a row */
 };
-/* *has 0: it is another file. Origin and scale become the model's. */
+/* *has 0: not such a file. The model gets the file's origin and scale. */
 OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out, oxl_model *model,
                                           int *has);
 /* The rows from `first` on, as many as the model has. */
@@ -66,7 +66,7 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
                                              size_t first, oxl_model *model);
 /* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes are included. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
-/* Several of the same origin as one, read page by page if they are in files. */
+/* Several models of the same origin as one file; those in files are read page by page. */
 OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model, int count,
                                                 int file_degree);
 
@@ -75,7 +75,7 @@ OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *pa
 OXL_INTERNAL int        model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row);
 OXL_INTERNAL size_t     model_pages_count(const oxl_model *model);
 OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out);
-/* The rows of a model of oxl_model_open that may show. */
+/* The rows of a model of oxl_model_open that may be visible. */
 OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, double near_plane,
                                          oxl_model *out);
 OXL_INTERNAL void       model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages);
