@@ -44,13 +44,13 @@ static void extreme_print_renders(oxl_context *ctx)
         int                   finite   = 1;
         extreme_run(ctx, &EXTREMES[i], &r);
         for (int k = 0; k < EXTREME_PARTS; k++) {
-            finite &= r.stage[k].finite;
+            finite &= r.part[k].finite;
             if (k == 0) continue; /* the image */
-            gradient.most = OXL_MAX(gradient.most, r.stage[k].most);
-            gradient.mean = OXL_MAX(gradient.mean, r.stage[k].mean);
+            gradient.most = OXL_MAX(gradient.most, r.part[k].most);
+            gradient.mean = OXL_MAX(gradient.mean, r.part[k].mean);
         }
         printf("| %s | %zu of %d |", EXTREMES[i].what, r.rendered, EXTREMES[i].count);
-        extreme_print_cell(&r.stage[0]);
+        extreme_print_cell(&r.part[0]);
         extreme_print_cell(&gradient);
         printf(" %.0e, %.0e |", EXTREMES[i].image, EXTREMES[i].gradient);
         extreme_say_whether(finite && extreme_holds(&EXTREMES[i], &r));

@@ -10,7 +10,7 @@ TEST(extremes_are_rendered_and_differentiated_within_the_stated_bounds)
         if (extreme_holds(&EXTREMES[i], &r)) continue;
         test_failed++;
         printf("  %s:", EXTREMES[i].what);
-        for (int k = 0; k < EXTREME_PARTS; k++) printf(" %.1e%s", r.stage[k].most, r.stage[k].finite ? "" : " (not finite)");
+        for (int k = 0; k < EXTREME_PARTS; k++) printf(" %.1e%s", r.part[k].most, r.part[k].finite ? "" : " (not finite)");
         printf("\n");
     }
 }
