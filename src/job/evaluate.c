@@ -1,4 +1,4 @@
-/* evaluate.c - a model's images against those of a survey, view by view, and the result as JSON. */
+/* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as JSON. */
 #include "job.h"
 
 /* ---------------------------------------------------------------- a view as its image was taken */

@@ -5,8 +5,8 @@
  * the first at once, each further one when the mean L1 of training has fallen to 0.99 of its value before the last drop, or after
  * 1500 of 40 000 iterations without that.
  *
- * Removed are those with the lowest score,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * rendered image. It is the plain sum: divided by the number of views it was worse in 7 of 7 pairs (docs/PAPER.md).
+ * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
+ * rendered image. Dividing U by the number of views was worse in 7 of 7 pairs (docs/PAPER.md).
  *
  * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
  * is a function of the model, the scene and the options; ties are resolved by row.
