@@ -140,7 +140,7 @@ static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, 
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
     const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct training_image *image  = image_cache_get(ctx, scene, view);
+    const struct training_image *image  = scene_image(ctx, scene, view);
     oxl_result                   rc     = oxl_reserve(ctx, &pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed; /* else it was named when it was trained on */

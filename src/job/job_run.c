@@ -1,4 +1,4 @@
-/* job.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
+/* job_run.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
  *
  * OUT/run.json is written first, as the key of the run, and last, when everything else is in place. Invariant: a run.json that
  * says "finished": true describes the scene.ply beside it. Its lines "job" and "found" hold all that the result depends
