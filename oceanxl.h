@@ -243,7 +243,7 @@ OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's cameras needs the scene's origin. */
 OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3]);
-/* Places, sizes and origin times a factor above 0; model->scale keeps what all factors come to. */
+/* Places, sizes and origin times a factor above 0; model->scale becomes the product of all factors. */
 OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl 2023]. Of points at the same

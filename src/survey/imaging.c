@@ -544,7 +544,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
                  !imaging_read_lamp(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: the line is no whole one of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
+                "%s:%d: incomplete or unknown line, expected gain, bD, bB, Binf, falloff, lamp or #\nfix: train again, which writes the file",
                 path, line);
         at = stop + 1;
     }

@@ -8,8 +8,8 @@
 
 OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: seen %s for %s, wanted %s\nfix: export the survey once more", r->path,
-                    r->line, seen, what, wanted);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: found %s for %s, expected %s\nfix: export the survey once more",
+                    r->path, r->line, seen, what, wanted);
 }
 
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map)

@@ -127,7 +127,7 @@ OXL_INTERNAL void       selection_record(struct train *t, const char *what, cons
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
 OXL_INTERNAL oxl_result
 train_imaging_start_medium(struct train *t);               /* after a step, where it is due: a medium that tracks do not give */
-OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs what was fitted, and how far it can be believed */
+OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs what was fitted, and its uncertainty */
 OXL_INTERNAL void train_imaging_store(struct train *t);    /* stores it in the scene, for evaluation and rendering */
 
 /* ---------------------------------------------------------------- train_loop.c */
