@@ -135,20 +135,20 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
 /* Which point each 2D point of the view belongs to, by the tracks. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_visibility *s = e->p->plan->visibility;
-    for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
-        if (s->observation[k] >= e->slots || w->slot[s->observation[k]] != -1) w->loose++;
-        else w->slot[s->observation[k]] = e->colmap->point[s->point[k]].id;
+    const struct partition_visibility *vis = e->p->plan->visibility;
+    for (size_t k = vis->first[view]; k < vis->first[view + 1]; k++) {
+        if (vis->observation[k] >= e->slots || w->slot[vis->observation[k]] != -1) w->loose++;
+        else w->slot[vis->observation[k]] = e->colmap->point[vis->point[k]].id;
     }
 }
 
 static void exporter_clear_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_visibility *s = e->p->plan->visibility;
-    for (size_t k = s->first[view]; k < s->first[view + 1]; k++)
-        if (s->observation[k] < e->slots && w->slot[s->observation[k]] != -1) {
+    const struct partition_visibility *vis = e->p->plan->visibility;
+    for (size_t k = vis->first[view]; k < vis->first[view + 1]; k++)
+        if (vis->observation[k] < e->slots && w->slot[vis->observation[k]] != -1) {
             w->loose++;
-            w->slot[s->observation[k]] = -1;
+            w->slot[vis->observation[k]] = -1;
         }
 }
 
