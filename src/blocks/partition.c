@@ -38,7 +38,7 @@ OXL_INTERNAL int partition_contains(const struct partition_box *box, const doubl
 
 /* ---------------------------------------------------------------- so many blocks */
 
-/* So many blocks, before those too small are undone; leaves 0: as many as leave none with more than N_p points. */
+/* Partitions into `leaves` blocks (0: until none has more than N_p points), then undoes splits that leave a block too small. */
 static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leaves, size_t *largest)
 {
     oxl_result rc;

@@ -200,7 +200,7 @@ static oxl_result partition_assign_views(struct partition_build *b)
         return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %zu views of %zu blocks", views, blocks);
     }
 #pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) /* strided: neighbours in name see alike */
+    for (int task = 0; task < PARTITION_TASKS; task++) /* strided: views with neighbouring names observe the same points */
         for (size_t v = (size_t)task; v < views; v += PARTITION_TASKS) partition_assign_view(b, v, seen + (size_t)task * blocks);
     oxl_free(b->ctx, seen);
     return OXL_OK;
@@ -255,7 +255,7 @@ static int partition_undo_small(struct partition_build *b)
     return taken;
 }
 
-/* Points and views to the leaves; those too small are undone. largest: points of the largest block. */
+/* Assigns points and views to the leaves; splits that leave a block too small are undone. largest: points of the largest block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest)
 {
     oxl_result rc    = OXL_OK;

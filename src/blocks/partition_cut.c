@@ -107,7 +107,7 @@ struct partition_candidate { /* a ratio, and the leaves on each side */
     double off;  /* by how much the load of a side misses its share */
 };
 
-/* One ratio with so many leaves on its low side. */
+/* Rates one ratio with low_leaves leaves on its low side. */
 static struct partition_candidate partition_rate(const struct partition_build *b, const struct partition_node *n, int ratio,
                                                  const struct partition_bin *low, uint64_t load, int low_leaves)
 {
@@ -247,7 +247,7 @@ static oxl_result partition_grow(struct partition_build *b)
     return rc;
 }
 
-/* A tree of so many leaves from the root on; leaves 0: as many as leave none with more than N_p points. */
+/* Grows a tree from the root; leaves 0: splits until no leaf has more than N_p points. */
 OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
 {
     b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .leaves = leaves, .in_batch = -1};

@@ -161,7 +161,7 @@ static const char *exporter_next_field(const char *p, const char **begin)
     return p;
 }
 
-/* X and Y as they stand there, POINT3D_ID anew. */
+/* Copies X and Y as text, and writes a new POINT3D_ID. */
 static void exporter_list(const struct exporter *e, struct exporter_worker *w, const char *p)
 {
     for (size_t k = 0;; k++) {

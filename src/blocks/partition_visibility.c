@@ -1,11 +1,11 @@
 /* partition_visibility.c - points observed by each view, from the tracks of points3D.txt.
  *
- * Invariant: only training views have lists. What a test view saw takes no part in any decision about blocks, or the test would
- * not be one.
+ * Invariant: only training views have lists. What a test view observes must not influence
+ * the blocks, or it would not be held out.
  */
 #include "partition.h"
 
-/* ---------------------------------------------------------------- turning over, in parts of the points */
+/* ---------------------------------------------------------------- from points with views to views with points, in parallel over the points */
 
 struct visibility_build {
     const struct colmap         *colmap;

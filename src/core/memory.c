@@ -1,4 +1,4 @@
-/* memory.c - errors, the log, memory: what every other file needs. */
+/* memory.c - errors, log messages and allocation, used by every other file. */
 #include "core.h"
 
 /* ---------------------------------------------------------------- errors and the log */

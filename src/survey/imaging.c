@@ -2,8 +2,8 @@
  *
  * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
  * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
- * stereo pair, interleaved by name, have gains of their own; how far the other camera's gain at that moment is off its own neighbours'
- * line is added, times a factor from 0 to 1 that the known views of both cameras give: 1 if the cameras adapt together.
+ * stereo pair, interleaved by name, have gains of their own; the deviation of the other camera's gain at that moment from
+ * the line between its own neighbours is added, times a factor from 0 to 1 measured on the known views: 1 if the cameras adapt together.
  *
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line

@@ -1,5 +1,5 @@
-/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, as the struct that COLMAP's
- * files give.
+/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, read into the struct of
+ * COLMAP's files.
  *
  * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera exists. There are no
  * 2D points and no tracks, so such a survey is one block.

@@ -1,8 +1,8 @@
 /* quality.c - images that differ from those taken beside them: blurred, too dark, too bright. Before any training.
  *
- * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8 that stand nearest and
- * look the same way. The logarithm of that ratio is set against its spread over all views (median absolute deviation, 1.4826 of
- * it is a standard deviation [Rousseeuw & Croux 1993]), so a survey of uneven light flags none of its own kind.
+ * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8 nearest views with the same
+ * direction. The logarithm of that ratio is divided by its spread over all views (1.4826 times the median absolute deviation, a
+ * robust standard deviation [Rousseeuw & Croux 1993]), so uneven light that is normal in a survey is not reported.
  *
  * Invariant: no check changes what is trained. Every sum is one of integers.
  */

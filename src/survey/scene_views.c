@@ -1,4 +1,4 @@
-/* scene_views.c - the views of a survey: the rows of COLMAP's images and cameras whose image is there, with undistorted, reduced cameras.
+/* scene_views.c - the views of a survey: COLMAP's images that exist on disk, with undistorted, reduced cameras.
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */

@@ -1,6 +1,6 @@
 /* survey_files.c - paths of a survey's files: choice of COLMAP's sub-model, search for missing images.
  *
- * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with most images is used.
+ * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with the most images is used.
  *
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */

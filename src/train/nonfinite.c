@@ -1,13 +1,12 @@
-/* nonfinite.c - values that are not finite, and images that cannot be read: detected where they appear, named, skipped or cleared,
- * and counted.
+/* nonfinite.c - values that are not finite, and images that cannot be read: logged where they appear, skipped or cleared, and counted.
  *
- *     seen in                 what is done                                                            counted in
- *     an image                it cannot be read: named, and left out from then on                     images
- *     the loss of a view      Gaussians that hold such a number, or cannot be rendered without, are      steps, cleared
- *                             cleared; the view's step is skipped
- *     a Gaussian that a view  its step is skipped, all of it; the other Gaussians take theirs. One    rows, cleared
- *     has seen, its gradient  that holds such a number itself is cleared
- *     the model at the end    such Gaussians are removed                                              cleared
+ *     found in                      action                                                                counted in
+ *     an image that cannot be read  it is left out from then on                                           images
+ *     the loss of a view            Gaussians with such a value, or with one when rendered, are cleared;  steps, cleared
+ *                                   the step is skipped
+ *     a visible Gaussian or its     its own update is skipped; other Gaussians are updated. A Gaussian    rows, cleared
+ *     gradient                      with such a value is cleared
+ *     the final model               the Gaussian is removed                                               cleared
  *
  * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by density control.
  *
