@@ -246,9 +246,9 @@ static void partition_log_blocks(const struct partition_build *b, const struct p
     if (p->block_count > 1 && most > (size_t)b->options.block_points)
         oxl_log(
             b->ctx, b->level == OXL_LOG_INFO ? OXL_LOG_WARNING : b->level,
-            "the largest block holds %zu points, more than --block-points %d: no cut would leave both its sides enough points and views",
+            "the largest block holds %zu points, more than --block-points %d: no cut leaves enough points and views on both sides",
             most, b->options.block_points);
-    if (idle > 0) oxl_log(b->ctx, b->level, "%zu training views see too little of every block, and take no part", idle);
+    if (idle > 0) oxl_log(b->ctx, b->level, "%zu training views observe too few points of every block and are not used", idle);
 }
 
 static oxl_result partition_build(struct partition_build *b, struct partition *p)
@@ -286,7 +286,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     const size_t              points = stats->points, views = (size_t)(stats->views - stats->test_views);
     if (!scene_colmap(scene))
         return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "a scene from arrays has no tracks, which a partition is made of\n"
+                        "a scene from arrays has no tracks, so it cannot be partitioned\n"
                         "fix: load the scene from a COLMAP model");
     if (o->kind != OXL_PARTITION_NONE && views > 0 && points / (size_t)o->block_points > views)
         return oxl_fail(ctx, OXL_ERR_USAGE,

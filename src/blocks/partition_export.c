@@ -213,7 +213,7 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
         if (w->rc == OXL_OK && image->points_size) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
         if (w->rc == OXL_OK && got < image->points_size)
             w->rc =
-                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: has become shorter since it was read\nfix: run once more", e->images_file);
+                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: the file was truncated after it was read\nfix: run again", e->images_file);
     }
     exporter_fill_slots(e, w, view);
     w->list[got] = 0;
@@ -411,7 +411,8 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
     struct exporter e  = {.ctx = ctx, .p = p, .out = out};
     oxl_result      rc = os_make_folder(ctx, out);
     if (rc == OXL_OK && !p->plan)
-        rc = oxl_fail(ctx, OXL_ERR_USAGE, "a partition read from partition.txt holds no survey\nfix: make it from the scene");
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      "a partition read from partition.txt cannot be exported\nfix: partition the scene again");
     if (rc != OXL_OK) return rc;
     e.colmap = scene_colmap(p->plan->scene);
     os_remove(PATH(out, "partition.txt"));

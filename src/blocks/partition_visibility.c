@@ -5,7 +5,7 @@
  */
 #include "partition.h"
 
-/* ---------------------------------------------------------------- from points with views to views with points, in parallel over the points */
+/* ---------------------------------------------------------------- from lists by point to lists by view */
 
 struct visibility_build {
     const struct colmap         *colmap;

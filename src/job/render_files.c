@@ -244,7 +244,7 @@ static oxl_result render_list_check(oxl_context *ctx, const char *folder, const 
         if (!path) rc = ctx->failed;
         else if (os_is_file(path) && !render_list_has(old, name, &at))
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it", path);
+                          "%s exists, and no earlier render wrote it\nfix: choose another folder, or remove the file", path);
         oxl_free(ctx, path);
     }
     return rc;

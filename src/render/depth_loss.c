@@ -1,6 +1,6 @@
 /* depth_loss.c - a loss on splats in front of points of known depth.
  *
- * The space between a camera and a point that it observes is free. With T the transmittance at the point's pixel after the splats nearer than
+ * The space between a camera and a point that it observes is free. With T the transmittance at its pixel after the splats nearer than
  * DEPTH_LOSS_SHARE of its depth, the loss is the weight times the sum of 1 - T over the points, and
  *     dL/dalpha_i = weight T / (1 - alpha_i)    for each splat i of them.
  * Only opacities have this gradient: a splat that was moved or reshaped would hide the point elsewhere. Splats with a second lobe and those

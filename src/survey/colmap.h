@@ -18,7 +18,7 @@ struct colmap_index {
 
 enum colmap_warning { WARN_NO_POINTS_LINE, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
 
-#define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
+#define COLMAP_FIX_EXPORT "export the model again: colmap model_converter --output_type TXT"
 
 enum { COLMAP_BUFFER = 8 << 20 }; /* bytes */
 

@@ -424,7 +424,7 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
                     width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-                    turned ? "turn the image back: COLMAP saw it as it lies in the file"
+                    turned ? "turn the image back: COLMAP used the pixels as stored in the file"
                            : "use the images that COLMAP was given");
 }
 

@@ -1,6 +1,6 @@
 /* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is full.
  *
- * They take no more memory than the limit, not counting the image requested last. Invariant: the state of the cache does not change results.
+ * They take no more memory than the limit, apart from the image requested last. Invariant: the state of the cache does not change results.
  */
 #include "survey.h"
 

@@ -515,8 +515,8 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
         if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_MIN && gain[c] <= 1 / EXPOSURE_MIN))
             return oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: gain of channel %d is missing or no number from %g to %g\nfix: write the file again by training", path,
-                line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
+                "%s:%d: the gain of channel %d is missing or is not a number from %g to %g\nfix: write the file again by training",
+                path, line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
     }
     while (at < end && *at == ' ') at++;
     view = imaging_find_name(scene, at, end);
@@ -544,7 +544,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
                  !imaging_read_lamp(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: the line is no whole one of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
+                "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
                 path, line);
         at = stop + 1;
     }

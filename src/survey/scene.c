@@ -209,11 +209,10 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
-        rc =
-            oxl_fail(ctx, OXL_ERR_INPUT,
-                     "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
-                     "fix: export the model once more: colmap model_converter --output_type TXT; or train what is there: --force",
-                     scene->colmap.folder);
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
+                      "fix: export the model again: colmap model_converter --output_type TXT; or train what is there: --force",
+                      scene->colmap.folder);
     if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
     scene->from_files = 1;
     scene->images     = o->images                     ? oxl_strdup(ctx, o->images)
@@ -452,7 +451,8 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
     double                      k[4]   = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
     const double                width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
     if (!(x >= 0 && x <= width && y >= 0 && y <= height))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: pixel %g, %g lies outside of its %g x %g px\nfix: look the pixel up once more",
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: pixel %g, %g lies outside of its %g x %g px\nfix: check the coordinates of the pixel",
                         scene->view[view].name, x, y, width, height);
     if (camera) camera_intrinsics(camera, k);
     d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
@@ -461,10 +461,10 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
         d[0] += (x - pixel[0]) / k[0], d[1] += (y - pixel[1]) / k[1];
     }
     if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: no direction leads to pixel %g, %g: it is outside the range of the camera model\n"
-                        "fix: name a pixel nearer to the middle of the image",
-                        scene->view[view].name, x, y);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: pixel %g, %g is outside the range of the camera model\nfix: choose a pixel nearer to the image centre",
+            scene->view[view].name, x, y);
     camera_position(c, start);
     length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
     for (int i = 0; i < 3; i++) direction[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;

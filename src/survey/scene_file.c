@@ -50,7 +50,7 @@ static oxl_result scene_file_put(oxl_context *ctx, struct os_writer *w, const vo
     static const char zero[SCENE_FILE_ALIGN];
     const size_t      more = scene_file_padded(bytes) - bytes;
     if ((bytes == 0 || fwrite(data, 1, bytes, w->file) == bytes) && fwrite(zero, 1, more, w->file) == more) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: look for room on the disk", w->path);
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", w->path);
 }
 
 OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const char *key)

@@ -101,7 +101,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
 {
     const size_t count = model->count;
     uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
-    if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look through %zu Gaussians", count);
+    if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %zu Gaussians", count);
     n->degenerate = 0;
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);
@@ -113,7 +113,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
     if (n->images > 0) oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", n->images);
     if (n->steps + n->rows + n->cleared > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "numbers that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
+                "values that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
                 n->steps, n->rows, n->cleared);
     if (n->degenerate > 0)
         oxl_log(ctx, OXL_LOG_WARNING,

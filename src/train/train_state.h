@@ -27,7 +27,7 @@ struct train {
     struct density            *density;
     struct ucd                 ucd;
     struct prune               prune;
-    double                     dropout; /* of the last step */
+    double                     dropout; /* share in the last step of the run */
     struct transients          transients;
     struct exposure            exposure;
     struct medium_fit          medium_fit;
@@ -71,7 +71,7 @@ OXL_INTERNAL int                schedule_resets_opacity_at(const oxl_train_optio
 
 /* Forward, loss, backward and Adam on the next training view: the part of a step that trials execute, too. */
 OXL_INTERNAL oxl_result     step_on_next_view(struct train *t);
-/* Completes deferred steps and downloads from the device. Call it before the host uses a step's loss, renders, or reads or changes the model. */
+/* Completes deferred steps and downloads. Call it before the host uses a step's loss, renders, or reads or changes the model. */
 OXL_INTERNAL oxl_result     step_flush(struct train *t);
 OXL_INTERNAL oxl_result     step_download(struct train *t, enum renderer_download what);
 OXL_INTERNAL oxl_result     step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
