@@ -130,7 +130,7 @@ OXL_INTERNAL oxl_result
 OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs the fitted values and warns where they are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t);    /* stores it in the scene, for evaluation and rendering */
 
-/* ---------------------------------------------------------------- train.c */
+/* ---------------------------------------------------------------- train_loop.c */
 
 OXL_INTERNAL oxl_result train_step(struct train *t); /* one step, and what is due after it: density control, pruning, trials */
 
