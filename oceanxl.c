@@ -6,8 +6,9 @@
 #include "src/core/simd.h"  /* run-time selection of the instruction set */
 #include "src/core/bytes.h" /* little-endian numbers in files */
 
-#include "src/core/memory.c"     /* errors, the log, memory */
+#include "src/core/memory.c"     /* errors, memory */
 #include "src/core/text.c"       /* growing text, paths */
+#include "src/core/log.c"        /* log lines */
 #include "src/core/random.c"     /* random numbers: functions of a seed and two numbers */
 #include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
 #include "src/core/os_windows.c" /* the same on Windows */
@@ -36,8 +37,10 @@
 #include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"   /* decoded images in memory */
 #include "src/survey/image_file.c"    /* decoded images in files */
+#include "src/survey/scene.c"         /* views, points, depths and rays of a scene */
+#include "src/survey/scene_images.c"  /* its images and masks */
 #include "src/survey/scene_views.c"   /* views of a survey */
-#include "src/survey/scene.c"         /* origin, points and images of a survey */
+#include "src/survey/scene_load.c"    /* a scene from files or arrays: origin, points, extent */
 #include "src/survey/scene_file.c"    /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"   /* depth band of each pixel, from the points */
@@ -49,19 +52,21 @@
 #include "src/blocks/partition_build.h"      /* the tree of splits */
 #include "src/blocks/partition_cut.c"        /* where a box is split */
 #include "src/blocks/partition_assign.c"     /* points and views of each block */
-#include "src/blocks/partition.c"            /* how many blocks, and the plan of them */
+#include "src/blocks/partition_make.c"       /* how many blocks, and the plan of them */
 #include "src/blocks/partition_file.c"       /* partition.txt */
 #include "src/blocks/partition_svg.c"        /* partition.svg */
 #include "src/blocks/partition_export.c"     /* blocks as COLMAP text exports */
 
 /* the model */
-#include "src/model/model.c"       /* planes of Gaussians: create, grow, initialise from points */
-#include "src/blocks/merge.c"      /* merge the models of blocks */
-#include "src/model/spz.c"         /* models as SPZ */
-#include "src/model/gltf.c"        /* models as binary glTF */
-#include "src/model/splat_file.c"  /* models as .splat */
-#include "src/model/model_file.c"  /* models as PLY; selects the format */
-#include "src/model/model_pages.c" /* a model that stays in its file */
+#include "src/model/model.c"         /* planes of Gaussians: create, grow, initialise from points */
+#include "src/blocks/merge.c"        /* merge the models of blocks */
+#include "src/model/spz.c"           /* models as SPZ */
+#include "src/model/gltf.c"          /* models as binary glTF */
+#include "src/model/splat_file.c"    /* models as .splat */
+#include "src/model/model_columns.h" /* the columns of the standard PLY */
+#include "src/model/model_file.c"    /* models from PLY; selects the format */
+#include "src/model/model_pages.c"   /* a model that stays in its file */
+#include "src/model/model_write.c"   /* models as PLY; selects the format */
 
 /* forward and backward pass of one image */
 #include "src/render/real.h"           /* the number type of the kernels and its arithmetic */
@@ -75,11 +80,12 @@
 #include "src/render/depth_loss.c"     /* opacity in front of points of known depth */
 #include "src/render/exposure.c"       /* gains between the rendered image and the loss */
 #include "src/render/adam.c"           /* optimizer step */
+#include "src/render/kernel_camera.c"  /* the camera of the kernels */
 #include "src/render/renderer_state.h" /* the renderer's state */
 #include "src/render/renderer.c"       /* chains the kernels above: the forward pass */
 #include "src/render/renderer_loss.c"  /* exposure, lamp, loss, backward pass */
 #include "src/render/renderer_step.c"  /* optimizer step, statistics */
-#include "src/render/render.c"         /* the public functions */
+#include "src/render/render_model.c"   /* the public functions */
 #ifdef OXL_VULKAN
 #include "backends/vulkan/passes.c"   /* commands, compute shaders */
 #include "backends/vulkan/memory.c"   /* buffers and memory limits */
@@ -109,7 +115,7 @@
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
 #include "src/train/train_imaging.c"   /* exposure, lamp and medium of a run, before and after its steps */
-#include "src/train/train.c"           /* the training loop: one step with the decisions after it */
+#include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
 #include "src/job/metrics.c"           /* two images compared: PSNR, SSIM, MS-SSIM */
 #include "src/job/evaluate.c"          /* a model's images against those of a survey */
 #include "src/job/seam.c"              /* image error at the borders between blocks */
@@ -133,4 +139,4 @@
 #include "src/job/groups.c"            /* the merged model in groups of views, if memory does not hold it */
 #include "src/job/rounds.c"            /* several blocks trained as one model */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
-#include "src/job/job.c"               /* the whole job: survey folder in, output folder out */
+#include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

@@ -3,7 +3,7 @@
  * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey for
  * the map. Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
  */
-#include "report.h"
+#include "report_state.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
  * Lengths are in the drawing's own units; rendered 420 wide it is read on a phone as it is.
  * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
  */
-#include "report.h"
+#include "report_state.h"
 #include "../src/core/svg.h"
 
 #include <math.h>

@@ -3,7 +3,7 @@
  * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any
  * size.
  */
-#include "report.h"
+#include "report_state.h"
 #include "../src/core/svg.h"
 
 #include <math.h>

@@ -3,7 +3,7 @@
  * One column that fits a phone, wider where there is room; light or dark as the reader's system is; black on white on paper.
  * Invariant: the page asks the network for nothing, and no name from outside reaches it unescaped.
  */
-#include "report.h"
+#include "report_state.h"
 
 /* Ink on paper has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1 (WCAG 2.1, levels AAA and AA). */
 static const char *const PAGE_STYLE[] = {

@@ -1,5 +1,5 @@
 /* report_read.c - reads the files of a run that the report shows: run.json, metrics.json, and of each block block.json and log.csv. */
-#include "report.h"
+#include "report_state.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
  *
  * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered - image|.
  */
-#include "report.h"
+#include "report_state.h"
 
 #include <math.h>
 #include <stdlib.h>

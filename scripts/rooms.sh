@@ -3,7 +3,7 @@
 # most 320 lines; line counts. Exemptions are printed: the public headers, which every layer may include, and the backend.
 #
 # write: puts the table between the marks in docs/ARCHITECTURE.md. Without it, the table there must be the current one.
-# links: in the objects of `make modules`, no file calls a function of a higher layer.
+# links: in the objects of `make modules`, no file calls a function of a higher layer, and no files call each other in a cycle.
 set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model render train blocks job'
@@ -20,6 +20,12 @@ includes() {
 
 if [ "${1:-}" = links ]; then
     objects=$(ls src/*/*.c | sed "s|^\(.*\)c$|$2/\1o|")
+    nm -A $objects | sed "s|^$2/||" | awk '
+        { split($1, part, ":") }
+        $(NF - 1) == "U" { user[++uses] = part[1]; name[uses] = $NF }
+        $(NF - 1) ~ /^[TDBRC]$/ { home[$NF] = part[1] }
+        END { for (i = 1; i <= uses; i++) if (name[i] in home) print user[i], home[name[i]] }' | tsort >/dev/null ||
+        { echo "rooms: files of src/ call each other in a cycle, above" >&2; exit 1; }
     nm -A $objects | sed "s|^$2/||" | awk -v layers="$layers" '
         { split($1, part, ":"); file = part[1] }
         $(NF - 1) == "U" { user[++uses] = file; name[uses] = $NF }

@@ -313,11 +313,11 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
     CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
     CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));
     CHECK_OK(scene_set_decoded(test_ctx, a, test_path("decoded")));
-    x = image_cache_get(test_ctx, a, 1);
+    x = scene_image(test_ctx, a, 1);
     CHECK(x != NULL);
     CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &b));
     CHECK_OK(scene_set_decoded(test_ctx, b, test_path("decoded")));
-    y = image_cache_get(test_ctx, b, 1);
+    y = scene_image(test_ctx, b, 1);
     CHECK(x && y && !memcmp(x->rgb, y->rgb, 3 * (size_t)x->width * (size_t)x->height));
     oxl_scene_free(test_ctx, a);
     oxl_scene_free(test_ctx, b);

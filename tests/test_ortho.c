@@ -3,7 +3,7 @@
 #include "../cli/frame.c"
 #include "../cli/ortho.c"
 #include "../cli/scale_bar.c"
-#include "../cli/report.h"
+#include "../cli/report_state.h"
 
 /* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second turned ahead by an angle. */
 static oxl_scene *ortho_test_turned(double angle)

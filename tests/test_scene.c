@@ -100,7 +100,7 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
         snprintf(name, sizeof name, "img%02d.png", i);
         CHECK(strcmp(oxl_scene_view(scene, i)->name, name) == 0);
         CHECK(oxl_scene_view(scene, i)->is_test == (i % 8 == 0));
-        CHECK(image_cache_get(test_ctx, scene, i)->rgb[0] == i + 1);
+        CHECK(scene_image(test_ctx, scene, i)->rgb[0] == i + 1);
     }
     stats = &scene->stats;
     CHECK(stats->images_listed == 17 && stats->images_missing == 0 && stats->test_views == 3 && stats->observations == 68);
@@ -224,7 +224,7 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_share)
     CHECK(oxl_scene_view_count(scene) == 6 && scene->stats.images_missing == 2);
     CHECK_TEXT(scene_log, "img02.png is not there");
     CHECK_TEXT(scene_log, "img05.png is not there");
-    CHECK(image_cache_get(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
+    CHECK(scene_image(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
     CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] - oxl_scene_view(scene, 0)->camera.translation[0], -3, 1e-12);
     oxl_scene_free(test_ctx, scene);
     options.missing_images = 0.2;
@@ -355,21 +355,21 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 40; i++) {
         const int                    view  = (int)(random_bits(1, (uint64_t)i, 0) % 5);
-        const struct training_image *image = image_cache_get(test_ctx, scene, view);
+        const struct training_image *image = scene_image(test_ctx, scene, view);
         CHECK(image && image->rgb[0] == view + 1);
         CHECK(scene->cache.held <= 2 * one);
     }
     oxl_scene_free(test_ctx, scene);
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    image_cache_get(test_ctx, scene, 0);
-    image_cache_get(test_ctx, scene, 1);
-    image_cache_get(test_ctx, scene, 0);
-    image_cache_get(test_ctx, scene, 2); /* an epoch asks for each once: the one asked for last is not wanted again for longest */
+    scene_image(test_ctx, scene, 0);
+    scene_image(test_ctx, scene, 1);
+    scene_image(test_ctx, scene, 0);
+    scene_image(test_ctx, scene, 2); /* an epoch asks for each once: the one asked for last is not wanted again for longest */
     CHECK(!scene->cache.image[0].rgb && scene->cache.image[1].rgb && scene->cache.image[2].rgb);
     oxl_scene_free(test_ctx, scene);
     options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    CHECK(image_cache_get(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache.held == one);
+    CHECK(scene_image(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache.held == one);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -407,23 +407,23 @@ TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
     test_ctx->threads            = 4;
     test_ctx->options.reallocate = scene_reallocate_watched;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    image_cache_ahead(test_ctx, scene, order, VIEWS);
+    scene_images_ahead(test_ctx, scene, order, VIEWS);
     CHECK(scene->cache.held == 4 * ONE); /* one on each thread */
     for (int i = 0; i < VIEWS; i++) CHECK((scene->cache.image[order[i]].rgb != NULL) == (i < 4));
-    image_cache_ahead(test_ctx, scene, order, VIEWS); /* the first is there: nothing is to be done */
+    scene_images_ahead(test_ctx, scene, order, VIEWS); /* the first is there: nothing is to be done */
     CHECK(scene->cache.held == 4 * ONE);
-    image_cache_ahead(test_ctx, scene, order + 4, VIEWS - 4);
+    scene_images_ahead(test_ctx, scene, order + 4, VIEWS - 4);
     for (int i = 0; i < VIEWS; i++) CHECK(scene->cache.image[i].rgb && scene->cache.image[i].rgb[0] == i + 1);
     oxl_scene_free(test_ctx, scene);
 
     options.image_cache_bytes = 16 * ONE; /* a quarter of it, two images and what decoding takes, may be on its way */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    image_cache_ahead(test_ctx, scene, order, VIEWS);
+    scene_images_ahead(test_ctx, scene, order, VIEWS);
     CHECK(scene->cache.held == 2 * ONE);
     scene_set_cache(scene, 4 * ONE - 1);
     for (int i = 0; i < VIEWS; i++) {
-        image_cache_ahead(test_ctx, scene, order + i, VIEWS - i); /* not two at once */
-        CHECK(image_cache_get(test_ctx, scene, order[i])->rgb[0] == order[i] + 1);
+        scene_images_ahead(test_ctx, scene, order + i, VIEWS - i); /* not two at once */
+        CHECK(scene_image(test_ctx, scene, order[i])->rgb[0] == order[i] + 1);
         CHECK(scene->cache.held < 4 * ONE);
     }
     oxl_scene_free(test_ctx, scene);
@@ -442,11 +442,11 @@ TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
     test_ctx->threads         = 2;
     options.image_cache_bytes = 16 * ONE;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    for (int i = 0; i < 16; i++) image_cache_get(test_ctx, scene, i);
-    image_cache_ahead(test_ctx, scene, ahead, 2);
+    for (int i = 0; i < 16; i++) scene_image(test_ctx, scene, i);
+    scene_images_ahead(test_ctx, scene, ahead, 2);
     CHECK(scene->cache.held == 14 * ONE && scene->cache.image[17].rgb && scene->cache.image[18].rgb &&
           scene->cache.image[11].rgb && !scene->cache.image[12].rgb);
-    for (int i = 10; i < 16; i++) image_cache_get(test_ctx, scene, i);
+    for (int i = 10; i < 16; i++) scene_image(test_ctx, scene, i);
     CHECK(scene->cache.image[17].rgb && scene->cache.image[18].rgb && scene->cache.held == 16 * ONE);
     oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
@@ -461,9 +461,9 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
     test_ctx->threads = 3;
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     test_ctx->error[0] = 0;
-    image_cache_ahead(test_ctx, scene, order, 3);
+    scene_images_ahead(test_ctx, scene, order, 3);
     CHECK(test_ctx->error[0] == 0 && !scene->cache.image[1].rgb && scene->cache.image[0].rgb && scene->cache.image[2].rgb);
-    CHECK(image_cache_get(test_ctx, scene, 1) == NULL);
+    CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
     oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
@@ -476,7 +476,7 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
     oxl_image   image;
     test_write("s/images/img01.png", "no image");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK(image_cache_get(test_ctx, scene, 1) == NULL);
+    CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
     CHECK(oxl_scene_image(test_ctx, scene, 1, &image) == OXL_ERR_INPUT);
     CHECK_OK(oxl_scene_image(test_ctx, scene, 2, &image));
@@ -518,7 +518,7 @@ TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     c = &oxl_scene_view(scene, 0)->camera;
     CHECK(c->width == 16 && c->height == 12 && c->fx == 20 && c->fy == 20 && c->cx == 8 && c->cy == 6);
-    CHECK(image_cache_get(test_ctx, scene, 0)->width == 16 && image_cache_get(test_ctx, scene, 0)->rgb[0] == 1);
+    CHECK(scene_image(test_ctx, scene, 0)->width == 16 && scene_image(test_ctx, scene, 0)->rgb[0] == 1);
     oxl_scene_free(test_ctx, scene);
     test_write("s/sparse/0/cameras.txt", "1 PINHOLE 320 240 400 400 160 120\n"); /* the files were made 10 x smaller */
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
@@ -551,9 +551,9 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 3, &point, 1, &scene));
     CHECK(strcmp(oxl_scene_view(scene, 0)->name, "a") == 0 && strcmp(oxl_scene_view(scene, 2)->name, "c") == 0);
     CHECK(oxl_scene_view(scene, 1)->is_test && !oxl_scene_view(scene, 0)->is_test && scene->stats.test_views == 1);
-    CHECK(image_cache_get(test_ctx, scene, 0)->rgb[5] == 15 && image_cache_get(test_ctx, scene, 0)->mask[3] == 255 &&
-          image_cache_get(test_ctx, scene, 0)->mask[4] == 0);
-    CHECK(!image_cache_get(test_ctx, scene, 2)->mask && image_cache_get(test_ctx, scene, 2)->rgb[23] == 23);
+    CHECK(scene_image(test_ctx, scene, 0)->rgb[5] == 15 && scene_image(test_ctx, scene, 0)->mask[3] == 255 &&
+          scene_image(test_ctx, scene, 0)->mask[4] == 0);
+    CHECK(!scene_image(test_ctx, scene, 2)->mask && scene_image(test_ctx, scene, 2)->rgb[23] == 23);
     CHECK(oxl_scene_points(scene)->position[2] == 3 && oxl_scene_points(scene)->rgb[0] == 9 && oxl_scene_origin(scene)[0] == 0);
     CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by projection: there are no tracks */
     CHECK(scene_colmap(scene) == NULL);
@@ -582,7 +582,7 @@ TEST(scene_frees_all_memory_when_any_allocation_fails)
         oxl_result rc;
         scene_allocations_left = n;
         rc                     = oxl_scene_load(test_ctx, path, NULL, &scene);
-        if (rc == OXL_OK && !image_cache_get(test_ctx, scene, 0)) rc = OXL_ERR_MEMORY;
+        if (rc == OXL_OK && !scene_image(test_ctx, scene, 0)) rc = OXL_ERR_MEMORY;
         scene_allocations_left = LONG_MAX;
         oxl_scene_free(test_ctx, scene);
         if (rc == OXL_OK) break;
@@ -602,6 +602,6 @@ TEST(scene_of_a_real_dive_is_read_and_undistorted)
     CHECK(oxl_scene_view(scene, 0)->camera.width == 1028 && oxl_scene_view(scene, 0)->camera.height == 520);
     CHECK(scene->stats.distorted_cameras == 1);
     CHECK_CLOSE(scene->stats.mean_error, 0.383, 0.001);
-    CHECK(image_cache_get(test_ctx, scene, 5) != NULL);
+    CHECK(scene_image(test_ctx, scene, 5) != NULL);
     oxl_scene_free(test_ctx, scene);
 }

@@ -4,11 +4,17 @@
 
 #include "../model/model.h"
 
-/* ---------------------------------------------------------------- partition.c: balanced blocks of a survey */
+/* ---------------------------------------------------------------- partition_make.c: balanced blocks of a survey */
 
 struct partition_box { /* half-open, low <= x < high, in the partition's frame; outer faces are infinite */
     double low[3], high[3];
 };
+static inline int partition_contains(const struct partition_box *box, const double frame[3])
+{
+    int inside = 1;
+    for (int i = 0; i < 3; i++) inside &= frame[i] >= box->low[i] && frame[i] < box->high[i];
+    return inside;
+}
 struct partition_block {
     struct partition_box box;                      /* disjoint boxes that cover all space */
     struct partition_box expanded;                 /* wider by 5 % of its size on each side: for the export */
@@ -27,7 +33,6 @@ struct partition {
     struct partition_plan  *plan; /* the block of each point and view, for the export; NULL if read from partition.txt */
 };
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
-OXL_INTERNAL int  partition_contains(const struct partition_box *box, const double frame[3]);
 
 /* Splits a scene from files into blocks; the scene must outlive the partition. It stays one block if it is small enough, if the options
  * say so, or if it has no tracks, which tell the points of a view. The log states the reason, and the evidence for 2D or 3D. */

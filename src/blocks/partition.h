@@ -28,7 +28,7 @@ struct partition_visibility { /* from the tracks; empty for test views */
 OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out);
 OXL_INTERNAL void       partition_visibility_free(oxl_context *ctx, struct partition_visibility *visibility);
 
-/* ---------------------------------------------------------------- partition.c: the plan */
+/* ---------------------------------------------------------------- partition_make.c: the plan */
 
 enum partition_role { PARTITION_OUT, PARTITION_BASE, PARTITION_BORDER };
 

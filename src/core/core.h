@@ -55,7 +55,7 @@
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
-/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory */
+/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory; log.c: the log */
 
 struct oxl_context {
     oxl_context_options options;

@@ -1,7 +1,7 @@
-/* memory.c - errors, the log, memory: what every other file needs. */
+/* memory.c - errors and memory: what every other file needs. */
 #include "core.h"
 
-/* ---------------------------------------------------------------- errors and the log */
+/* ---------------------------------------------------------------- errors */
 
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
@@ -12,23 +12,6 @@ OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *fo
     va_end(args);
     ctx->failed = rc;
     return rc;
-}
-
-OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...)
-{
-    char    line[1024];
-    va_list args;
-    if (!ctx->options.log && !ctx->notes) return;
-    va_start(args, format);
-    vsnprintf(line, sizeof line, format, args);
-    va_end(args);
-    if (ctx->notes && level <= OXL_LOG_INFO) {
-        text_add(ctx->notes, "%s\n    {\"level\": \"%s\", \"text\": ", ctx->notes->size ? "," : "",
-                 level == OXL_LOG_INFO ? "info" : "warning");
-        text_add_json_string(ctx->notes, line);
-        text_add(ctx->notes, "}");
-    }
-    if (ctx->options.log) ctx->options.log(ctx->options.user, level, line);
 }
 
 /* ---------------------------------------------------------------- memory */

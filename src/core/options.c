@@ -5,7 +5,7 @@
  * that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option takes
  *   - a row here; `use` names the commands that take it, and RESULT is set if the bytes of the result depend on it;
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
- *   - a decision in src/job/rounds.c and block.c if blocks or their refinement must not have it, in src/train/train.c if a device cannot;
+ *   - a decision in src/job/rounds.c and block.c if blocks or their refinement must not have it, in src/train/train_loop.c if a device cannot;
  *   - `make man`, and a test.
  *
  * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same

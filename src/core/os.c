@@ -51,6 +51,12 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     return rc;
 }
 
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
+                                       void *user)
+{
+    return os_list(path, visit, user) == 0 ? OXL_OK : os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", errno);
+}
+
 OXL_INTERNAL int os_link(const char *target, const char *path)
 {
     char here[PATH_LENGTH] = "";

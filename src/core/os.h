@@ -16,8 +16,10 @@ OXL_INTERNAL int          os_working_folder(char *out, size_t size);    /* 0: su
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size); /* size: of a file in bytes, or NULL */
 OXL_INTERNAL int          os_make_one_folder(const char *path);
 OXL_INTERNAL int          os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
-OXL_INTERNAL long         os_process(void);                                   /* the id of this process */
-OXL_INTERNAL void         os_host_name(char *out, size_t size);               /* the name of this machine */
+/* Calls `visit` with the name of each entry but "." and "..". */
+OXL_INTERNAL int          os_list(const char *path, void (*visit)(void *user, const char *name), void *user);
+OXL_INTERNAL long         os_process(void);                     /* the id of this process */
+OXL_INTERNAL void         os_host_name(char *out, size_t size); /* the name of this machine */
 
 OXL_INTERNAL const char *os_map(const char *path, size_t *size);  /* read-only; NULL: cannot be mapped */
 OXL_INTERNAL int         os_unmap(const char *data, size_t size); /* 1: success */

@@ -242,16 +242,15 @@ OXL_INTERNAL size_t os_memory_free(void)
     return free > 0 ? (size_t)(limit > 0 ? OXL_MIN(free, limit) : free) : 0;
 }
 
-OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
-                                       void *user)
+OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user)
 {
     DIR           *folder = opendir(path);
     struct dirent *entry;
-    if (!folder) return os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", errno);
+    if (!folder) return -1;
     while ((entry = readdir(folder)) != NULL)
         if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) visit(user, entry->d_name);
     closedir(folder);
-    return OXL_OK;
+    return 0;
 }
 
 /* ---- locks: fcntl's, of the whole file; the kernel releases them when the process ends */

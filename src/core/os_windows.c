@@ -184,8 +184,7 @@ OXL_INTERNAL size_t os_memory_free(void)
     return GlobalMemoryStatusEx(&status) ? (size_t)status.ullAvailPhys : 0;
 }
 
-OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
-                                       void *user)
+OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user)
 {
     wchar_t          wide[OS_PATH_MAX];
     char             name[OS_PATH_MAX];
@@ -193,13 +192,16 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     HANDLE           find;
     snprintf(name, sizeof name, "%s/*", path);
     find = FindFirstFileW(os_wide(name, wide), &data);
-    if (find == INVALID_HANDLE_VALUE) return os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", ENOENT);
+    if (find == INVALID_HANDLE_VALUE) {
+        errno = ENOENT;
+        return -1;
+    }
     do {
         if (WideCharToMultiByte(CP_UTF8, 0, data.cFileName, -1, name, sizeof name, NULL, NULL) == 0) continue;
         if (strcmp(name, ".") != 0 && strcmp(name, "..") != 0) visit(user, name);
     } while (FindNextFileW(find, &data));
     FindClose(find);
-    return OXL_OK;
+    return 0;
 }
 
 /* ---- locks: of a byte that no file reaches, so that the text stays readable; Windows releases them when the process ends */

@@ -4,8 +4,8 @@
  * the medium is baked into the colours, the rest is refined for a twentieth of the run, or longer with a medium. Its gains and lamp are
  * those of model.ply.
  *
- * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it, and the line "job" in it says
- * of which run it is.
+ * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it, and its line "job"
+ * identifies the run.
  */
 #include "job.h"
 

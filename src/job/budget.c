@@ -1,10 +1,10 @@
 /* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of cost.c.
  *
- * Reduced are first the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
- * stay as they are), then the SH degree, then the number of Gaussians that is expected, then the size of the blocks.
- * Without --ram, a run that exceeds the memory available here is planned as with --ram of that much; partition.txt keeps the number.
+ * The image cache is reduced first, then trials are given up (they copy the model; `auto` then decides nothing and depth weights stay
+ * fixed), then the SH degree, the expected number of Gaussians and the size of the blocks are reduced.
+ * Without --ram, a run that would exceed the free memory is planned as if --ram were that much; partition.txt records the number.
  *
- * Invariant: what follows from partition.txt depends on the survey and the options alone, not on what this machine has or had free.
+ * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a later machine has free.
  */
 #include "job.h"
 

@@ -1,4 +1,4 @@
-/* evaluate.c - a model's images against those of a survey, view by view, and the result as JSON. */
+/* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as JSON. */
 #include "job.h"
 
 /* ---------------------------------------------------------------- a view as its image was taken */
@@ -119,7 +119,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
-        image_cache_ahead(ctx, scene, view + i, count - i);
+        scene_images_ahead(ctx, scene, view + i, count - i);
         if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
     }
     renderer_free(ctx, p.r);

@@ -1,10 +1,12 @@
 /* groups.c - the last stage of a run in blocks, where the merged model does not fit into memory: it is trained in groups of views.
  *
- * Memory holds what the views of a group show, with gradient and moments. A task trains these Gaussians, of whatever block, on the group's
- * views. Moments are kept with the Gaussians and all groups have several turns: nearly as with all views in random order (docs/SCALE.md).
+ * Memory holds the Gaussians visible in the views of one group, with gradients and moments. A task trains them, whichever block they belong
+ * to, on the group's views. Moments are stored with the Gaussians and each group has several turns, so the result is close to that of
+ * training on all views in random order (docs/SCALE.md).
  *
- * OUT/blocks/whole has groups.txt and of each block KKK.model.V.ply, KKK.first.V.ply, KKK.second.V.ply, and imaging.V.txt; V: the task that
- * wrote them. Invariant: a task writes files of its own version, then groups.txt; stopped at any time, it is repeated with the same bytes.
+ * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.first.V.ply and KKK.second.V.ply; V is the number
+ * of the task that wrote them. Invariant: a task writes files with its own number, then groups.txt; if it is stopped, it is repeated and
+ * gives the same bytes.
  */
 #include "job_state.h"
 

@@ -1,6 +1,6 @@
 /* job_state.c - what the files of a job share: names in OUT, the survey, decoded images, progress, records, the blocks' models.
  *
- * Invariant: nothing here trains; job.c, rounds.c and groups.c call these functions, but none of theirs is called here.
+ * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs is called here.
  */
 #include "job_state.h"
 

@@ -133,7 +133,7 @@ OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run)
     *run = (struct oxl_manifest){0};
 }
 
-/* Invalid values are ignored; the run then counts as one with other options (job.c). */
+/* Invalid values are ignored; the run then counts as one with other options (job_run.c). */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o)
 {
     const char *const none = NULL;

@@ -1,10 +1,10 @@
-/* metrics.c - two images compared: PSNR, with and without the image's exposure, SSIM, MS-SSIM.
+/* metrics.c - compares two images: PSNR, with and without the image's exposure, SSIM, MS-SSIM.
  *
  * Sources: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding); multi-scale SSIM of
- * Wang et al. 2003, with whole windows alone, as there. Both are written here plainly and in double, apart from the training loss
- * in loss.c, so that each can be held against the other.
+ * Wang et al. 2003, which uses only windows inside the image. Both are written plainly and in double, independent of the training
+ * loss in loss.c, so that tests can compare the two.
  *
- * Invariant: sums go row by row in the order of the rows, so that the result does not depend on the number of threads.
+ * Invariant: rows are summed in order, so the result does not depend on the number of threads.
  */
 #include "job.h"
 #include "../core/simd.h"

@@ -1,4 +1,4 @@
-/* predict_time.c - how long a run will take: times some steps here and now, and extrapolates. The uncertainty is stated with it.
+/* predict_time.c - time of a run: times some steps on this machine and extrapolates; states the uncertainty.
  *
  * Steps of two models are timed on views across the survey: the starting model, and one with as many Gaussians as the run is expected to
  * end with. The mean step of the run lies between the two, depending on how early the model grows. Gaussians also widen in training, so

@@ -180,7 +180,7 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *rendered        = 0;
-    if (f->what->images) image_cache_ahead(ctx, f->scene, view, count);
+    if (f->what->images) scene_images_ahead(ctx, f->scene, view, count);
     while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(f->scene, view[*rendered])->camera;
         bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;

@@ -6,8 +6,8 @@
  * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with which it shares a view, as of
  *    this round if they precede it, else as of the round before: two neighbours never correct the same error at the same time. It sees
  *    other blocks in the coarse model.
- * 4. The last part of the run trains the merged model on all views, in blocks/whole, and lets it grow once to the number allowed; if memory
- *    does not hold it, in groups (groups.c).
+ * 4. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once to the allowed number; if the
+ *    model does not fit into memory, in groups (groups.c).
  *
  * Invariant: the context of a round is a function of survey and options, not of the process or the order of training. A process with
  * --block K trains that block, and others while it waits for them.

@@ -1,9 +1,9 @@
-/* start.c - what training starts from other than the survey's points: a model that --from names, or the finished result that OUT holds.
+/* start.c - a start other than the survey's points: the model of --from, or the finished result in OUT.
  *
  * A larger --iterations on a finished OUT of one block continues it: blocks/000/model.ply and imaging.txt are copied to blocks/start, and
- * the steps that are missing are those of a refinement (block_refinement): no Gaussian comes or goes, the rates are those before the
- * cool-down, Adam's moments begin at zero, and the cool-down comes at the end. The first run's checkpoint is spent, so this is not what one
- * longer run would have given. --from has the schedule of a whole run, with the model in the place of the points.
+ * the missing steps are those of a refinement (block_refinement): the number of Gaussians does not change, the rates are those before the
+ * cool-down, Adam's moments start at zero, and the cool-down comes at the end. The checkpoint of the first run no longer exists, so the
+ * result differs from that of one longer run. --from has the schedule of a whole run.
  *
  * Invariant: the line "found" of run.json has the checksum of the model, so the key of the block depends on its bytes.
  */

@@ -140,7 +140,7 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
 
 static oxl_result training_sharpness(struct training_views *t, int at, double *out)
 {
-    const struct training_image *image = image_cache_get(t->ctx, t->scene, t->view[at]);
+    const struct training_image *image = scene_image(t->ctx, t->scene, t->view[at]);
     *out                               = image ? quality_sharpness(image, NULL) : 0;
     return image ? OXL_OK : t->ctx->failed;
 }

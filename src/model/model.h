@@ -72,12 +72,23 @@ OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *pa
 
 /* ---------------------------------------------------------------- model_pages.c: a model that stays in its file */
 
+struct model_page {
+    double centre[3], radius, sigma; /* relative to the file's origin */
+};
+
+struct oxl_model_pages {
+    char                    *path;
+    struct model_file_layout layout;
+    double                   origin[3]; /* of the file */
+    struct model_page       *page;      /* (pages) */
+    size_t                   pages;
+};
+OXL_INTERNAL void       model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages); /* model.c */
 OXL_INTERNAL int        model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row);
 OXL_INTERNAL size_t     model_pages_count(const oxl_model *model);
 OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out);
 /* The rows of a model of oxl_model_open that may be visible. */
 OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, double near_plane,
                                          oxl_model *out);
-OXL_INTERNAL void       model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages);
 
 #endif

@@ -1,5 +1,5 @@
-/* model_file.c - model files: the standard 3DGS PLY, with an element for second lobes; selects the format by extension (others: spz.c,
- * gltf.c, splat_file.c).
+/* model_file.c - reads model files: the standard 3DGS PLY, with an element for second lobes; other formats by extension (spz.c,
+ * splat_file.c).
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
  *
@@ -7,34 +7,21 @@
  *
  * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
  *
- * Invariant: values that are not finite are neither read nor written. Reading drops such rows and logs their number; writing fails,
- * since training must not produce them.
+ * Invariant: rows with values that are not finite are dropped, and their number is logged.
  */
-#include "model.h"
+#include "model_columns.h"
 
 #include "../core/bytes.h"
-#include "../core/vecmath.h"
 
 #define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
 
 enum {
-    MODEL_FILE_COLUMNS    = 62,  /* of the standard layout */
     MODEL_FILE_ROWS       = 256, /* converted at a time */
     MODEL_FILE_LOBE_BYTES = 16,
     MODEL_FILE_HEADER     = 1 << 16 /* bytes: longer ones are not read some rows at a time */
 };
 
-static oxl_result model_file_no_memory(oxl_context *ctx, const char *path)
-{
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
-}
-
 /* ---------------------------------------------------------------- the columns of the standard PLY */
-
-struct model_file_column {
-    char name[20];
-    int  plane; /* -1: zero on output, not needed on input */
-};
 
 static struct model_file_column model_file_column(const char *prefix, int index, int plane)
 {
@@ -43,9 +30,7 @@ static struct model_file_column model_file_column(const char *prefix, int index,
     return c;
 }
 
-/* The columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order. f_rest is channel-major: all
- * coefficients of red, then of green, then of blue. Returns their number: 62 when file_degree is 3. */
-static int model_file_columns(int file_degree, int sh_degree, struct model_file_column out[MODEL_FILE_COLUMNS])
+OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree, struct model_file_column out[MODEL_FILE_COLUMNS])
 {
     const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients a channel */
     const int kept = (sh_degree + 1) * (sh_degree + 1);
@@ -63,46 +48,7 @@ static int model_file_columns(int file_degree, int sh_degree, struct model_file_
     return n;
 }
 
-/* The float columns of element dog, one for each plane from OXL_LOBE on. */
-static const char *const MODEL_FILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0", "scale_factor_1",
-                                                               "scale_factor_2"};
-
 /* ---------------------------------------------------------------- rows that are not finite */
-
-static int model_file_finite(float x)
-{
-    return fabsf(x) <= FLT_MAX;
-}
-
-static oxl_result model_file_check_column(oxl_context *ctx, const char *path, const char *name, const float *plane, size_t rows)
-{
-    for (size_t i = 0; i < rows; i++)
-        if (!model_file_finite(plane[i]))
-            return oxl_fail(ctx, OXL_ERR_FAILED,
-                            "%s: not written: column %s of row %zu is %f, wanted a finite number\n"
-                            "fix: remove such rows before writing",
-                            path, name, i, (double)plane[i]);
-    return OXL_OK;
-}
-
-static oxl_result model_file_check_finite(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
-{
-    struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
-    oxl_result               rc      = OXL_OK;
-    for (int i = 0; i < 3; i++)
-        if (!(fabs(model->origin[i]) <= DBL_MAX))
-            return oxl_fail(
-                ctx, OXL_ERR_FAILED,
-                "%s: not written: the model's origin is not finite\nfix: correct the line comment origin of the model it was made from",
-                path);
-    for (int c = 0; rc == OXL_OK && c < columns; c++)
-        if (column[c].plane >= 0)
-            rc = model_file_check_column(ctx, path, column[c].name, model->plane[column[c].plane], model->count);
-    for (int k = 0; rc == OXL_OK && k < MODEL_LOBE_PLANES; k++)
-        rc = model_file_check_column(ctx, path, MODEL_FILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
-    return rc;
-}
 
 /* Keeps the rows of finite values and sizes in their order. */
 static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
@@ -124,112 +70,6 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
                 model->not_finite, count);
     oxl_free(ctx, keep);
     return OXL_OK;
-}
-
-static oxl_result model_file_put(oxl_context *ctx, const struct os_writer *w, const void *data, size_t size)
-{
-    if (fwrite(data, 1, size, w->file) == size) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", w->path);
-}
-
-/* ---------------------------------------------------------------- PLY out */
-
-static oxl_result model_file_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                          const struct model_file_column *column, int columns)
-{
-    struct text t  = {.ctx = ctx};
-    oxl_result  rc = OXL_ERR_MEMORY;
-    text_add(&t, "ply\nformat binary_little_endian 1.0\ncomment origin %s %s %s", NUMBER(model->origin[0]),
-             NUMBER(model->origin[1]), NUMBER(model->origin[2]));
-    if (model->scale > 0) text_add(&t, "\ncomment scale %s", NUMBER(model->scale));
-    if (model->lobes)
-        text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
-                     "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
-    text_add(&t, "\nelement vertex %zu\n", model->count);
-    for (int c = 0; c < columns; c++) text_add(&t, "property float %s\n", column[c].name);
-    if (model->lobes) text_add(&t, "element dog %zu\n", model->lobes);
-    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++) text_add(&t, "property float %s\n", MODEL_FILE_LOBE[k]);
-    text_add(&t, "end_header\n");
-    rc = t.failed ? model_file_no_memory(ctx, w->path) : model_file_put(ctx, w, t.data, t.size);
-    text_free(&t);
-    return rc;
-}
-
-static oxl_result model_file_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model, size_t from,
-                                        size_t end, int file_degree)
-{
-    struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
-    const size_t             row     = 4 * (size_t)columns; /* bytes */
-    unsigned char           *rows    = oxl_alloc(ctx, MODEL_FILE_ROWS, row);
-    oxl_result               rc      = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
-    for (size_t first = from; rc == OXL_OK && first < end; first += MODEL_FILE_ROWS) {
-        const size_t n = OXL_MIN(end - first, MODEL_FILE_ROWS);
-        for (int c = 0; c < columns; c++)
-            for (size_t i = 0; i < n; i++)
-                bytes_put_float(rows + i * row + 4 * (size_t)c,
-                                column[c].plane < 0 ? 0 : model->plane[column[c].plane][first + i]);
-        rc = model_file_put(ctx, w, rows, n * row);
-    }
-    oxl_free(ctx, rows);
-    return rc;
-}
-
-static oxl_result model_file_write_lobes(oxl_context *ctx, const struct os_writer *w, const oxl_model *model)
-{
-    oxl_result rc = OXL_OK;
-    for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
-        unsigned char row[MODEL_FILE_LOBE_BYTES];
-        for (int k = 0; k < MODEL_LOBE_PLANES; k++) bytes_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
-        rc = model_file_put(ctx, w, row, sizeof row);
-    }
-    return rc;
-}
-
-enum model_file_rows { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
-
-/* Some rows of a model, page by page if they are in a file. */
-static oxl_result model_file_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                        enum model_file_rows which, int file_degree)
-{
-    const size_t pages = model->pages ? model_pages_count(model) : 1;
-    oxl_result   rc    = OXL_OK;
-    for (size_t k = 0; k < pages && rc == OXL_OK; k++) {
-        oxl_model page = *model;
-        if (model->pages) rc = model_pages_get(ctx, model, k, &page);
-        if (rc == OXL_OK && which == ROWS_LOBES) rc = model_file_write_lobes(ctx, w, &page);
-        else if (rc == OXL_OK)
-            rc = model_file_write_rows(ctx, w, &page, which == ROWS_WITHOUT ? page.lobes : 0,
-                                       which == ROWS_WITHOUT ? page.count : page.lobes, file_degree);
-        if (model->pages) oxl_model_free(ctx, &page);
-    }
-    return rc;
-}
-
-OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model, int count,
-                                                int file_degree)
-{
-    struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, file_degree, column);
-    oxl_model                all     = {.scale = model[0].scale};
-    struct os_writer         w       = {0};
-    oxl_result               rc      = OXL_OK;
-    memcpy(all.origin, model[0].origin, sizeof all.origin);
-    for (int m = 0; m < count && rc == OXL_OK; m++) {
-        all.count += model[m].count, all.lobes += model[m].lobes;
-        if (!model[m].pages) rc = model_file_check_finite(ctx, path, &model[m], file_degree); /* pages leave such rows out */
-    }
-    if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
-    if (rc != OXL_OK) return rc;
-    rc = model_file_write_header(ctx, &w, &all, column, columns);
-    for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
-        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_file_write_part(ctx, &w, &model[m], which, file_degree);
-    return os_writer_close(ctx, &w, rc);
-}
-
-OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
-{
-    return model_file_write_models(ctx, path, model, 1, file_degree);
 }
 
 /* ---------------------------------------------------------------- PLY in */
@@ -453,13 +293,7 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
     return rc;
 }
 
-/* ---------------------------------------------------------------- public functions */
-
-static int model_file_ends_in(const char *path, const char *extension)
-{
-    const size_t n = strlen(path), m = strlen(extension);
-    return n >= m && !strcmp(path + n - m, extension);
-}
+/* ---------------------------------------------------------------- the public function */
 
 oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
@@ -476,35 +310,4 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
-}
-
-/* The model without its lobes, with borrowed planes. */
-static oxl_model model_file_standard(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    oxl_model plain = *model;
-    if (model->lobes)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians", path, model->lobes,
-                model->count);
-    model_drop_lobes(&plain);
-    return plain;
-}
-
-oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    const int splat = model_file_ends_in(path, ".splat"), spz = model_file_ends_in(path, ".spz");
-    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
-    if (splat || spz || model_file_ends_in(path, ".glb")) {
-        const oxl_model  plain = model_file_standard(ctx, path, model);
-        const oxl_result rc    = model_file_check_finite(ctx, path, &plain, splat ? 0 : plain.sh_degree);
-        return rc != OXL_OK ? rc
-               : splat      ? splat_file_write(ctx, path, &plain)
-               : spz        ? spz_write(ctx, path, &plain)
-                            : gltf_write(ctx, path, &plain);
-    }
-    if (model_file_ends_in(path, "_standard.ply")) {
-        const oxl_model plain = model_file_standard(ctx, path, model);
-        return model_file_write_ply(ctx, path, &plain, 3);
-    }
-    if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
-    return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);
 }

@@ -14,18 +14,6 @@
 
 enum { PAGES_ROWS = 1024 };
 
-struct model_page {
-    double centre[3], radius, sigma; /* relative to the file's origin */
-};
-
-struct oxl_model_pages {
-    char                    *path;
-    struct model_file_layout layout;
-    double                   origin[3]; /* of the file */
-    struct model_page       *page;      /* (pages) */
-    size_t                   pages;
-};
-
 /* ---------------------------------------------------------------- what a view may show */
 
 /* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a view. */
@@ -62,12 +50,6 @@ OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, co
 }
 
 /* ---------------------------------------------------------------- pages */
-
-OXL_INTERNAL void model_pages_free(oxl_context *ctx, struct oxl_model_pages *p)
-{
-    if (!p) return;
-    OXL_FREE(ctx, p->path, p->page, p);
-}
 
 static size_t pages_rows(const struct oxl_model_pages *p, size_t page)
 {

@@ -26,7 +26,10 @@ OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
     const int        wants = ctx->options.backend == OXL_BACKEND_VULKAN;
     const oxl_result rc    = backend_create(ctx);
     if (rc != OXL_OK || ctx->backend->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return rc;
-    if (vulkan_open(ctx, ctx->options.device, wants, &ctx->backend->vulkan) == OXL_OK) return OXL_OK;
+    if (vulkan_open(ctx, ctx->options.device, wants, &ctx->backend->vulkan) == OXL_OK) {
+        ctx->backend->functions = vulkan_functions();
+        return OXL_OK;
+    }
     if (wants) return ctx->failed;
     ctx->options.backend = OXL_BACKEND_CPU; /* search once */
     oxl_log(ctx, OXL_LOG_INFO, "rendering on the CPU: %s", ctx->error);

@@ -159,7 +159,7 @@ OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 #ifndef OXL_REFERENCE
-OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane); /* renderer.c */
+OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane); /* kernel_camera.c */
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);       /* at least ALPHA_MIN */
 #endif
 

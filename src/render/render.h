@@ -8,10 +8,11 @@
 
 enum { DREW_CPU = 1, DREW_DEVICE = 2 };
 
-struct backend {             /* of a context */
-    struct vulkan *vulkan;   /* device that renders; NULL: the CPU */
-    int            drew;     /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
-    int            said_cpu; /* bit set of oxl_result: device failures after which the log has said that the CPU continues */
+struct backend {                             /* of a context */
+    struct vulkan                *vulkan;    /* device that renders; NULL: the CPU */
+    const struct renderer_device *functions; /* of that device, or NULL */
+    int                           drew;      /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
+    int said_cpu; /* bit set of oxl_result: device failures after which the log has said that the CPU continues */
 };
 /* Opens the device of the context's options, once. OXL_OK with backend->vulkan NULL: the CPU renders. */
 OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
@@ -172,9 +173,6 @@ struct renderer_device {
     oxl_result (*clear_nonfinite)(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
                                   struct renderer_nonfinite *out);
 };
-#ifdef OXL_VULKAN
-OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
-#endif
 
 enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
        MEDIUM_DIRECT  = 0, /* three channels each */

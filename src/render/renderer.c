@@ -36,13 +36,9 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     if (rc != OXL_OK) return rc;
     *out = oxl_calloc(ctx, 1, sizeof **out);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
-#ifdef OXL_VULKAN
-    if (ctx->backend->vulkan) {
-        (*out)->backend = vulkan_functions();
-        rc              = (*out)->backend->create(ctx, &(*out)->device);
-        if (render_can_fall_back(ctx, rc)) rc = render_say_cpu(ctx, ctx->error);
-    }
-#endif
+    (*out)->backend = ctx->backend->functions;
+    if ((*out)->backend) rc = (*out)->backend->create(ctx, &(*out)->device);
+    if (render_can_fall_back(ctx, rc)) rc = render_say_cpu(ctx, ctx->error);
     if (rc == OXL_OK) return rc;
     oxl_free(ctx, *out);
     *out = NULL;
@@ -77,31 +73,6 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 /* ---------------------------------------------------------------- into the kernels' terms */
 
-OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, float near_plane)
-{
-    struct kernel_camera k = {.width       = c->width,
-                              .height      = c->height,
-                              .half_width  = 0.5f * (float)c->width,
-                              .half_height = 0.5f * (float)c->height,
-                              .fx          = (float)c->fx,
-                              .fy          = (float)c->fy,
-                              .cx          = (float)c->cx,
-                              .cy          = (float)c->cy,
-                              .limit_x     = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
-                              .limit_y     = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
-                              .near_plane  = near_plane,
-                              .alpha_min   = ALPHA_MIN,
-                              .cutoff_bits = LOG2_255};
-    double               eye[3];
-    camera_position(c, eye);
-    k.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
-    k.rotation.y  = vec3((float)c->rotation[3], (float)c->rotation[4], (float)c->rotation[5]);
-    k.rotation.z  = vec3((float)c->rotation[6], (float)c->rotation[7], (float)c->rotation[8]);
-    k.translation = vec3((float)c->translation[0], (float)c->translation[1], (float)c->translation[2]);
-    k.eye         = vec3((float)eye[0], (float)eye[1], (float)eye[2]);
-    return k;
-}
-
 /* The camera of a window: the limits and units of the projection are those of the full image. */
 static void render_set_full_size(struct kernel_camera *k, const oxl_camera *c, const int full[2])
 {
@@ -117,13 +88,6 @@ OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int
     r->full[0] = full_width;
     r->full[1] = full_height;
     memcpy(r->at, at, sizeof r->at);
-}
-
-OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *k, float alpha_min)
-{
-    if (!(alpha_min > ALPHA_MIN)) return;
-    k->alpha_min   = OXL_MIN(alpha_min, ALPHA_MAX);
-    k->cutoff_bits = (float)(-vecmath_log(k->alpha_min) * LOG2_E);
 }
 
 OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree)

@@ -156,8 +156,8 @@ static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct 
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
         const struct training_image *image;
         if ((rc = context_stopped(ctx)) != OXL_OK) break;
-        image_cache_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
-        image = image_cache_get(ctx, scene, w->chosen[k]);
+        scene_images_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
+        image = scene_image(ctx, scene, w->chosen[k]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         if (image) rc = contrast_integrate(ctx, image, w);
         if (rc == OXL_OK) contrast_of_image(ctx, image, w->chosen[k], w);

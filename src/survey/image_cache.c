@@ -10,12 +10,14 @@ enum {
         6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
 };
 
-OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out)
+OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
+                                          struct image_cache *out)
 {
-    *out = (struct image_cache){.image = oxl_calloc(ctx, count + 1, sizeof *out->image),
-                                .used  = oxl_calloc(ctx, count + 1, sizeof *out->used),
-                                .count = (int)count,
-                                .limit = SIZE_MAX};
+    *out = (struct image_cache){.loader = *loader,
+                                .image  = oxl_calloc(ctx, count + 1, sizeof *out->image),
+                                .used   = oxl_calloc(ctx, count + 1, sizeof *out->used),
+                                .count  = (int)count,
+                                .limit  = SIZE_MAX};
     return out->image && out->used ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu images", count);
 }
 
@@ -45,13 +47,12 @@ static void image_cache_make_room(oxl_context *ctx, struct image_cache *p, int k
     }
 }
 
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view)
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *p, int view)
 {
-    struct image_cache    *p     = &scene->cache;
     struct training_image *image = &p->image[view];
     p->used[view]                = ++p->clock;
     if (!image->rgb) {
-        if (scene_load_image(ctx, scene, view, image) != OXL_OK) return NULL;
+        if (p->loader.load(ctx, p->loader.scene, view, image) != OXL_OK) return NULL;
         p->held += image_cache_size(image);
         image_cache_make_room(ctx, p, view, p->limit);
     }
@@ -66,34 +67,33 @@ OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_p
 
 /* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the cache at the size
  * of the files' pixels, which is *bytes. */
-static int image_cache_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, const int *view, int count, int *chosen,
+static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_cache *p, const int *view, int count, int *chosen,
                                     size_t *bytes)
 {
     int n  = 0;
     *bytes = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, IMAGE_CACHE_AHEAD); i++) {
-        const double more = IMAGE_CACHE_DECODE_BYTES * scene_file_pixels(scene, view[i]);
-        if (scene->cache.image[view[i]].rgb) continue;
-        if ((double)*bytes + more > (double)(scene->cache.limit / 4)) break;
+        const double more = IMAGE_CACHE_DECODE_BYTES * p->loader.file_pixels(p->loader.scene, view[i]);
+        if (p->image[view[i]].rgb) continue;
+        if ((double)*bytes + more > (double)(p->limit / 4)) break;
         *bytes += (size_t)more;
         chosen[n++] = view[i];
     }
     return n;
 }
 
-OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
+OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *p, const int *view, int count)
 {
-    struct image_cache   *p                       = &scene->cache;
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
     int                   chosen[IMAGE_CACHE_AHEAD], n;
     size_t                bytes;
     oxl_context           own = context_for_thread(ctx); /* errors are dropped here and reported when the image is requested */
-    if (!scene->from_files || count < 1 || p->image[view[0]].rgb) return;
-    n = image_cache_choose_ahead(ctx, scene, view, count, chosen, &bytes);
+    if (count < 1 || p->image[view[0]].rgb) return;
+    n = image_cache_choose_ahead(ctx, p, view, count, chosen, &bytes);
     if (n < 2) return;
     image_cache_make_room(ctx, p, -1, p->limit - bytes);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(own)
-    for (int i = 0; i < n; i++) scene_load_image(&own, scene, chosen[i], &read[i]);
+    for (int i = 0; i < n; i++) p->loader.load(&own, p->loader.scene, chosen[i], &read[i]);
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
         p->image[chosen[i]] = read[i];

@@ -151,8 +151,8 @@ static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, 
         const struct training_image *image;
         const oxl_result             rc = context_stopped(ctx);
         if (rc != OXL_OK) return rc;
-        image_cache_ahead(ctx, scene, w->chosen + v, w->views - v);
-        image = image_cache_get(ctx, scene, w->chosen[v]);
+        scene_images_ahead(ctx, scene, w->chosen + v, w->views - v);
+        image = scene_image(ctx, scene, w->chosen[v]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         for (size_t i = 0; i < w->samples; i++) {
             if (w->sample[i].view != v) continue;

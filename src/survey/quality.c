@@ -197,8 +197,8 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
     for (int i = 0; i < views && rc == OXL_OK; i++) {
         const struct training_image *image;
         if ((rc = context_stopped(ctx)) != OXL_OK) break;
-        image_cache_ahead(ctx, scene, list + i, views - i);
-        image = image_cache_get(ctx, scene, i);
+        scene_images_ahead(ctx, scene, list + i, views - i);
+        image = scene_image(ctx, scene, i);
         if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed; /* others are named elsewhere */
         if (!image) continue;
         q.image[q.count] = quality_measure(image);

@@ -4,6 +4,8 @@
 
 #include "survey.h"
 
+enum { SCENE_GREY = 128 }; /* of points without colour */
+
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
 };

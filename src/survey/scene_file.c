@@ -109,7 +109,7 @@ static oxl_result scene_file_own(oxl_context *ctx, oxl_scene *s)
         s->colmap.camera[i].file = "cameras.txt";
     }
     s->colmap.images_file = "images.txt";
-    return image_cache_begin(ctx, (size_t)s->view_count, &s->cache);
+    return scene_begin_cache(ctx, s, (size_t)s->view_count);
 }
 
 OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out)

@@ -13,7 +13,7 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 {
     scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
     scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
-    if (scene->view && scene->source) return image_cache_begin(ctx, count, &scene->cache);
+    if (scene->view && scene->source) return scene_begin_cache(ctx, scene, count);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
 }
 

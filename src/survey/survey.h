@@ -206,7 +206,7 @@ struct stats_points {
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const struct stats_points *points,
                                      double **out, size_t *out_count);
 
-/* ---------------------------------------------------------------- scene.c: from the files to views, points and images */
+/* ---------------------------------------------------------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 
 struct scene_stats { /* for `check` and the first message */
     int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
@@ -218,9 +218,13 @@ OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL 
 /* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
 /* The row of `colmap` that a view comes from; scenes from files only. */
-OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
-OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
-/* A view's image from its file, undistorted, reduced and masked (image_training_free). */
+OXL_INTERNAL const struct colmap_camera  *scene_source_camera(const oxl_scene *scene, int view);
+OXL_INTERNAL const struct colmap_image   *scene_source_image(const oxl_scene *scene, int view);
+/* A view's image from the cache, loaded if it is not there: borrowed until the next request of another view; NULL: error set. */
+OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count); /* image_cache_ahead */
+OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
+/* The same from its file, undistorted, reduced and masked (image_training_free). */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]); /* 0: too far away */
@@ -239,23 +243,10 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const char *key);
 OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
 
-/* ---------------------------------------------------------------- image_cache.c: which images are in memory */
+/* ---------------------------------------------------------------- image_cache.c: which images are in memory (image_cache.h) */
 
-struct image_cache {
-    struct training_image *image; /* (count) rgb is NULL if not in memory */
-    uint64_t              *used;  /* (count) time of the last request */
-    uint64_t               clock;
-    int                    count;
-    size_t                 held, limit; /* bytes in memory; bytes allowed */
-};
-OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* empty, no limit */
-OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *cache);
-/* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
-/* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is requested. */
-OXL_INTERNAL void                         image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 /* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of file_pixels. */
-OXL_INTERNAL double                       image_cache_bytes(double cache, double pixels, double file_pixels);
+OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- image_file.c: decoded images in files */
 
@@ -313,6 +304,7 @@ OXL_INTERNAL double     quality_sharpness(const struct training_image *image, do
 /* Decodes every image; logs and counts blurred and badly exposed ones. */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
 
+#include "image_cache.h"
 #include "imaging.h"
 #include "scene.h"
 

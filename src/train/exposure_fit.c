@@ -1,14 +1,14 @@
 /* exposure_fit.c - three log gains for each training image, optimised with the scene.
  *
  * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
- * before the loss (render/exposure.c); a_k has an Adam of its own (Kingma & Ba 2015), since each image is visited once an epoch, and a
+ * before the loss (render/exposure.c); a_k has its own Adam state (Kingma & Ba 2015), since each image is visited once an epoch, and a
  * prior that draws it towards the line between its neighbours, of the same camera, in file order. After each step the mean over the
  * known training images is set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and
  * held-out views, which stand at mean exposure, lose dB with it (measured before: 2 to 6).
  *
- * They begin with those of the tracks (survey/photometry.c), and stay so for EXPOSURE_HOLD of the run, while Gaussians are rough.
+ * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run, while Gaussians are coarse.
  *
- * auto: on where the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's neighbours predict its gain better than none.
+ * auto: on if the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's gain is predicted better by its neighbours than by 1.
  *
  * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while the device works on the step
  * (exposure_apply_pending). On the CPU they do.

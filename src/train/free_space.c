@@ -1,6 +1,6 @@
-/* free_space.c - Gaussians between a camera and the points that it saw are removed.
+/* free_space.c - removes Gaussians between a camera and the points that it observes.
  *
- * The views of a point's track saw it, so the space between them and the point is free. A Gaussian there explains what one image shows and
+ * The views of a point's track see it, so the space between them and the point is free. A Gaussian there explains what one image shows and
  * veils others. For each training view a grid over its image holds, cell by cell, the least depth of the tracks' points in the cell and its
  * eight neighbours. At density control a Gaussian goes if its centre projects into a cell of some view at less than FREE_SPACE_SHARE of
  * that depth. A cell with points in fewer than FREE_SPACE_CELLS of the nine is unknown: thin objects without points lie in such cells.

@@ -5,9 +5,9 @@
  * cameras, r0 the median range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin. p is
  * trained where --medium is not `auto`, which counts falloff as attenuation, and where the points' depths identify it.
  *
- * s begins with that of the tracks (survey/photometry.c), which also decide whether it is needed; Adam (Kingma & Ba 2015) from LAMP_FROM of
- * the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes
- * neither the brightness of the scene nor that of the mean gain.
+ * s starts from the fit to the tracks (survey/photometry.c), which also shows whether it is needed; Adam (Kingma & Ba 2015) from LAMP_FROM
+ * of the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes neither the brightness of the scene nor
+ * the mean gain.
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */

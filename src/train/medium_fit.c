@@ -1,11 +1,10 @@
 /* medium_fit.c - the nine parameters of the medium, optimised with the scene (render/medium.h has the model).
  *
- * They are those that the colours of tracks give (survey/photometry.c), from the first step on, and are not trained: with the Gaussians'
- * colours free, the images alone do not hold attenuation (docs/IMAGING.md). The first Gaussians' colours are taken through the medium once,
- * backwards.
+ * They are fitted to the colours of tracks (survey/photometry.c) before the first step, and not trained: as the Gaussians' colours are
+ * free, the images alone do not determine attenuation (docs/IMAGING.md). The medium is removed from the initial Gaussians' colours once.
  *
- * While trained, J counts as it looks through the median range: else Adam's steps of colour, which are absolute, would be small ones of
- * what is seen in turbid water.
+ * During training J is the colour as seen through the median range. Otherwise Adam's steps of colour, which are absolute, would change
+ * the image too little in turbid water.
  *
  * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count
  * per median range of the survey's points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate

@@ -5,8 +5,8 @@
  * the first at once, each further one when the mean L1 of training has fallen to 0.99 of its value before the last drop, or after
  * 1500 of 40 000 iterations without that.
  *
- * Removed are those with the lowest score,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * rendered image. It is the plain sum: divided by the number of views it was worse in 7 of 7 pairs (docs/PAPER.md).
+ * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
+ * rendered image. Dividing U by the number of views was worse in 7 of 7 pairs (docs/PAPER.md).
  *
  * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
  * is a function of the model, the scene and the options; ties are resolved by row.
@@ -140,7 +140,7 @@ static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, 
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
     const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct training_image *image  = image_cache_get(ctx, scene, view);
+    const struct training_image *image  = scene_image(ctx, scene, view);
     oxl_result                   rc     = oxl_reserve(ctx, &pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed; /* else it was named when it was trained on */

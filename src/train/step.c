@@ -47,7 +47,7 @@ static oxl_camera step_camera(struct train *t, int view)
 /* Loads the image into target and weight on the host. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
-    const struct training_image *image  = image_cache_get(t->ctx, t->scene, view);
+    const struct training_image *image  = scene_image(t->ctx, t->scene, view);
     const struct image_window   *window = step_window(t, view);
     int                          width, height;
     oxl_result                   rc;
@@ -80,7 +80,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     if (step_loss_on_host(t)) return step_load_image_on_host(t, view);
     if (renderer_has_image(t->renderer, view)) rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
-    image = image_cache_get(t->ctx, t->scene, view);
+    image = scene_image(t->ctx, t->scene, view);
     return image ? renderer_set_image(t->ctx, t->renderer, view, image, window, t->halved) : t->ctx->failed;
 }
 
@@ -90,7 +90,7 @@ static void step_read_ahead(struct train *t, int slot)
     int view[STEP_READ_AHEAD], count = 0;
     for (int i = slot; i < t->views && count < STEP_READ_AHEAD; i++)
         if (!renderer_has_image(t->renderer, t->view[i])) view[count++] = t->view[i];
-    if (count > 0 && view[0] == t->view[slot]) image_cache_ahead(t->ctx, t->scene, view, count);
+    if (count > 0 && view[0] == t->view[slot]) scene_images_ahead(t->ctx, t->scene, view, count);
 }
 
 /* The next view whose image can be read; one that cannot is named and left out from then on. */

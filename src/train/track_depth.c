@@ -1,7 +1,7 @@
-/* track_depth.c - the depths that a survey's tracks give: for each training view, pixels and the camera z of the points that it saw there.
+/* track_depth.c - depths from the tracks: for each training view, the pixel and camera z of each point that it observes.
  *
- * Each step compares some of its view's with what is rendered (render/depth_loss.c), while a medium is modelled: without it, Gaussians
- * near the camera stand for haze, which the images need (docs/log/ROBUST.md).
+ * While a medium is modelled, each step compares some depths of its view with the rendered ones (render/depth_loss.c). Without a medium,
+ * Gaussians near the camera stand in for haze, which the images need (docs/log/ROBUST.md).
  *
  * Invariant: a function of the scene and the step, so there is no state to archive.
  */

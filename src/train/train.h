@@ -4,7 +4,7 @@
 
 #include "../render/render.h"
 
-/* ---------------------------------------------------------------- train.c: a run */
+/* ---------------------------------------------------------------- train_loop.c: a run */
 
 /* Where a run keeps its state. */
 struct train_output {

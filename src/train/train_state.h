@@ -130,7 +130,7 @@ train_imaging_start_medium(struct train *t);               /* after a step, wher
 OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs what was fitted, and how far it can be believed */
 OXL_INTERNAL void train_imaging_store(struct train *t);    /* stores it in the scene, for evaluation and rendering */
 
-/* ---------------------------------------------------------------- train.c */
+/* ---------------------------------------------------------------- train_loop.c */
 
 OXL_INTERNAL oxl_result train_step(struct train *t); /* one whole step, with what is due after it */
 

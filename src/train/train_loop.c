@@ -1,4 +1,4 @@
-/* train.c - the loop over steps (Kerbl et al. 2023, Alg. 1), from the first model to the last checkpoint.
+/* train_loop.c - the loop over steps (Kerbl et al. 2023, Alg. 1), from the first model to the last checkpoint.
  *
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */

@@ -1,4 +1,4 @@
-/* partition.c - split the survey into blocks (OceanXL sec. 3.1, Alg. 1).
+/* partition_make.c - split the survey into blocks (OceanXL sec. 3.1, Alg. 1).
  *
  *     a box of k blocks is split across its longest axis at the ratio r of 0.30, 0.32 ... 0.70 whose sides come nearest to
  *     k1/k and k2/k of its load, k1 + k2 = k; the survey has k = ceil(N / N_p) blocks, or the fewest above that of at most
@@ -27,13 +27,6 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
         out[i] = 0;
         for (int k = 0; k < 3; k++) out[i] += p->rotation[3 * i + k] * (world[k] - p->origin[k]);
     }
-}
-
-OXL_INTERNAL int partition_contains(const struct partition_box *box, const double frame[3])
-{
-    int inside = 1;
-    for (int i = 0; i < 3; i++) inside &= frame[i] >= box->low[i] && frame[i] < box->high[i];
-    return inside;
 }
 
 /* ---------------------------------------------------------------- so many blocks */

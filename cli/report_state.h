@@ -1,4 +1,4 @@
-/* report.h - the interface between the files of the report: one self-contained page about a run.
+/* report_state.h - the interface between the files of the report: one self-contained page about a run.
  *
  *     report.c         writes the page from top to bottom
  *     report_read.c    reads OUT

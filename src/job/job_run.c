@@ -1,8 +1,8 @@
-/* job.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
+/* job_run.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
  *
  * OUT/run.json is written first, as the key of the run, and last, when everything else is in place. Invariant: a run.json that
- * says "finished": true describes the scene.ply beside it. The lines "job" and "found" in it are all that the result depends
- * on: a second run that would write the same goes on where the first one stopped, or has nothing to do.
+ * says "finished": true describes the scene.ply beside it. Its lines "job" and "found" hold all that the result depends
+ * on: a second run with the same lines resumes the first, or has nothing to do.
  */
 #include "job_state.h"
 #include "../core/json.h"

@@ -1,0 +1,19 @@
+/* log.c - log lines: to the caller, and for run.json into the context's notes. */
+#include "core.h"
+
+OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...)
+{
+    char    line[1024];
+    va_list args;
+    if (!ctx->options.log && !ctx->notes) return;
+    va_start(args, format);
+    vsnprintf(line, sizeof line, format, args);
+    va_end(args);
+    if (ctx->notes && level <= OXL_LOG_INFO) {
+        text_add(ctx->notes, "%s\n    {\"level\": \"%s\", \"text\": ", ctx->notes->size ? "," : "",
+                 level == OXL_LOG_INFO ? "info" : "warning");
+        text_add_json_string(ctx->notes, line);
+        text_add(ctx->notes, "}");
+    }
+    if (ctx->options.log) ctx->options.log(ctx->options.user, level, line);
+}
