@@ -1,5 +1,5 @@
-/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and
- * src/core/json.h, and are not in the library. One section for each file of cli/; synth_options is here because arguments holds it.
+/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and json.h, eigen.h,
+ * svg.h of src/core, and are not in the library. One section for each file of cli/; synth_options is here because arguments holds it.
  */
 #ifndef CLI_H
 #define CLI_H

@@ -4,6 +4,7 @@
  * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
  */
 #include "report_state.h"
+#include "../src/core/svg.h"
 
 #include <math.h>
 
@@ -80,15 +81,13 @@ static void curve_grid(struct output *t, const struct curve_axis *x, const struc
     const int decimals = y->step >= 1 ? 0 : (int)ceil(-log10(y->step) - 1e-9);
     for (int i = 0; y->low + i * y->step <= y->high * (1 + 1e-9) + 1e-12; i++) {
         const double value = y->low + i * y->step;
-        const char  *at    = OUTPUT_FIXED(curve_y(y, value), 1);
-        output_add(t,
-                   "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%s\" y2=\"%s\"/>"
-                   "<text x=\"%d\" y=\"%.1f\" text-anchor=\"end\">%.*f</text>",
-                   CURVE_LEFT, CURVE_WIDTH - CURVE_RIGHT, at, at, CURVE_LEFT - 6, curve_y(y, value) + 4, decimals, value);
+        const double at    = curve_y(y, value);
+        output_add(t, "%s%s%.*f</text>", SVG_LINE(CURVE_LEFT, at, CURVE_WIDTH - CURVE_RIGHT, at, "class='grid'"),
+                   SVG_TEXT(CURVE_LEFT - 6, at + 4, "text-anchor='end'"), decimals, value);
     }
     for (int i = 0; x->low + i * x->step <= x->high * (1 + 1e-9); i++)
-        output_add(t, "<text x=\"%.1f\" y=\"%d\" text-anchor=\"middle\">%s</text>", curve_x(x, x->low + i * x->step),
-                   CURVE_HEIGHT - 8, OUTPUT_COUNT(x->low + i * x->step));
+        output_add(t, "%s%s</text>", SVG_TEXT(curve_x(x, x->low + i * x->step), CURVE_HEIGHT - 8, "text-anchor='middle'"),
+                   OUTPUT_COUNT(x->low + i * x->step));
 }
 
 static void curve_line(struct output *t, const struct report *r, int block, const struct curve *c, int second,

@@ -4,6 +4,7 @@
  * size.
  */
 #include "report_state.h"
+#include "../src/core/svg.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -93,12 +94,8 @@ static void map_cameras(struct output *t, const struct map *m)
             double          c[3];
             if (view->is_test != test) continue;
             frame_eye(view, c);
-            output_add(t, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%.1f\" %s>", map_x(m, c), map_y(m, c), radius,
-                       test ? "fill=\"#ffd24a\" stroke=\"#000\""
-                            : "fill=\"#fff\" fill-opacity=\".85\" stroke=\"#0a6781\" stroke-width=\"1.5\"");
-            if (views <= 500) {
-                output_add(t, "<title>%S</title>", view->name);
-            }
+            output_add(t, "%s", SVG_CIRCLE(map_x(m, c), map_y(m, c), radius, test ? "class='test'" : ""));
+            if (views <= 500) output_add(t, "<title>%S</title>", view->name);
             output_add(t, "</circle>\n");
         }
 }
@@ -106,14 +103,11 @@ static void map_cameras(struct output *t, const struct map *m)
 /* A bar of 1, 2 or 5 times a power of ten, a fifth of the width at most. */
 static void map_ruler(struct output *t, const struct map *m)
 {
-    const double most = m->width / m->scale / 5, power = pow(10, floor(log10(most)));
-    const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1), px = length * m->scale;
+    const double length = svg_scale_bar(m->width / m->scale / 5), px = length * m->scale;
     const int    y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
-    output_add(t,
-               "<rect x=\"14\" y=\"%d\" width=\"%.1f\" height=\"50\" rx=\"6\" fill=\"#000\" fill-opacity=\".55\"/>"
-               "<path d=\"M26 %d v8 h%.1f v-8\" fill=\"none\" stroke=\"#fff\" stroke-width=\"2\"/>"
-               "<text x=\"26\" y=\"%d\">%.*f unit%s</text>",
-               y - 36, fmax(px, 100) + 24, y - 2, px, y - 12, decimals, length, length == 1 ? "" : "s");
+    output_add(t, "%s<path d=\"M26 %d v8 h%.1f v-8\"/>%s%.*f unit%s</text>",
+               SVG_RECTANGLE(14, y - 36, fmax(px, 100) + 24, 50, "rx='6'"), y - 2, px, SVG_TEXT(26, y - 12, ""), decimals, length,
+               length == 1 ? "" : "s");
 }
 
 static void map_figure(struct report *r, const oxl_scene *scene)
@@ -126,11 +120,8 @@ static void map_figure(struct report *r, const oxl_scene *scene)
         return;
     }
     map_size(&m);
-    output_add(
-        t,
-        "<figure><svg class=\"map\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" aria-label=\"Map of cameras and points\">"
-        "<image width=\"%d\" height=\"%d\" href=\"",
-        m.width, m.height, m.width, m.height, m.width, m.height);
+    output_add(t, "<figure>%s<image width=\"%d\" height=\"%d\" href=\"",
+               SVG_OPEN(m.width, m.height, "class='map' role='img' aria-label='Map of cameras and points'"), m.width, m.height);
     map_points(r, &m);
     output_add(t, "\"/>\n");
     map_cameras(t, &m);

@@ -39,7 +39,9 @@ static const char *const PAGE_STYLE[] = {
     "padding:.3rem 0}a{color:var(--sea)}",
     ".chart text{fill:var(--pale);font-size:12px}.chart .grid{stroke:var(--line);stroke-width:1}"
     ".chart path{fill:none;stroke-width:1.8;stroke-linejoin:round}.many path{stroke-width:1.1;stroke-opacity:.5}"
-    ".map text{fill:#fff;font-size:22px}footer{color:var(--pale);font-size:.85rem;margin-top:1.5rem}",
+    ".map text{fill:#fff;font-size:22px}.map circle{fill:#fff;fill-opacity:.85;stroke:#0a6781;stroke-width:1.5}"
+    ".map .test{fill:#ffd24a;fill-opacity:1;stroke:#000;stroke-width:1}.map rect{fill-opacity:.55}"
+    ".map path{fill:none;stroke:#fff;stroke-width:2}footer{color:var(--pale);font-size:.85rem;margin-top:1.5rem}",
     "@media print{:root{--paper:#fff;--card:#fff;--ink:#000;--pale:#444;--line:#bbb;--sea:#0a6781;color-scheme:light}body{font-size:11pt}"
     "main{max-width:none;padding:0}section{break-inside:auto;border:0;border-top:1px solid #bbb;border-radius:0;padding:.8rem 0}"
     "figure,.tile,tr{break-inside:avoid}h2,h3{break-after:avoid}details:not([open])>summary{display:none}}",

@@ -4,15 +4,18 @@
  * filled.
  */
 #include "study.h"
+#include "../src/core/svg.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define PLOT_FRONT "#3589ab"
-#define PLOT_OTHER "#9aa5ad"
-#define PLOT_PALE  "#6b7680"
-#define PLOT_SMALL "font-size:11px;fill:" PLOT_PALE
+static const char plot_style[] =
+    "text{font:13px system-ui,sans-serif;fill:#1d262c}.title{font-size:18px}.title,.head,.named{font-weight:600}"
+    ".named,.small{font-size:11px}.small{fill:#6b7680}.middle{text-anchor:middle}.end{text-anchor:end}"
+    "line{stroke:#d9dee2}.fine{stroke:#eceff1}.path{stroke:#3589ab;stroke-width:1.5;stroke-opacity:.6}"
+    ".spread{stroke:#1d262c}.link{stroke:#b9c2c8}circle{stroke-width:1.5;fill:#fff;stroke:#9aa5ad}"
+    ".front{fill:#3589ab;stroke:#3589ab}";
 
 enum {
     PLOT_WIDTH  = 520, /* of a panel's axes */
@@ -36,18 +39,6 @@ struct plot {
     int               points;
     struct plot_point point[STUDY_ROWS];
 };
-
-/* ---------------------------------------------------------------- parts of an SVG; style: of CSS */
-
-static void plot_line(struct output *t, double x0, double y0, double x1, double y1, const char *style)
-{
-    output_add(t, "<line x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\" style=\"%s\"/>\n", x0, y0, x1, y1, style);
-}
-
-static void plot_label(struct output *t, double x, double y, const char *style, const char *text)
-{
-    output_add(t, "<text x=\"%.1f\" y=\"%.1f\" style=\"%s\">%S</text>\n", x, y, style, text);
-}
 
 /* ---------------------------------------------------------------- axes */
 
@@ -84,20 +75,19 @@ static void plot_axes(struct output *t, const struct plot *p)
     static const double factor[] = {1, 2, 5};
     const double        step = axis_step(p->high[1] - p->low[1]), bottom = PLOT_TOP + PLOT_HEIGHT, right = p->left + PLOT_WIDTH;
     const int           decimals = step >= 1 ? 0 : step >= 0.1 ? 1 : 2;
-    plot_label(t, p->left, PLOT_TOP - 28, "font-weight:600", p->title);
-    plot_label(t, p->left, PLOT_TOP - 10, PLOT_SMALL, p->y_title);
-    for (double y = ceil(p->low[1] / step) * step; y <= p->high[1]; y += step) {
-        plot_line(t, p->left, plot_y(p, y), right, plot_y(p, y), "stroke:#d9dee2");
-        plot_label(t, p->left - 8, plot_y(p, y) + 4, PLOT_SMALL ";text-anchor:end", OUTPUT_FIXED(y, decimals));
-    }
+    output_add(t, "%s%S</text>\n%s%S</text>\n", SVG_TEXT(p->left, PLOT_TOP - 28, "class='head'"), p->title,
+               SVG_TEXT(p->left, PLOT_TOP - 10, "class='small'"), p->y_title);
+    for (double y = ceil(p->low[1] / step) * step; y <= p->high[1]; y += step)
+        output_add(t, "%s%s%.*f</text>\n", SVG_LINE(p->left, plot_y(p, y), right, plot_y(p, y), ""),
+                   SVG_TEXT(p->left - 8, plot_y(p, y) + 4, "class='small end'"), decimals, y);
     for (int power = -3; power < 8; power++)
         for (int k = 0; k < 3; k++) {
             const double x = factor[k] * pow(10, power);
             if (log10(x) < p->low[0] || log10(x) > p->high[0]) continue;
-            plot_line(t, plot_x(p, x), PLOT_TOP, plot_x(p, x), bottom, "stroke:#eceff1");
-            plot_label(t, plot_x(p, x), bottom + 18, PLOT_SMALL ";text-anchor:middle", OUTPUT_FIXED(x, x < 1 ? 2 : 0));
+            output_add(t, "%s%s%.*f</text>\n", SVG_LINE(plot_x(p, x), PLOT_TOP, plot_x(p, x), bottom, "class='fine'"),
+                       SVG_TEXT(plot_x(p, x), bottom + 18, "class='small middle'"), x < 1 ? 2 : 0, x);
         }
-    plot_label(t, right, bottom + 36, PLOT_SMALL ";text-anchor:end", p->x_title);
+    output_add(t, "%s%S</text>\n", SVG_TEXT(right, bottom + 36, "class='small end'"), p->x_title);
 }
 
 /* ---------------------------------------------------------------- points */
@@ -112,8 +102,9 @@ static void plot_front(struct output *t, const struct plot *p)
                 next = i;
         if (next < 0) return;
         if (before >= 0)
-            plot_line(t, plot_x(p, p->point[before].x), plot_y(p, p->point[before].y), plot_x(p, p->point[next].x),
-                      plot_y(p, p->point[next].y), "stroke:" PLOT_FRONT ";stroke-width:1.5;stroke-opacity:0.6");
+            output_add(t, "%s",
+                       SVG_LINE(plot_x(p, p->point[before].x), plot_y(p, p->point[before].y), plot_x(p, p->point[next].x),
+                                plot_y(p, p->point[next].y), "class='path'"));
     }
 }
 
@@ -134,11 +125,11 @@ static void plot_points(struct output *t, struct plot *p)
         name_y[i] = y + 4;
         for (int j = 0; j < i; j++)
             if (fabs(x - plot_x(p, p->point[j].x)) < 125 && name_y[i] < name_y[j] + PLOT_NAME) name_y[i] = name_y[j] + PLOT_NAME;
-        if (q->spread > 0) plot_line(t, x, plot_y(p, q->y - q->spread), x, plot_y(p, q->y + q->spread), "stroke:#1d262c");
-        if (fabs(name_y[i] - 4 - y) > 6) plot_line(t, x, y, x + 9, name_y[i] - 4, "stroke:#b9c2c8");
-        output_add(t, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"4.5\" style=\"fill:%s;stroke:%s;stroke-width:1.5\"/>\n", x, y,
-                   q->front ? PLOT_FRONT : "#ffffff", q->front ? PLOT_FRONT : PLOT_OTHER);
-        plot_label(t, x + 10, name_y[i], q->front ? "font-size:11px;font-weight:600" : PLOT_SMALL, q->name);
+        if (q->spread > 0)
+            output_add(t, "%s", SVG_LINE(x, plot_y(p, q->y - q->spread), x, plot_y(p, q->y + q->spread), "class='spread'"));
+        if (fabs(name_y[i] - 4 - y) > 6) output_add(t, "%s", SVG_LINE(x, y, x + 9, name_y[i] - 4, "class='link'"));
+        output_add(t, "%s</circle>\n%s%S</text>\n", SVG_CIRCLE(x, y, 4.5, q->front ? "class='front'" : ""),
+                   SVG_TEXT(x + 10, name_y[i], q->front ? "class='named'" : "class='small'"), q->name);
     }
 }
 
@@ -175,19 +166,16 @@ void study_plot(struct output *t, const struct study *s)
     struct plot first  = plot_of_rows(s, STUDY_CPU, 1, "processor seconds (logarithmic)", PLOT_LEFT);
     struct plot second = plot_of_rows(s, STUDY_BYTES, 1e-6, "MB of the model (logarithmic)", PLOT_LEFT + PLOT_STEP);
     char        line[300];
-    output_add(t,
-               "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
-               "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n"
-               "<rect width=\"%d\" height=\"%d\" style=\"fill:#ffffff\"/>\n",
-               width, height, width, height, width, height);
-    plot_label(t, 16, 30, "font-size:18px;font-weight:600", s->kind->title);
+    output_add(t, "%s<style>%s</style>\n%s", SVG_OPEN(width, height, ""), plot_style,
+               SVG_RECTANGLE(0, 0, width, height, "fill='#fff'"));
+    output_add(t, "%s%S</text>\n", SVG_TEXT(16, 30, "class='title'"), s->kind->title);
     plot_draw(t, &first);
     plot_draw(t, &second);
     snprintf(line, sizeof line,
              "Filled: on the front, no row is as good at no more cost.%s Preset %s, %d iterations, at most %d px a side.",
              s->options->seeds > 1 ? " Bars: standard deviation over the seeds." : "", s->base.preset ? s->base.preset : "-",
              s->base.train.iterations, s->base.scene.max_side);
-    plot_label(t, 16, height - 34, PLOT_SMALL, line);
-    plot_label(t, 16, height - 16, PLOT_SMALL, s->options->scene);
+    output_add(t, "%s%S</text>\n%s%S</text>\n", SVG_TEXT(16, height - 34, "class='small'"), line,
+               SVG_TEXT(16, height - 16, "class='small'"), s->options->scene);
     output_add(t, "</svg>\n");
 }

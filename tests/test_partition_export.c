@@ -226,12 +226,15 @@ TEST(partition_drawing_is_small_shows_both_sides_of_a_3d_survey_and_holds_no_scr
         oxl_scene         *scene = partition_test_reef_scene(flat ? 2 : 30);
         struct os_file_map file;
         struct partition   p;
+        int                numbers = 0;
         CHECK_OK(partition_make(test_ctx, scene, &o, &p));
         CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
         CHECK_OK(os_read_file(test_ctx, test_path("a.svg"), &file));
         CHECK(strncmp(file.data, "<svg xmlns=", 11) == 0 && file.size < 500000 && file.size > 20000);
         CHECK_TEXT(file.data, "From above");
         CHECK((strstr(file.data, "From the side") == NULL) == flat);
+        for (const char *at = file.data; (at = strstr(at, "class='number'>")); at++) numbers++;
+        CHECK(!flat || numbers == p.block_count);
         CHECK(!strstr(file.data, "<script") && !strstr(file.data, "nan") && !strstr(file.data, "inf "));
         CHECK_TEXT(file.data, "2\xE2\x80\x89"
                               "000 points, 56 training views, 8 held out");

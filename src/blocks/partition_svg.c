@@ -4,476 +4,335 @@
  * large survey stays small and the same survey gives the same bytes. No number is written through the locale.
  */
 #include "partition.h"
+#include "../core/svg.h"
 
 enum {
-    SVG_POINTS  = 12000, /* rendered in all panels together; 13 bytes each */
-    SVG_CAMERAS = 4000,
-    SVG_WIDTH   = 1120, /* px of a panel, at most */
-    SVG_HEIGHT  = 760,
-    SVG_MIN     = 700, /* px minimum width of the image, for the text */
-    SVG_EDGE    = 44,
-    SVG_MANY    = 300, /* views, from which on their marks are small */
-    SVG_COLOURS = 12,
-    SVG_LISTED  = 8,   /* blocks in a common label */
-    SVG_ROWS    = 300, /* blocks listed in the table */
-    SVG_COLUMN  = 190, /* px of a column of the table */
-    SVG_NUMBER  = 48   /* bytes of a number as text */
+    DRAW_POINTS  = 12000, /* in all panels together; 13 bytes each */
+    DRAW_CAMERAS = 4000,
+    DRAW_WIDTH   = 1120, /* px of a panel, at most */
+    DRAW_HEIGHT  = 760,
+    DRAW_MIN     = 612, /* px minimum width of panels or table, for the text */
+    DRAW_EDGE    = 44,
+    DRAW_BEYOND  = 4,   /* px that an unbounded block is drawn past its panel, where the clip hides its line */
+    DRAW_MANY    = 300, /* views, from which on their marks are small */
+    DRAW_COLOURS = 12,
+    DRAW_COLUMN  = 190, /* px of a column of the table */
+    DRAW_ROW     = 18,
+    DRAW_DIGITS  = 20, /* px that a block's number takes */
+    DRAW_ROOM    = 96  /* bytes of a number or a look as text */
 };
-#define SVG_MARGIN 0.05 /* of the extents, around them */
+#define DRAW_MARGIN 0.05 /* of the extents, around them */
+#define DRAW_FLAT   1e-3 /* of the largest extent: a smaller one is drawn as this */
 
-static const char *const svg_colour[SVG_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f", "#7a68b3", "#c9a227",
-                                                    "#3fa7b5", "#c4504b", "#6b8e3d", "#8c6d5a", "#5479c4", "#a35fb0"};
+static const char *const draw_colour[DRAW_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f", "#7a68b3", "#c9a227",
+                                                      "#3fa7b5", "#c4504b", "#6b8e3d", "#8c6d5a", "#5479c4", "#a35fb0"};
 
-struct svg_panel {
+struct drawing_panel {
     const char *title;
-    int         across, up;            /* axes of the frame */
-    double      low[2], high[2];       /* of the frame, that are shown */
-    double      scale;                 /* px a unit */
-    double      left, top, wide, tall; /* px */
-    int         stacked;               /* blocks lie behind each other, as seen from here */
+    int         axis[2];         /* of the frame: to the right, up */
+    double      low[2], high[2]; /* of the frame, that are shown */
+    double      scale;           /* px a unit */
+    double      top, wide, tall; /* px */
+    int         stacked;         /* blocks lie behind each other, as seen from here */
 };
 
-struct svg {
+enum { DRAW_NO_BLOCK = -1, DRAW_TEST_VIEW = -2 };
+struct drawing {
     struct text             t;
     const struct partition *p;
-    const struct colmap    *colmap;
+    size_t                  views;
+    int                     blocks;
     int                    *colour; /* (blocks) */
     double                 *camera; /* (views,3) in the frame */
-    int                    *base;   /* (views) first block that has it as a base view, -1 */
-    int                    *border; /* (views) */
-    struct svg_panel        panel[2];
+    int                    *base;   /* (views) first block that has it as a base view */
+    int                    *border; /* (views) as a border view */
+    struct drawing_panel    panel[2];
     int                     panels;
+    int                     rows;              /* of the table */
+    double                  wide, tall, below; /* px of the image; where the panels end */
 };
 
-/* ---------------------------------------------------------------- numbers and words */
-
-/* With one decimal. */
-static const char *svg_px(char out[SVG_NUMBER], double px)
-{
-    const long tenths = (long)floor(10 * px + 0.5), whole = labs(tenths) / 10, rest = labs(tenths) % 10;
-    snprintf(out, SVG_NUMBER, rest ? "%s%ld.%ld" : "%s%ld", tenths < 0 ? "-" : "", whole, rest);
-    return out;
-}
+/* ---------------------------------------------------------------- numbers and looks */
 
 /* 28 366, with thin spaces. */
-static const char *svg_count(char out[SVG_NUMBER], size_t count)
+static const char *draw_count(char out[DRAW_ROOM], size_t count)
 {
     char digits[24], *to = out;
     int  n = snprintf(digits, sizeof digits, "%zu", count);
     for (int i = 0; i < n; i++) to += sprintf(to, "%s%c", i > 0 && (n - i) % 3 == 0 ? "\xE2\x80\x89" : "", digits[i]);
     return out;
 }
+#define COUNT(count) draw_count((char[DRAW_ROOM]){0}, count)
 
-#define PX(px)       svg_px((char[SVG_NUMBER]){0}, px)
-#define COUNT(count) svg_count((char[SVG_NUMBER]){0}, count)
-
-/* Three significant digits of a length below 100, whole units above. */
-static double svg_rounded(double units)
+static const char *draw_look(char out[DRAW_ROOM], const char *class, int colour)
 {
-    double parts = 1;
-    while (parts < 1e9 && units * parts < 100) parts *= 10;
-    return floor(units * parts + 0.5) / parts;
+    snprintf(out, DRAW_ROOM, "class='%s' fill='%s' stroke='%s'", class, draw_colour[colour], draw_colour[colour]);
+    return out;
 }
-
-static void svg_text(struct text *t, const char *class, double x, double y, const char *format, ...) OXL_PRINTF(5, 6);
-static void svg_text(struct text *t, const char *class, double x, double y, const char *format, ...)
-{
-    char    words[400];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(words, sizeof words, format, args);
-    va_end(args);
-    text_add(t, "<text class=\"%s\" x=\"%s\" y=\"%s\">%s</text>\n", class, PX(x), PX(y), words);
-}
+#define LOOK(class, colour) draw_look((char[DRAW_ROOM]){0}, class, colour)
 
 /* ---------------------------------------------------------------- layout */
 
-/* The trimmed extents with a margin, and the cameras near them. */
-static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
+/* By how much two blocks overlap along n axes, at least; 0: they touch. */
+static double draw_overlap(const struct drawing *d, int i, int j, const int *axis, int n)
 {
-    const int views = (int)s->p->plan->visibility->views;
+    const struct partition_box *a = &d->p->block[i].box, *b = &d->p->block[j].box;
+    double                      least = INFINITY;
+    for (int k = 0; k < n; k++)
+        least = OXL_MIN(least, OXL_MIN(a->high[axis[k]], b->high[axis[k]]) - OXL_MAX(a->low[axis[k]], b->low[axis[k]]));
+    return least;
+}
+
+/* Neighbours differ, while the colours last. */
+static void draw_choose_colours(struct drawing *d)
+{
+    for (int i = 0; i < d->blocks; i++)
+        for (int k = 0, clash = 1; k < DRAW_COLOURS && clash; k++) {
+            clash        = 0;
+            d->colour[i] = (i + k) % DRAW_COLOURS;
+            for (int j = 0; j < i; j++)
+                clash |= d->colour[j] == d->colour[i] && draw_overlap(d, i, j, (const int[]){0, 1, 2}, 3) >= 0;
+        }
+}
+
+/* The trimmed extents with a margin, and the cameras near them. */
+static struct drawing_panel draw_open_panel(const struct drawing *d, const char *title, int across, int up)
+{
+    struct drawing_panel panel = {.title = title, .axis = {across, up}};
     for (int k = 0; k < 2; k++) {
-        const int    axis = k ? panel->up : panel->across;
-        const double low = s->p->plan->finite.low[axis], high = s->p->plan->finite.high[axis];
-        const double size = OXL_MAX(high - low, 1e-3 * OXL_MAX(s->p->extent[0], 1e-9));
+        const int    axis = panel.axis[k];
+        const double low = d->p->plan->finite.low[axis], high = d->p->plan->finite.high[axis];
+        const double size = OXL_MAX(high - low, DRAW_FLAT * OXL_MAX(d->p->extent[0], 1e-9));
         double       from = low, to = high;
-        for (int v = 0; v < views; v++) {
-            const double at = s->camera[3 * v + axis];
+        for (size_t v = 0; v < d->views; v++) {
+            const double at = d->camera[3 * v + (size_t)axis];
             if (at > low - size && at < high + 2 * size) from = OXL_MIN(from, at), to = OXL_MAX(to, at);
         }
-        panel->low[k]  = from - SVG_MARGIN * size;
-        panel->high[k] = to + SVG_MARGIN * size;
+        panel.low[k]  = from - DRAW_MARGIN * size;
+        panel.high[k] = to + DRAW_MARGIN * size;
     }
+    for (int i = 0; i < d->blocks; i++)
+        for (int j = 0; j < i; j++) panel.stacked |= draw_overlap(d, i, j, panel.axis, 2) > 0;
+    return panel;
 }
 
-static int svg_is_stacked(const struct partition *p, const struct svg_panel *panel)
+static void draw_lay_out(struct drawing *d)
 {
-    for (int i = 0; i < p->block_count; i++)
-        for (int j = 0; j < i; j++) {
-            const struct partition_box *a = &p->block[i].box, *b = &p->block[j].box;
-            const int                   x = panel->across, y = panel->up;
-            if (a->low[x] < b->high[x] && b->low[x] < a->high[x] && a->low[y] < b->high[y] && b->low[y] < a->high[y]) return 1;
-        }
-    return 0;
-}
-
-static double svg_lay_out(struct svg *s, double top)
-{
-    double scale = INFINITY;
-    for (int i = 0; i < s->panels; i++) {
-        const struct svg_panel *p = &s->panel[i];
-        scale = OXL_MIN(scale, OXL_MIN(SVG_WIDTH / (p->high[0] - p->low[0]), SVG_HEIGHT / (p->high[1] - p->low[1])));
+    double scale = INFINITY, wide = DRAW_MIN;
+    d->below = 92; /* of the title */
+    for (int i = 0; i < d->panels; i++) {
+        const struct drawing_panel *p = &d->panel[i];
+        scale = OXL_MIN(scale, OXL_MIN(DRAW_WIDTH / (p->high[0] - p->low[0]), DRAW_HEIGHT / (p->high[1] - p->low[1])));
     }
-    for (int i = 0; i < s->panels; i++) {
-        struct svg_panel *p = &s->panel[i];
-        p->scale            = scale;
-        p->wide             = scale * (p->high[0] - p->low[0]);
-        p->tall             = scale * (p->high[1] - p->low[1]);
-        p->left             = SVG_EDGE;
-        p->top              = top + 26;
-        top                 = p->top + p->tall + 46;
+    for (int i = 0; i < d->panels; i++) {
+        struct drawing_panel *p = &d->panel[i];
+        p->scale                = scale;
+        p->wide                 = scale * (p->high[0] - p->low[0]);
+        p->tall                 = scale * (p->high[1] - p->low[1]);
+        p->top                  = d->below + 26;
+        d->below                = p->top + p->tall + 46;
+        wide                    = OXL_MAX(wide, p->wide);
     }
-    return top;
+    d->rows = (d->blocks - 1) / (int)(wide / DRAW_COLUMN) + 1;
+    d->wide = ceil(wide) + 2 * DRAW_EDGE;
+    d->tall = ceil(d->below) + 74 + DRAW_ROW * d->rows;
 }
 
-static double svg_x(const struct svg_panel *p, double across)
+/* ---------------------------------------------------------------- what is drawn in a panel */
+
+/* In px of the panel. */
+static void draw_place(const struct drawing_panel *p, const double frame[3], double at[2])
 {
-    return p->left + p->scale * (across - p->low[0]);
+    at[0] = p->scale * (frame[p->axis[0]] - p->low[0]);
+    at[1] = p->tall - p->scale * (frame[p->axis[1]] - p->low[1]);
 }
 
-static double svg_y(const struct svg_panel *p, double up)
+/* x, y, width, height of the part of a box that the panel shows, and a little beyond it. */
+static void draw_place_box(const struct drawing_panel *p, const struct partition_box *box, double out[4])
 {
-    return p->top + p->tall - p->scale * (up - p->low[1]);
+    double low[2], high[2];
+    draw_place(p, box->low, low);
+    draw_place(p, box->high, high);
+    out[0] = OXL_MAX(low[0], -DRAW_BEYOND);
+    out[1] = OXL_MAX(high[1], -DRAW_BEYOND);
+    out[2] = OXL_MIN(high[0], p->wide + DRAW_BEYOND) - out[0];
+    out[3] = OXL_MIN(low[1], p->tall + DRAW_BEYOND) - out[1];
 }
 
-static int svg_shows(const struct svg_panel *p, const double frame[3])
+/* mark: commands of a path, from the middle on. */
+static void draw_mark(struct text *t, const struct drawing_panel *p, const double frame[3], const char *mark)
 {
-    const double a = frame[p->across], b = frame[p->up];
-    return a >= p->low[0] && a <= p->high[0] && b >= p->low[1] && b <= p->high[1];
-}
-
-/* ---------------------------------------------------------------- colours */
-
-static int svg_touch(const struct partition_box *a, const struct partition_box *b)
-{
-    int touch = 1;
-    for (int k = 0; k < 3; k++) touch &= a->low[k] <= b->high[k] && b->low[k] <= a->high[k];
-    return touch;
-}
-
-/* Neighbours differ: of the colours that no neighbour has, the one that was used least. */
-static void svg_choose_colours(struct svg *s)
-{
-    int used[SVG_COLOURS] = {0};
-    for (int i = 0; i < s->p->block_count; i++) {
-        int taken[SVG_COLOURS] = {0}, best = 0;
-        for (int j = 0; j < i; j++)
-            if (svg_touch(&s->p->block[i].box, &s->p->block[j].box)) taken[s->colour[j]]++;
-        for (int c = 1; c < SVG_COLOURS; c++)
-            if (taken[c] < taken[best] || (taken[c] == taken[best] && used[c] < used[best])) best = c;
-        s->colour[i] = best;
-        used[best]++;
-    }
-}
-
-/* ---------------------------------------------------------------- what is rendered in a panel */
-
-static void svg_rectangle(struct text *t, const char *class, const char *colour, double x, double y, double wide, double tall)
-{
-    text_add(t, "<rect class=\"%s\" x=\"%s\" y=\"%s\" width=\"%s\" height=\"%s\"", class, PX(x), PX(y), PX(OXL_MAX(wide, 0)),
-             PX(OXL_MAX(tall, 0)));
-    if (colour) text_add(t, " fill=\"%s\" stroke=\"%s\"", colour, colour);
-    text_add(t, "/>\n");
-}
-
-/* The part of a block's owner that the panel shows: x, y, width, height. */
-static void svg_to_pixels(const struct svg_panel *p, const struct partition_box *box, double out[4])
-{
-    const double left  = svg_x(p, OXL_MAX(box->low[p->across], p->low[0])),
-                 right = svg_x(p, OXL_MIN(box->high[p->across], p->high[0]));
-    const double top = svg_y(p, OXL_MIN(box->high[p->up], p->high[1])), bottom = svg_y(p, OXL_MAX(box->low[p->up], p->low[1]));
-    out[0] = left;
-    out[1] = top;
-    out[2] = right - left;
-    out[3] = bottom - top;
-}
-
-static void svg_dot(struct text *t, const struct svg_panel *p, const double frame[3])
-{
-    text_add(t, "M%s %sh0", PX(svg_x(p, frame[p->across])), PX(svg_y(p, frame[p->up])));
+    double at[2];
+    draw_place(p, frame, at);
+    text_add(t, "M%s %s%s", PX(at[0]), PX(at[1]), mark);
 }
 
 /* One path a block. */
-static void svg_draw_points(struct svg *s, const struct svg_panel *panel)
+static void draw_points(struct drawing *d, const struct drawing_panel *panel)
 {
-    const size_t count = s->colmap->point_count, most = SVG_POINTS / (size_t)s->panels;
-    const double stride = OXL_MAX(1, (double)count / (double)most);
-    for (int block = 0; block < s->p->block_count; block++) {
-        text_add(&s->t, "<path class=\"point\" stroke=\"%s\" d=\"", svg_colour[s->colour[block]]);
-        for (size_t k = 0; (double)(k + 1) * stride <= (double)count;
-             k++) { /* one of each stretch: files have their own rhythm */
-            const size_t i = (size_t)(((double)k + random_unit(random_bits(1, k, 0))) * stride);
+    const struct colmap *c     = scene_colmap(d->p->plan->scene);
+    const double         count = (double)c->point_count, step = OXL_MAX(1, count * d->panels / DRAW_POINTS);
+    for (int block = 0; block < d->blocks; block++) {
+        text_add(&d->t, "<path %s d='", LOOK("point", d->colour[block]));
+        for (size_t k = 0; (double)(k + 1) * step <= count; k++) { /* one of each stretch: files have their own rhythm */
+            const size_t i = (size_t)(((double)k + random_unit(random_bits(1, k, 0))) * step);
             double       frame[3];
-            if (s->p->plan->owner[i] != (uint32_t)block) continue;
-            partition_to_frame(s->p, s->colmap->point[i].position, frame);
-            if (svg_shows(panel, frame)) svg_dot(&s->t, panel, frame);
+            if (d->p->plan->owner[i] != (uint32_t)block) continue;
+            partition_to_frame(d->p, c->point[i].position, frame);
+            draw_mark(&d->t, panel, frame, "h0");
         }
-        text_add(&s->t, "\"/>\n");
-    }
-}
-
-static void svg_draw_blocks(struct svg *s, const struct svg_panel *panel)
-{
-    for (int i = 0; i < s->p->block_count; i++) {
-        const struct partition_box *box  = &s->p->block[i].box;
-        const double                left = box->low[panel->across] < panel->low[0] ? 4 : 0,
-                     right               = box->high[panel->across] > panel->high[0] ? 4 : 0;
-        const double top = box->high[panel->up] > panel->high[1] ? 4 : 0, bottom = box->low[panel->up] < panel->low[1] ? 4 : 0;
-        double       at[4];
-        svg_to_pixels(panel, box, at); /* an open side has its line outside the panel, where it is clipped */
-        svg_rectangle(&s->t, panel->stacked ? "block line" : "block", svg_colour[s->colour[i]], at[0] - left, at[1] - top,
-                      at[2] + left + right, at[3] + top + bottom);
+        text_add(&d->t, "'/>\n");
     }
 }
 
 /* The cameras whose list[v] is `block`, as one path. */
-static void svg_draw_cameras_of(struct svg *s, const struct svg_panel *panel, const int *list, int block, const char *class)
+static void draw_cameras_of(struct drawing *d, const struct drawing_panel *panel, const int *list, int block, const char *class,
+                            const char *mark)
 {
-    const size_t views = s->p->plan->visibility->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
-    int          any = 0;
-    for (size_t v = 0; v < views; v += stride) {
-        if (oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
-        if (list[v] != block) continue;
-        if (!any++)
-            text_add(&s->t, "<path class=\"%s\" stroke=\"%s\" d=\"", class, block < 0 ? "#98a4ad" : svg_colour[s->colour[block]]);
-        svg_dot(&s->t, panel, s->camera + 3 * v);
+    const size_t views = d->views, stride = views * (size_t)d->panels / DRAW_CAMERAS + 1;
+    text_add(&d->t, "<path %s d='", LOOK(class, block < 0 ? 0 : d->colour[block]));
+    for (size_t v = 0; v < views; v += stride)
+        if (list[v] == block) draw_mark(&d->t, panel, d->camera + 3 * v, mark);
+    text_add(&d->t, "'/>\n");
+}
+
+static void draw_cameras(struct drawing *d, const struct drawing_panel *panel)
+{
+    const int blocks = d->blocks;
+    draw_cameras_of(d, panel, d->base, DRAW_TEST_VIEW, "test", "m0-3.5l3.5 3.5-3.5 3.5-3.5-3.5z");
+    for (int i = 0; i < blocks; i++) draw_cameras_of(d, panel, d->border, i, "ring", "h0");
+    for (int i = DRAW_NO_BLOCK; i < blocks; i++) draw_cameras_of(d, panel, d->base, i, "halo", "h0");
+    for (int i = 0; i < blocks; i++) draw_cameras_of(d, panel, d->base, i, "camera", "h0");
+}
+
+/* A block's number in its corner; numbers of blocks with the same corner stand side by side, as many as fit. */
+static void draw_number(struct drawing *d, const struct drawing_panel *panel, int block)
+{
+    double at[4], other[4], x = 4;
+    draw_place_box(panel, &d->p->block[block].box, at);
+    for (int i = 0; panel->stacked && i < block; i++) {
+        draw_place_box(panel, &d->p->block[i].box, other);
+        if (fabs(other[0] - at[0]) < DRAW_DIGITS && fabs(other[1] - at[1]) < DRAW_DIGITS) x += DRAW_DIGITS;
     }
-    if (any) text_add(&s->t, "\"/>\n");
+    if (at[2] >= x + DRAW_DIGITS && at[3] >= DRAW_DIGITS)
+        text_add(&d->t, "%s%d</text>\n", SVG_TEXT(OXL_MAX(at[0], 0) + x, OXL_MAX(at[1], 0) + 15, "class='number'"), block);
 }
 
-static void svg_draw_cameras(struct svg *s, const struct svg_panel *panel)
+static void draw_panel(struct drawing *d, const struct drawing_panel *p)
 {
-    const int blocks = s->p->block_count;
-    for (int i = 0; i < blocks; i++) svg_draw_cameras_of(s, panel, s->border, i, "ring");
-    for (int i = -1; i < blocks; i++) svg_draw_cameras_of(s, panel, s->base, i, "halo");
-    for (int i = 0; i < blocks; i++) svg_draw_cameras_of(s, panel, s->base, i, "camera");
-}
-
-static void svg_draw_test_views(struct svg *s, const struct svg_panel *panel)
-{
-    const size_t views = s->p->plan->visibility->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
-    text_add(&s->t, "<path class=\"test\" d=\"");
-    for (size_t v = 0; v < views; v += stride) {
-        if (!oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
-        text_add(&s->t, "M%s %sl3.5 3.5-3.5 3.5-3.5-3.5z", PX(svg_x(panel, s->camera[3 * v + (size_t)panel->across])),
-                 PX(svg_y(panel, s->camera[3 * v + (size_t)panel->up]) - 3.5));
+    const double length = svg_scale_bar(DRAW_WIDTH / 7.0 / p->scale), y = p->tall + 18;
+    text_add(&d->t, "<g transform='translate(%d %s)'>%s%s</text>\n", DRAW_EDGE, PX(p->top), SVG_TEXT(0, -10, "class='head'"),
+             p->title);
+    text_add(&d->t, "%s%s", SVG_OPEN(p->wide, p->tall, d->views > DRAW_MANY ? "class='many'" : ""), /* it clips what it holds */
+             SVG_RECTANGLE(0, 0, p->wide, p->tall, "fill='#fff'"));
+    draw_points(d, p);
+    for (int i = 0; i < d->blocks; i++) {
+        double at[4];
+        draw_place_box(p, &d->p->block[i].box, at);
+        text_add(&d->t, "%s", SVG_RECTANGLE(at[0], at[1], at[2], at[3], LOOK(p->stacked ? "block line" : "block", d->colour[i])));
     }
-    text_add(&s->t, "\"/>\n");
-}
-
-static void svg_label(struct svg *s, const struct svg_panel *panel, int i)
-{
-    const struct partition_block *b = &s->p->block[i];
-    double                        at[4];
-    svg_to_pixels(panel, &b->box, at);
-    if (at[2] < 24 || at[3] < 16) return;
-    if (at[2] < 92 || at[3] < 62) {
-        svg_text(&s->t, "number small", at[0] + at[2] / 2, at[1] + at[3] / 2 + 4, "%d", i);
-        return;
-    }
-    svg_text(&s->t, "number", at[0] + 10, at[1] + 25, "%d", i);
-    svg_text(&s->t, "count", at[0] + 10, at[1] + 42, "P %s", COUNT(b->points));
-    svg_text(&s->t, "count", at[0] + 10, at[1] + 58, "C %d + %d", b->base_views, b->border_views);
-}
-
-/* Blocks that have their middle in the same place share a label: 3, 4, 5. It is drawn for the first of them. */
-static void svg_label_stacked(struct svg *s, const struct svg_panel *panel, int i)
-{
-    double mine[4], other[4];
-    int    listed = 0, used = 0;
-    char   words[SVG_LISTED * 12 + 8];
-    svg_to_pixels(panel, &s->p->block[i].box, mine);
-    for (int pass = 0; pass < 2; pass++)
-        for (int j = pass ? i : 0; j < (pass ? s->p->block_count : i); j++) {
-            svg_to_pixels(panel, &s->p->block[j].box, other);
-            if (fabs(2 * mine[0] + mine[2] - 2 * other[0] - other[2]) > 2 * 14) continue;
-            if (fabs(2 * mine[1] + mine[3] - 2 * other[1] - other[3]) > 2 * 14) continue;
-            if (!pass) return;
-            if (++listed <= SVG_LISTED) used += sprintf(words + used, listed > 1 ? ", %d" : "%d", j);
-        }
-    svg_text(&s->t, "number small", mine[0] + mine[2] / 2, mine[1] + mine[3] / 2 + 4, "%s%s", words,
-             listed > SVG_LISTED ? " ..." : "");
-}
-
-/* 1, 2 or 5 times a power of ten, about a seventh of the panel. */
-static void svg_draw_scale(struct svg *s, const struct svg_panel *panel)
-{
-    const double wanted = SVG_WIDTH / 7.0 / panel->scale, y = panel->top + panel->tall + 18;
-    double       length = 1;
-    while (length > wanted) length /= 10;
-    while (10 * length <= wanted) length *= 10;
-    length *= 5 * length <= wanted ? 5 : 2 * length <= wanted ? 2 : 1;
-    text_add(&s->t, "<path class=\"scale\" d=\"M%s %sv4h%sv-4\"/>\n", PX(panel->left), PX(y - 4), PX(length * panel->scale));
-    svg_text(&s->t, "note", panel->left + length * panel->scale + 8, y + 2, "%s unit%s", NUMBER(svg_rounded(length)),
-             length == 1 ? "" : "s");
-    svg_text(&s->t, "note end", panel->left + panel->wide, y + 2, "principal axes %d \xE2\x86\x92 and %d \xE2\x86\x91",
-             panel->across + 1, panel->up + 1); /* arrows */
-}
-
-static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int index)
-{
-    svg_text(&s->t, "head", panel->left, panel->top - 10, "%s", panel->title);
-    text_add(&s->t, "<clipPath id=\"clip%d\">", index);
-    svg_rectangle(&s->t, "clip", NULL, panel->left, panel->top, panel->wide, panel->tall);
-    text_add(&s->t, "</clipPath>\n");
-    svg_rectangle(&s->t, "paper", NULL, panel->left, panel->top, panel->wide, panel->tall);
-    text_add(&s->t, "<g clip-path=\"url(#clip%d)\"%s>\n", index,
-             s->p->plan->visibility->views > SVG_MANY ? " class=\"many\"" : "");
-    svg_draw_points(s, panel);
-    svg_draw_blocks(s, panel);
-    svg_draw_test_views(s, panel);
-    svg_draw_cameras(s, panel);
-    for (int i = 0; i < s->p->block_count; i++) {
-        if (panel->stacked) svg_label_stacked(s, panel, i);
-        else svg_label(s, panel, i);
-    }
-    text_add(&s->t, "</g>\n");
-    svg_rectangle(&s->t, "frame", NULL, panel->left, panel->top, panel->wide, panel->tall);
-    svg_draw_scale(s, panel);
+    draw_cameras(d, p);
+    for (int i = 0; i < d->blocks; i++) draw_number(d, p, i);
+    text_add(&d->t, "</svg>\n%s", SVG_RECTANGLE(0, 0, p->wide, p->tall, "class='frame'"));
+    text_add(&d->t, "<path class='scale' d='M0 %sv4h%sv-4'/>\n%s%s unit%s</text>\n", PX(y - 4), PX(length * p->scale),
+             SVG_TEXT(length * p->scale + 8, y + 2, ""), NUMBER(length), length == 1 ? "" : "s");
+    text_add(&d->t, "%sprincipal axes %d \xE2\x86\x92 and %d \xE2\x86\x91</text></g>\n", /* arrows */
+             SVG_TEXT(p->wide, y + 2, "class='end'"), p->axis[0] + 1, p->axis[1] + 1);
 }
 
 /* ---------------------------------------------------------------- words around the panels */
 
-static void svg_draw_title(struct svg *s)
+static void draw_title(struct drawing *d)
 {
-    const struct scene_stats *stats = &s->p->plan->scene->stats;
-    const double             *e     = s->p->extent;
-    svg_text(&s->t, "title", SVG_EDGE, 46, "%d block%s", s->p->block_count, s->p->block_count == 1 ? "" : "s");
-    svg_text(&s->t, "sub", SVG_EDGE, 70,
-             "%s points, %s training views, %d held out; cut in %dD, principal extents %s \xC3\x97 %s \xC3\x97 %s", /* times */
-             COUNT(stats->points), COUNT((size_t)(stats->views - stats->test_views)), stats->test_views, s->p->dimensions,
-             NUMBER(svg_rounded(e[0])), NUMBER(svg_rounded(e[1])), NUMBER(svg_rounded(e[2])));
+    const struct scene_stats *stats = &d->p->plan->scene->stats;
+    text_add(&d->t, "%s%d block%s</text>\n", SVG_TEXT(DRAW_EDGE, 46, "class='title'"), d->blocks, d->blocks == 1 ? "" : "s");
+    text_add(&d->t, "%s%s points, %s training views, %d held out; cut in %dD</text>\n", SVG_TEXT(DRAW_EDGE, 70, "class='sub'"),
+             COUNT(stats->points), COUNT((size_t)(stats->views - stats->test_views)), stats->test_views, d->p->dimensions);
 }
 
-static double svg_key(struct svg *s, double x, double y, const char *shapes, const char *words)
+static void draw_legend(struct drawing *d)
 {
-    text_add(&s->t, "<g transform=\"translate(%s %s)\">%s<text class=\"note\" x=\"11\" y=\"4\">%s</text></g>\n", PX(x), PX(y),
-             shapes, words);
-    return x + 26 + 6.0 * (double)strlen(words);
+    text_add(
+        &d->t,
+        "<g class='key' transform='translate(%d %s)'><path class='camera' d='M6 0h0'/><text x='17' y='4'>base view of a "
+        "block (of several: the first)</text><path class='ring' d='M290 0h0'/><path class='halo' d='M290 0h0'/><text x='301' "
+        "y='4'>ring: border view of a block</text><path class='test' d='M484-3.5l3.5 3.5-3.5 3.5-3.5-3.5z'/><text x='495' "
+        "y='4'>held out for the test</text><text y='24'>P points inside, C base + border views. Blocks at the edge are "
+        "unbounded: the dashed line is the border of the image.</text></g>\n",
+        DRAW_EDGE, PX(d->below));
 }
 
-static double svg_draw_legend(struct svg *s, double y)
+static void draw_table(struct drawing *d)
 {
-    double x = SVG_EDGE + 6;
-    x        = svg_key(s, x, y, "<path class=\"camera\" stroke=\"#4b5a66\" d=\"M0 0h0\"/>",
-                       "base view of the block of its colour, the first if of several");
-    x        = svg_key(s, x, y,
-                       "<path class=\"ring\" stroke=\"#4b5a66\" d=\"M0 0h0\"/><path class=\"halo\" stroke=\"#fff\" d=\"M0 0h0\"/>",
-                       "ring: border view of the block of its colour");
-    x        = svg_key(s, x, y, "<path class=\"test\" d=\"M0-3.5l3.5 3.5-3.5 3.5-3.5-3.5z\"/>", "held out for the test");
-    svg_text(
-        &s->t, "note", SVG_EDGE, y + 24,
-        "P points inside, C base + border views. Blocks at the edge are unbounded: the dashed line is the border of the image.");
-    return y + 50;
-}
-
-static double svg_draw_table(struct svg *s, double y, double wide)
-{
-    const int columns = OXL_MAX(1, (int)((wide - 2 * SVG_EDGE) / SVG_COLUMN)), shown = OXL_MIN(s->p->block_count, (int)SVG_ROWS);
-    const int rows = (shown + columns - 1) / columns;
-    for (int i = 0; i < shown; i++) {
-        const struct partition_block *b = &s->p->block[i];
-        const double                  x = SVG_EDGE + SVG_COLUMN * (i / rows), at = y + 18.0 * (i % rows);
-        svg_rectangle(&s->t, "swatch", svg_colour[s->colour[i]], x, at - 9, 10, 10);
-        svg_text(&s->t, "cell bold end", x + 36, at, "%d", i);
-        svg_text(&s->t, "cell end", x + 104, at, "P %s", COUNT(b->points));
-        svg_text(&s->t, "cell", x + 114, at, "C %d + %d", b->base_views, b->border_views);
+    for (int i = 0; i < d->blocks; i++) {
+        const struct partition_block *b = &d->p->block[i];
+        const double                  x = DRAW_EDGE + DRAW_COLUMN * (i / d->rows), y = d->below + 50 + DRAW_ROW * (i % d->rows);
+        text_add(&d->t, "%s%s%d</text>%sP %s</text>%sC %d + %d</text>\n",
+                 SVG_RECTANGLE(x, y - 9, 10, 10, LOOK("swatch", d->colour[i])), SVG_TEXT(x + 36, y, "class='cell bold end'"), i,
+                 SVG_TEXT(x + 104, y, "class='cell end'"), COUNT(b->points), SVG_TEXT(x + 114, y, "class='cell'"), b->base_views,
+                 b->border_views);
     }
-    if (shown < s->p->block_count)
-        svg_text(&s->t, "note", SVG_EDGE, y + 18.0 * rows + 4, "and %d more: partition.txt lists them all",
-                 s->p->block_count - shown);
-    return y + 18.0 * rows + (shown < s->p->block_count ? 18 : 0);
 }
 
-static const char svg_style[] =
-    "text{font-family:ui-sans-serif,system-ui,'Segoe UI','Helvetica Neue',Helvetica,Arial,sans-serif;fill:#22313c}"
-    ".title{font-size:26px;font-weight:650}.sub{font-size:14px;fill:#4b5a66}.head{font-size:13px;font-weight:600;fill:#4b5a66}"
-    ".note{font-size:12px;fill:#4b5a66}.cell{font-size:12px;font-variant-numeric:tabular-nums}.bold{font-weight:650}"
-    ".end{text-anchor:end}.number,.count{paint-order:stroke;stroke:#fff;stroke-width:4px;stroke-opacity:.85;"
-    "stroke-linejoin:round}.number{font-size:19px;font-weight:700}.small{font-size:12px;text-anchor:middle}"
-    ".count{font-size:12px;font-weight:500}"
-    ".paper{fill:#fff}.frame{fill:none;stroke:#b7c2ca;stroke-dasharray:2 4}.block{fill-opacity:.1;stroke-width:1.4}.line{fill:none}"
+static const char draw_style[] =
+    "text{font:12px ui-sans-serif,system-ui,'Segoe UI','Helvetica Neue',Helvetica,Arial,sans-serif;fill:#4b5a66}"
+    ".title{font-size:26px;font-weight:650;fill:#22313c}.sub{font-size:14px}.head{font-size:13px;font-weight:600}"
+    ".cell{font-variant-numeric:tabular-nums;fill:#22313c}.bold{font-weight:650}.end{text-anchor:end}"
+    ".number{font-size:14px;font-weight:700;fill:#22313c;paint-order:stroke;stroke:#fff;stroke-width:4px;stroke-opacity:.85;"
+    "stroke-linejoin:round}.key .camera,.key .ring{stroke:#4b5a66}"
+    ".frame{fill:none;stroke:#b7c2ca;stroke-dasharray:2 4}.block{fill-opacity:.1;stroke-width:1.4}.line{fill:none}"
     ".point,.ring,.halo,.camera{fill:none;stroke-linecap:round}.point{stroke-width:2;stroke-opacity:.55}"
     ".ring{stroke-width:11}.halo{stroke:#fff;stroke-width:8}.camera{stroke-width:5.4}"
     ".many .ring{stroke-width:6.4}.many .halo{stroke-width:4.6}.many .camera{stroke-width:3}.many .point{stroke-width:1.5}"
     ".test{fill:#fff;stroke:#6d7b86}.scale{fill:none;stroke:#22313c;stroke-width:1.5}.swatch{stroke:none}";
 
-static void svg_draw(struct svg *s)
-{
-    double bottom, wide = 0, tall;
-    int    rows;
-    bottom = svg_lay_out(s, 92);
-    for (int i = 0; i < s->panels; i++) wide = OXL_MAX(wide, s->panel[i].wide);
-    wide = OXL_MAX(wide + 2 * SVG_EDGE, (double)SVG_MIN);
-    rows = OXL_MAX(1, (int)((wide - 2 * SVG_EDGE) / SVG_COLUMN));
-    rows = (OXL_MIN(s->p->block_count, (int)SVG_ROWS) + rows - 1) / rows;
-    tall = bottom + 50 + 18.0 * rows + (s->p->block_count > SVG_ROWS ? 18 : 0) + 24;
-    text_add(
-        &s->t,
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\">\n"
-        "<title>The survey in %d blocks</title>\n<style>%s</style>\n<rect width=\"100%%\" height=\"100%%\" fill=\"#f4f7f9\"/>\n",
-        (int)ceil(wide), (int)ceil(tall), (int)ceil(wide), (int)ceil(tall), s->p->block_count, svg_style);
-    svg_draw_title(s);
-    for (int i = 0; i < s->panels; i++) svg_draw_panel(s, &s->panel[i], i);
-    bottom = svg_draw_legend(s, bottom);
-    svg_draw_table(s, bottom, wide);
-    text_add(&s->t, "</svg>\n");
-}
-
 /* ---------------------------------------------------------------- the file */
 
-static void svg_find_cameras(struct svg *s)
+static void draw_find_cameras(struct drawing *d)
 {
-    const struct partition_plan *plan  = s->p->plan;
-    const size_t                 views = plan->visibility->views;
-    for (size_t v = 0; v < views; v++) {
-        double centre[3];
-        camera_position(&oxl_scene_view(plan->scene, (int)v)->camera, centre);
-        for (int k = 0; k < 3; k++) centre[k] += s->p->origin[k];
-        partition_to_frame(s->p, centre, s->camera + 3 * v);
-        s->base[v] = s->border[v] = -1;
-        for (int i = s->p->block_count - 1; i >= 0; i--) {
-            if (plan->role[(size_t)i * views + v] == PARTITION_BASE) s->base[v] = i;
-            if (plan->role[(size_t)i * views + v] == PARTITION_BORDER) s->border[v] = i;
+    const struct partition_plan *plan = d->p->plan;
+    for (size_t v = 0; v < d->views; v++) {
+        const oxl_view *view = oxl_scene_view(plan->scene, (int)v);
+        double          centre[3];
+        camera_position(&view->camera, centre);
+        for (int k = 0; k < 3; k++) centre[k] += d->p->origin[k];
+        partition_to_frame(d->p, centre, d->camera + 3 * v);
+        d->base[v] = d->border[v] = view->is_test ? DRAW_TEST_VIEW : DRAW_NO_BLOCK;
+        for (int i = d->blocks - 1; i >= 0; i--) {
+            if (plan->role[(size_t)i * d->views + v] == PARTITION_BASE) d->base[v] = i;
+            if (plan->role[(size_t)i * d->views + v] == PARTITION_BORDER) d->border[v] = i;
         }
     }
 }
 
 OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path)
 {
-    const size_t views = p->plan->visibility->views;
-    struct svg   s  = {.t = {.ctx = ctx}, .p = p, .colmap = scene_colmap(p->plan->scene), .panels = p->dimensions == 3 ? 2 : 1};
-    oxl_result   rc = OXL_OK;
-    s.panel[0]      = (struct svg_panel){.title = "From above", .across = 0, .up = 1};
-    s.panel[1]      = (struct svg_panel){.title = "From the side", .across = 0, .up = 2};
-    s.colour        = oxl_calloc(ctx, (size_t)p->block_count, sizeof *s.colour);
-    s.camera        = oxl_alloc(ctx, views, 3 * sizeof *s.camera);
-    s.base          = oxl_alloc(ctx, views, sizeof *s.base);
-    s.border        = oxl_alloc(ctx, views, sizeof *s.border);
-    if (!s.colour || !s.camera || !s.base || !s.border) {
+    const size_t   views = p->plan->visibility->views;
+    struct drawing d     = {.t = {.ctx = ctx}, .p = p, .views = views, .blocks = p->block_count};
+    oxl_result     rc    = OXL_OK;
+    d.colour             = oxl_alloc(ctx, (size_t)p->block_count, sizeof *d.colour);
+    d.camera             = oxl_alloc(ctx, views, 3 * sizeof *d.camera);
+    d.base               = oxl_alloc(ctx, views, sizeof *d.base);
+    d.border             = oxl_alloc(ctx, views, sizeof *d.border);
+    if (!d.colour || !d.camera || !d.base || !d.border) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of the partition");
         goto done;
     }
-    svg_find_cameras(&s);
-    svg_choose_colours(&s);
-    for (int i = 0; i < s.panels; i++) {
-        svg_set_bounds(&s, &s.panel[i]);
-        s.panel[i].stacked = svg_is_stacked(p, &s.panel[i]);
-    }
-    svg_draw(&s);
-    rc = os_write_text(ctx, path, &s.t);
+    draw_find_cameras(&d);
+    draw_choose_colours(&d);
+    d.panel[d.panels++] = draw_open_panel(&d, "From above", 0, 1);
+    if (p->dimensions == 3) d.panel[d.panels++] = draw_open_panel(&d, "From the side", 0, 2);
+    draw_lay_out(&d);
+    text_add(&d.t, "%s<title>The survey in %d blocks</title>\n<style>%s</style>\n%s", SVG_OPEN(d.wide, d.tall, ""), d.blocks,
+             draw_style, SVG_RECTANGLE(0, 0, d.wide, d.tall, "fill='#f4f7f9'"));
+    draw_title(&d);
+    for (int i = 0; i < d.panels; i++) draw_panel(&d, &d.panel[i]);
+    draw_legend(&d);
+    draw_table(&d);
+    text_add(&d.t, "</svg>\n");
+    rc = os_write_text(ctx, path, &d.t);
 done:
-    text_free(&s.t);
-    OXL_FREE(ctx, s.colour, s.camera, s.base, s.border);
+    text_free(&d.t);
+    OXL_FREE(ctx, d.colour, d.camera, d.base, d.border);
     return rc;
 }

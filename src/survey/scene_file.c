@@ -1,7 +1,7 @@
-/* scene_file.c - a survey as it was read, in one file that is mapped: its points and tracks take memory only while they are used.
+/* scene_file.c - a loaded survey in one file, which is then mapped: points and tracks take memory only while they are used.
  *
- * The file has the scene's struct and its arrays as they are in memory, so it is of one program on one kind of machine; `key` says of what
- * run. Invariant: a mapped scene has the same values as the one that was written.
+ * The file holds the scene's struct and arrays as they are in memory, so only the same build on the same kind of machine can read it; `key`
+ * identifies the run. Invariant: a mapped scene has the same values as the one that was written.
  */
 #include "scene.h"
 
