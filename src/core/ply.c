@@ -333,7 +333,7 @@ static oxl_result ply_ascii_fail(const struct ply_rows *r, uint64_t row, const c
     int  line = r->ply->data_line;
     for (const char *c = r->ply->file.data + r->ply->data; c < r->cursor; c++) line += *c == '\n';
     return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: correct the line or export the file again",
+                    "%s:%d: row %llu of element %s: found '%s', expected %s\nfix: correct the line or export the file again",
                     r->ply->path, line, (unsigned long long)row, r->element->name, ply_printable(r->cursor, r->end, seen),
                     wanted);
 }
