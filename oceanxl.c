@@ -81,6 +81,7 @@
 #include "src/render/exposure.c"       /* gains between the rendered image and the loss */
 #include "src/render/adam.c"           /* optimizer step */
 #include "src/render/kernel_camera.c"  /* the camera of the kernels */
+#include "src/render/device.h"         /* the functions of a device */
 #include "src/render/renderer_state.h" /* the renderer's state */
 #include "src/render/renderer.c"       /* chains the kernels above: the forward pass */
 #include "src/render/renderer_loss.c"  /* exposure, lamp, loss, backward pass */

@@ -2,7 +2,7 @@
 #ifndef OXL_VULKAN_H
 #define OXL_VULKAN_H
 
-#include "../../src/render/render.h"
+#include "../../src/render/device.h"
 
 struct vulkan; /* an open device; its renderers refer to it */
 

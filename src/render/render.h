@@ -143,49 +143,13 @@ struct renderer_counts {                     /* of the last view */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
-struct splat;
-/* Functions of a device; each does what the renderer function of the same name does. */
-struct renderer_device {
-    oxl_result (*create)(oxl_context *ctx, void **out);
-    void (*free)(void *device);
-    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
-                          int steps);
-    /* (3,H,W) rendered; depths: the sums of alpha T z and of alpha T instead. */
-    oxl_result (*image)(void *device, int depths, float *rgb);
-    int (*has_image)(const void *device, int view);
-    oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
-    /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL: the number only. */
-    size_t (*target)(void *device, float *rgb, float *weight, int *masked);
-    oxl_result (*loss)(void *device, const float *rgb, const float *weight, const float *gain, float ssim_weight,
-                       struct renderer_loss *out);
-    oxl_result (*backward)(void *device, const float *drgb);
-    oxl_result (*gradient)(void *device, oxl_model *gradient);
-    oxl_result (*score)(void *device, const float *drgb, float *score);
-    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
-                       struct renderer_nonfinite *out);
-    int (*defer)(void *device, int on);
-    oxl_result (*report)(void *device, int wait, struct renderer_report *out);
-    oxl_result (*observe)(void *device, const struct renderer_sums *sums);
-    oxl_result (*download)(void *device, enum renderer_download what);
-    oxl_result (*move_rows)(void *device, const struct renderer_move *move, int *moved);
-    oxl_result (*send_shape)(void *device, oxl_model *model, int reset_opacity);
-    oxl_result (*clear_visible)(void *device);
-    oxl_result (*clear_nonfinite)(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
-                                  struct renderer_nonfinite *out);
-};
+/* ---------------------------------------------------------------- renderer.c: settings of the next view */
 
-enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
-       MEDIUM_DIRECT  = 0, /* three channels each */
-       MEDIUM_SCATTER = 3,
-       MEDIUM_VEIL    = 6,
-       MEDIUM_FALLOFF = 9,
-       MEDIUM_SUMS    = 10
-};
-
+OXL_INTERNAL int  renderer_has_device(const struct renderer *r);
+OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
 /* From the next forward on, the camera is a window of a full image of this size, with its top left corner `at`; size 0, 0: no window.
  * CPU only: renderer_use_cpu. */
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
-OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
 /* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them in forward, where the CPU
  * can still take over. */
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
@@ -197,12 +161,27 @@ struct depth_point {
     float x, y, z; /* px of the rendered image, camera z */
 };
 enum { DEPTH_POINTS = 128 }; /* most */
-OXL_INTERNAL void          renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight);
+OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight);
 /* The next forward does not render this share of the Gaussians, chosen by seed and step, and divides the opacities of the others by
  * 1 - share. CPU only. */
-OXL_INTERNAL void          renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step);
+OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step);
 /* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
-OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
+OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
+
+/* ---------------------------------------------------------------- medium.c, exposure.c: medium and lamp; on the CPU */
+
+enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
+       MEDIUM_DIRECT  = 0, /* three channels each */
+       MEDIUM_SCATTER = 3,
+       MEDIUM_VEIL    = 6,
+       MEDIUM_FALLOFF = 9,
+       MEDIUM_SUMS    = 10
+};
+
+/* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
+OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
+/* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling light, falloff. */
+OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 /* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no lamp. Borrowed. */
 OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss. */
@@ -210,10 +189,5 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt; backwards: recovers the colours
  * behind medium and lamp. */
 OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model);
-OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
-/* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
-OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
-/* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling light, falloff. */
-OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 
 #endif

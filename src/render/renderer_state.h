@@ -2,6 +2,7 @@
 #ifndef OXL_RENDERER_STATE_H
 #define OXL_RENDERER_STATE_H
 #include "kernels.h"
+#include "device.h"
 #include "../core/vecmath.h"
 
 #define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */

@@ -1,0 +1,37 @@
+/* device.h - the functions of a device, which render in the place of the CPU. The renderer calls them; a backend provides them. */
+#ifndef OXL_DEVICE_H
+#define OXL_DEVICE_H
+
+#include "render.h"
+
+/* Functions of a device; each does what the renderer function of the same name does. */
+struct renderer_device {
+    oxl_result (*create)(oxl_context *ctx, void **out);
+    void (*free)(void *device);
+    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                          int steps);
+    /* (3,H,W) rendered; depths: the sums of alpha T z and of alpha T instead. */
+    oxl_result (*image)(void *device, int depths, float *rgb);
+    int (*has_image)(const void *device, int view);
+    oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
+    /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL: the number only. */
+    size_t (*target)(void *device, float *rgb, float *weight, int *masked);
+    oxl_result (*loss)(void *device, const float *rgb, const float *weight, const float *gain, float ssim_weight,
+                       struct renderer_loss *out);
+    oxl_result (*backward)(void *device, const float *drgb);
+    oxl_result (*gradient)(void *device, oxl_model *gradient);
+    oxl_result (*score)(void *device, const float *drgb, float *score);
+    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
+                       struct renderer_nonfinite *out);
+    int (*defer)(void *device, int on);
+    oxl_result (*report)(void *device, int wait, struct renderer_report *out);
+    oxl_result (*observe)(void *device, const struct renderer_sums *sums);
+    oxl_result (*download)(void *device, enum renderer_download what);
+    oxl_result (*move_rows)(void *device, const struct renderer_move *move, int *moved);
+    oxl_result (*send_shape)(void *device, oxl_model *model, int reset_opacity);
+    oxl_result (*clear_visible)(void *device);
+    oxl_result (*clear_nonfinite)(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
+                                  struct renderer_nonfinite *out);
+};
+
+#endif
