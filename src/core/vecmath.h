@@ -13,9 +13,10 @@
 #include <stdint.h>
 #include <string.h>
 
-#define VECMATH_LN2      0.6931471805599453
-#define VECMATH_LN2_HIGH 6.93147180369123816490e-01 /* ln 2 cut to 32 bits: k times it is exact */
-#define VECMATH_LN2_LOW  1.90821492927058770002e-10 /* and the rest */
+#define VECMATH_LN2          0.6931471805599453
+#define VECMATH_LN2_HIGH     6.93147180369123816490e-01 /* ln 2 cut to 32 bits: k times it is exact */
+#define VECMATH_LN2_LOW      1.90821492927058770002e-10 /* and the rest */
+#define VECMATH_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: dB of a factor e, so PSNR = -this x ln(mean square error) */
 
 static inline double vecmath_from_bits(uint64_t bits)
 {

@@ -25,7 +25,7 @@ SIMD_INLINE double metrics_shown(float v)
 OXL_INTERNAL double metrics_decibel(double error, double weight)
 {
     if (!(weight > 0)) return NAN;
-    return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
+    return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -VECMATH_DECIBEL_OF_E * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
 }
 
 OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum)

@@ -120,7 +120,7 @@ OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double
         if (rc == OXL_OK) rc = step_loss_of_view(t, t->validation[i++], &one);
         if (rc != OXL_OK) break;
         *loss += one.total;
-        *psnr -= TRAIN_DECIBEL_OF_E * vecmath_log(one.mse + SELECTION_NOISE);
+        *psnr -= VECMATH_DECIBEL_OF_E * vecmath_log(one.mse + SELECTION_NOISE);
     }
     *loss = t->validation_views > 0 ? *loss / t->validation_views : NAN;
     *psnr = t->validation_views > 0 ? *psnr / t->validation_views : NAN;

@@ -201,7 +201,7 @@ static oxl_result step_skip(struct train *t, int step, int view)
 static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                               struct renderer_nonfinite skipped)
 {
-    const double                   psnr     = -TRAIN_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double                   psnr     = -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
     const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
     const struct exposure_gradient gradient = {.step      = of->step,
                                                .view      = of->view,

@@ -13,8 +13,6 @@ struct train_deferred { /* a step that the device has not reported yet */
     float gain[3]; /* at the start of the step */
 };
 
-#define TRAIN_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
-
 struct train {
     oxl_context               *ctx;
     oxl_scene                 *scene;
