@@ -109,7 +109,7 @@ OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend. Optional: the first function that needs the device opens it. */
 OXL_API oxl_result  oxl_backend_begin(oxl_context *ctx);
-/* What has rendered so far: the device's name, "cpu", or "NAME and cpu" where the CPU took over; at first, what is going to. */
+/* What has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over; before that, what will render. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
 /* The Vulkan devices in the order of options.device, one line each, with their limits; free with oxl_text_free. */
 OXL_API oxl_result  oxl_devices(oxl_context *ctx, char **out);
@@ -243,7 +243,7 @@ OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's cameras needs the scene's origin. */
 OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3]);
-/* Places, sizes and origin times a factor above 0; model->scale keeps what all factors come to. */
+/* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. */
 OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl 2023]. Of points at the same
@@ -261,8 +261,8 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the comment of an .spz's gzip
  * header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
-/* The same, but where the rows of a PLY file take more than `most` bytes (0: half of the memory that is free) they stay there, and each
- * view reads those that it may show: the pixels are the same. Such a model can be rendered, evaluated and moved; the file must not
+/* The same, but if the rows of a PLY file take more than `most` bytes (0: half of the free memory), they stay in the file, and rendering
+ * a view reads those that may be visible; the pixels are the same. Such a model can be rendered, evaluated and moved; the file must not
  * change. */
 OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t most, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
@@ -315,7 +315,7 @@ typedef struct oxl_view_metrics {
 
 typedef struct oxl_metrics {
     double            psnr, cc_psnr, ssim, ms_ssim; /* means over the views; 0 without views */
-    double            plain_psnr, half_psnr;        /* the same of what a view has */
+    double            plain_psnr, half_psnr;        /* likewise */
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* terciles of the depths of all observations */
@@ -336,7 +336,7 @@ typedef enum oxl_dog {
     OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
 } oxl_dog;
 
-/* Whether a part of the image formation is modelled (docs/IMAGING.md). */
+/* Whether exposure, lamp or medium is modelled (docs/IMAGING.md). */
 typedef enum oxl_switch {
     OXL_OFF = 0,
     OXL_ON,
@@ -402,14 +402,14 @@ typedef struct oxl_train_options {
     oxl_switch exposure; /* a log gain per channel and training image */
     oxl_switch lamp;     /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
     oxl_switch medium;   /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */
-    int        carve;    /* 1: Gaussians between a camera and the points of the tracks that it saw are removed */
+    int        carve;    /* 1: Gaussians between a camera and the points that it observes are removed */
     int        mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */
     oxl_dog    dog;
     float      dog_from;      /* share of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
     float      dog_threshold; /* of the mean gradient, in units of half an image; <= 0: minus the share without a lobe */
     float      dog_opacity_factor, dog_scale_factor; /* of a new lobe */
-    int survey_iterations; /* of a part of a survey: iterations of the whole run, which rates and intervals follow; 0: iterations */
+    int        survey_iterations; /* of a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);

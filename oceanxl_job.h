@@ -28,8 +28,8 @@ typedef enum oxl_cut {
 } oxl_cut;
 
 typedef struct oxl_partition_options {
-    int                block_points; /* a block of more points is split; 0: as memory requires */
-    int                blocks;       /* about so many, instead; 0: by block_points or memory */
+    int                block_points; /* blocks with more points are split; 0: as memory requires */
+    int                blocks;       /* approximate number of blocks, in place of block_points; 0: by block_points or memory */
     oxl_partition_kind kind;
     oxl_cut            cut; /* option --cut */
 } oxl_partition_options;
@@ -45,12 +45,12 @@ typedef struct oxl_job_options {
     const char           *preset;  /* preset of the defaults, recorded in run.json */
     int                   renders; /* 1: write renders of the held-out views to OUT/renders */
     size_t                ram;     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
-    int                   iterations_for; /* images: of more, train.iterations grow, of few they are limited; 0: neither */
-    int                   block;          /* train only this block and do not merge; -1: all */
-    int                   keep_decoded;   /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int                   restart;        /* 1: discard unfinished work with other options in OUT */
-    uint64_t              seed;           /* 0: the context's */
-    const char           *from;           /* model that training starts from; NULL: the survey's points */
+    int         iterations_for;    /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
+    int         block;             /* train only this block and do not merge; -1: all */
+    int         keep_decoded;      /* 1: decoded images stay in OUT/blocks/decoded for the next run */
+    int         restart;           /* 1: discard unfinished work with other options in OUT */
+    uint64_t    seed;              /* 0: the context's */
+    const char *from;              /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -146,10 +146,9 @@ OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey that
  * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is split (partition.txt,
- * partition.svg): a coarse
- * model of the survey (blocks/coarse/), then the blocks, each with the others' Gaussians as context, then the merged model
- * (blocks/whole/), if `ram` allows it. train.iterations are the steps of all of these; a step on a part of an image counts as its
- * share of the pixels.
+ * partition.svg). Training then has three stages: a coarse model of the survey (blocks/coarse/), the blocks, each with the Gaussians of
+ * the others as context, and the merged model (blocks/whole/), if `ram` allows it. train.iterations is the number of steps of all
+ * stages; a step on a window of an image counts as the window's share of the pixels.
  *
  * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called again and ends in the same
  * bytes as an uninterrupted one; a finished run is not changed. If the callback stops the run (OXL_ERR_INTERRUPTED) or
@@ -191,7 +190,7 @@ OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
-/* The last part of oxl_job_run: joins the finished blocks of the run in folder `out` to scene.ply and evaluates it. callback may be
+/* The last stage of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply and evaluates it. callback may be
  * NULL. */
 OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);
 
@@ -211,7 +210,7 @@ typedef struct oxl_render_output {
     int       images, depth;
     double    unit;    /* factor of depths: metres per unit of the scene; 0: none (0) */
     int       clear;   /* 1: without the exposure and medium of imaging.txt (0) */
-    int       replace; /* 1: also files that no earlier call wrote; 0: they are OXL_ERR_INPUT (0) */
+    int       replace; /* 1: overwrites files that no earlier call wrote; 0: such a file is OXL_ERR_INPUT (0) */
 } oxl_render_output;
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                     const char *folder, int *count);
@@ -219,8 +218,8 @@ OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, ox
 /* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it cannot be written. */
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height);
 
-/* For images that the caller renders: removes the files that the last call wrote into the folder, as FOLDER/.renders lists them, and
- * lists these, one name a line. */
+/* For images that the caller renders: removes the files of the previous call, which FOLDER/.renders lists, and writes the new list: one
+ * name per line. */
 OXL_API oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace);
 
 /* As JSON, in the form of metrics.json; free with oxl_text_free. */

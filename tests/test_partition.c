@@ -318,7 +318,7 @@ TEST(partition_of_equal_halves_is_split_in_the_middle)
     const struct partition_node      n                        = {.points = 1000};
     struct partition_build           b                        = {.min_points = 100, .options = {.block_points = 999}};
     const struct partition_candidate split                    = partition_choose(&b, &n, at);
-    CHECK(split.ratio == 10 && split.points[0] == 500 && split.parts[0] == 1);
+    CHECK(split.ratio == 10 && split.points[0] == 500 && split.leaves[0] == 1);
     b.min_points = 501;
     CHECK(partition_choose(&b, &n, at).ratio == -1);
 }
@@ -326,13 +326,13 @@ TEST(partition_of_equal_halves_is_split_in_the_middle)
 TEST(partition_of_three_blocks_gives_one_side_a_third)
 {
     struct partition_bin         at[PARTITION_RATIOS + 1];
-    const struct partition_node  n = {.points = 2200, .parts = 3};
+    const struct partition_node  n = {.points = 2200, .leaves = 3};
     const struct partition_build b = {.min_points = 1, .options = {.block_points = 800}};
     struct partition_candidate   split;
     for (int k = 0; k <= PARTITION_RATIOS; k++) at[k] = (struct partition_bin){100, 100};
     split = partition_choose(&b, &n, at); /* 700 or 800 of 2200 come nearest to a third */
-    CHECK(split.parts[0] + split.parts[1] == 3 && split.fits);
-    CHECK(split.points[0] == (split.parts[0] == 1 ? 700u : 1500u));
+    CHECK(split.leaves[0] + split.leaves[1] == 3 && split.fits);
+    CHECK(split.points[0] == (split.leaves[0] == 1 ? 700u : 1500u));
 }
 
 TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say)

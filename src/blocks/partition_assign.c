@@ -177,16 +177,16 @@ static enum partition_role partition_role(size_t both, size_t all, size_t inside
 /* seen (blocks): scratch. */
 static void partition_assign_view(const struct partition_build *b, size_t view, uint32_t *seen)
 {
-    const struct partition_visibility *s = b->visibility;
+    const struct partition_visibility *vis = b->visibility;
     memset(seen, 0, (size_t)b->leaf_count * sizeof *seen);
-    for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
-        const uint32_t i = s->point[k];
-        if (k > s->first[view] && i == s->point[k - 1]) continue;
+    for (size_t k = vis->first[view]; k < vis->first[view + 1]; k++) {
+        const uint32_t i = vis->point[k];
+        if (k > vis->first[view] && i == vis->point[k - 1]) continue;
         for (uint32_t j = b->first[i]; j < b->first[i + 1]; j++) seen[b->blocks[j]]++;
     }
     for (int i = 0; i < b->leaf_count; i++)
-        b->role[(size_t)i * s->views + view] =
-            (uint8_t)partition_role(seen[i], s->seen[view], b->inside[i], b->few_views && b->few_views[i]);
+        b->role[(size_t)i * vis->views + view] =
+            (uint8_t)partition_role(seen[i], vis->seen[view], b->inside[i], b->few_views && b->few_views[i]);
 }
 
 static oxl_result partition_assign_views(struct partition_build *b)
@@ -200,7 +200,7 @@ static oxl_result partition_assign_views(struct partition_build *b)
         return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %zu views of %zu blocks", views, blocks);
     }
 #pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) /* strided: neighbours in name see alike */
+    for (int task = 0; task < PARTITION_TASKS; task++) /* strided: views with neighbouring names observe the same points */
         for (size_t v = (size_t)task; v < views; v += PARTITION_TASKS) partition_assign_view(b, v, seen + (size_t)task * blocks);
     oxl_free(b->ctx, seen);
     return OXL_OK;
@@ -224,17 +224,17 @@ static oxl_result partition_assign_more_views(struct partition_build *b)
 
 /* ---------------------------------------------------------------- splits that are undone */
 
-/* The leaf's place is divided among the blocks of its sibling, which moves up into the parent. */
+/* The leaf'other place is divided among the blocks of its sibling, which moves up into the parent. */
 static void partition_undo_split(struct partition_build *b, int leaf)
 {
     const int                    parent  = b->node[leaf].parent;
     struct partition_node       *p       = &b->node[parent];
     const int                    sibling = p->child[p->child[0] == leaf];
-    const struct partition_node *s       = &b->node[sibling];
-    p->axis                              = s->axis;
-    p->cut                               = s->cut;
+    const struct partition_node *other   = &b->node[sibling];
+    p->axis                              = other->axis;
+    p->cut                               = other->cut;
     for (int side = 0; side < 2; side++) {
-        p->child[side] = s->child[side];
+        p->child[side] = other->child[side];
         if (p->child[side]) b->node[p->child[side]].parent = parent;
     }
     b->node[leaf].removed = b->node[sibling].removed = 1;
@@ -255,7 +255,7 @@ static int partition_undo_small(struct partition_build *b)
     return taken;
 }
 
-/* Points and views to the leaves; those too small are undone. largest: points of the largest block. */
+/* Assigns points and views to the leaves; splits that leave a block too small are undone. largest: points of the largest block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest)
 {
     oxl_result rc    = OXL_OK;

@@ -18,7 +18,7 @@ struct partition_node {
     int                  in_batch; /* its place in the batch of boxes that are searched; -1: not in it */
     int                  block;    /* of a leaf */
     size_t               points;   /* of a leaf, at owner */
-    int                  parts;    /* blocks to make of it; 0: two while it holds more than N_p points */
+    int                  leaves;   /* leaves that it is to have; 0: it is split while it has more than N_p points */
 };
 
 struct partition_build {
@@ -52,8 +52,8 @@ struct partition_build {
 
 /* The first point of a task of PARTITION_TASKS. */
 OXL_INTERNAL size_t     partition_task_begin(size_t count, int task);
-/* partition_cut.c: a tree of so many leaves; parts 0: as many as leave none with more than N_p points. */
-OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int parts);
+/* partition_cut.c: grows a tree of `leaves` leaves; 0: splits until no leaf has more than N_p points. */
+OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves);
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels);
 OXL_INTERNAL int        partition_depth(size_t count, size_t block_points);
 /* Points whose node was cut move into its children; those whose node is gone start again from the root. */

@@ -49,7 +49,7 @@ static int partition_longest_axis(const struct partition_build *b, const struct 
 static int partition_is_open(const struct partition_build *b, const struct partition_node *n)
 {
     const int axis = partition_longest_axis(b, &n->finite);
-    const int open = n->parts > 0 ? n->parts > 1 : n->points > (size_t)b->options.block_points;
+    const int open = n->leaves > 0 ? n->leaves > 1 : n->points > (size_t)b->options.block_points;
     return open && !n->child[0] && !n->removed && n->depth < b->depth && n->shrinks < PARTITION_SHRINKS &&
            n->finite.low[axis] < n->finite.high[axis];
 }
@@ -99,23 +99,23 @@ static void partition_count(const struct partition_build *b, const struct partit
 
 /* ---------------------------------------------------------------- the choice */
 
-struct partition_candidate { /* a ratio, and the parts on each side */
+struct partition_candidate { /* a ratio, and the leaves on each side */
     int    ratio;            /* -1: none leaves both sides enough points for a block */
     size_t points[2];        /* of the sides */
-    int    parts[2];
+    int    leaves[2];
     int    fits; /* both sides can be split further into blocks of at most N_p points */
     double off;  /* by how much the load of a side misses its share */
 };
 
-/* One ratio with so many parts on its low side. */
+/* Rates one ratio with low_leaves leaves on its low side. */
 static struct partition_candidate partition_rate(const struct partition_build *b, const struct partition_node *n, int ratio,
-                                                 const struct partition_bin *low, uint64_t load, int low_parts)
+                                                 const struct partition_bin *low, uint64_t load, int low_leaves)
 {
-    const size_t               limit = (size_t)b->options.block_points;
-    const int                  parts = OXL_MAX(2, n->parts);
-    struct partition_candidate s     = {ratio, {low->points, n->points - low->points}, {low_parts, parts - low_parts}, 0, 0};
-    s.fits                           = s.points[0] <= (size_t)s.parts[0] * limit && s.points[1] <= (size_t)s.parts[1] * limit;
-    s.off                            = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_parts / parts);
+    const size_t               limit  = (size_t)b->options.block_points;
+    const int                  leaves = OXL_MAX(2, n->leaves);
+    struct partition_candidate s      = {ratio, {low->points, n->points - low->points}, {low_leaves, leaves - low_leaves}, 0, 0};
+    s.fits                            = s.points[0] <= (size_t)s.leaves[0] * limit && s.points[1] <= (size_t)s.leaves[1] * limit;
+    s.off = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_leaves / leaves);
     if (OXL_MIN(s.points[0], s.points[1]) < b->min_points) s.ratio = -1;
     return s;
 }
@@ -135,7 +135,7 @@ static int partition_is_better(const struct partition_build *b, const struct par
 static struct partition_candidate partition_choose(const struct partition_build *b, const struct partition_node *n,
                                                    const struct partition_bin *bins)
 {
-    const int                  ratios = partition_ratios(b), parts = OXL_MAX(2, n->parts);
+    const int                  ratios = partition_ratios(b), leaves = OXL_MAX(2, n->leaves);
     struct partition_bin       low  = {0, 0};
     struct partition_candidate best = {.ratio = -1};
     uint64_t                   load = 0;
@@ -143,8 +143,8 @@ static struct partition_candidate partition_choose(const struct partition_build 
     for (int k = 0; k < ratios; k++) {
         low.points += bins[k].points;
         low.load += bins[k].load;
-        for (int low_parts = parts / 2; low_parts <= parts - parts / 2; low_parts++) {
-            const struct partition_candidate s = partition_rate(b, n, k, &low, load, low_parts);
+        for (int low_leaves = leaves / 2; low_leaves <= leaves - leaves / 2; low_leaves++) {
+            const struct partition_candidate s = partition_rate(b, n, k, &low, load, low_leaves);
             if (partition_is_better(b, &s, &best)) best = s;
         }
     }
@@ -160,7 +160,7 @@ static oxl_result partition_add_children(struct partition_build *b, int parent, 
         const struct partition_node *from  = &b->node[parent];
         struct partition_node        child = {.finite = from->finite, .parent = parent, .depth = from->depth + 1, .in_batch = -1};
         child.points                       = split->points[side];
-        child.parts                        = from->parts > 0 ? split->parts[side] : 0;
+        child.leaves                       = from->leaves > 0 ? split->leaves[side] : 0;
         (side ? child.finite.low : child.finite.high)[axis] = cut;
         b->node[parent].child[side]                         = b->node_count;
         b->node[b->node_count++]                            = child;
@@ -247,10 +247,10 @@ static oxl_result partition_grow(struct partition_build *b)
     return rc;
 }
 
-/* A tree of so many leaves from the root on; parts 0: as many as leave none with more than N_p points. */
-OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int parts)
+/* Grows a tree from the root; leaves 0: splits until no leaf has more than N_p points. */
+OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
 {
-    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .parts = parts, .in_batch = -1};
+    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .leaves = leaves, .in_batch = -1};
     b->node_count = 1;
     for (size_t i = 0; i < b->count; i++)
         if (b->owner[i] != PARTITION_NO_BLOCK) b->owner[i] = 0;
@@ -260,18 +260,19 @@ OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int parts)
 /* by_pixels: share of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point itself. */
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
 {
-    const struct partition_visibility *s     = b->visibility;
+    const struct partition_visibility *vis   = b->visibility;
     double                            *pixel = oxl_calloc(b->ctx, b->count + 1, sizeof *pixel), sum = 0;
     if (!b->load) b->load = oxl_alloc(b->ctx, b->count + 1, sizeof *b->load);
     if (!pixel || !b->load) {
         oxl_free(b->ctx, pixel);
         return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to partition %zu points", b->count);
     }
-    for (size_t v = 0; v < s->views; v++) {
+    for (size_t v = 0; v < vis->views; v++) {
         const oxl_camera *c    = &oxl_scene_view(b->scene, (int)v)->camera;
-        const size_t      seen = s->first[v + 1] - s->first[v];
-        for (size_t k = s->first[v]; k < s->first[v + 1]; k++)
-            if (b->owner[s->point[k]] != PARTITION_NO_BLOCK) pixel[s->point[k]] += (double)c->width * c->height / (double)seen;
+        const size_t      seen = vis->first[v + 1] - vis->first[v];
+        for (size_t k = vis->first[v]; k < vis->first[v + 1]; k++)
+            if (b->owner[vis->point[k]] != PARTITION_NO_BLOCK)
+                pixel[vis->point[k]] += (double)c->width * c->height / (double)seen;
     }
     for (size_t i = 0; i < b->count; i++) sum += pixel[i];
     for (size_t i = 0; i < b->count; i++) {

@@ -135,20 +135,20 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
 /* Which point each 2D point of the view belongs to, by the tracks. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_visibility *s = e->p->plan->visibility;
-    for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
-        if (s->observation[k] >= e->slots || w->slot[s->observation[k]] != -1) w->loose++;
-        else w->slot[s->observation[k]] = e->colmap->point[s->point[k]].id;
+    const struct partition_visibility *vis = e->p->plan->visibility;
+    for (size_t k = vis->first[view]; k < vis->first[view + 1]; k++) {
+        if (vis->observation[k] >= e->slots || w->slot[vis->observation[k]] != -1) w->loose++;
+        else w->slot[vis->observation[k]] = e->colmap->point[vis->point[k]].id;
     }
 }
 
 static void exporter_clear_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_visibility *s = e->p->plan->visibility;
-    for (size_t k = s->first[view]; k < s->first[view + 1]; k++)
-        if (s->observation[k] < e->slots && w->slot[s->observation[k]] != -1) {
+    const struct partition_visibility *vis = e->p->plan->visibility;
+    for (size_t k = vis->first[view]; k < vis->first[view + 1]; k++)
+        if (vis->observation[k] < e->slots && w->slot[vis->observation[k]] != -1) {
             w->loose++;
-            w->slot[s->observation[k]] = -1;
+            w->slot[vis->observation[k]] = -1;
         }
 }
 
@@ -161,7 +161,7 @@ static const char *exporter_next_field(const char *p, const char **begin)
     return p;
 }
 
-/* X and Y as they stand there, POINT3D_ID anew. */
+/* Copies X and Y as text, and writes a new POINT3D_ID. */
 static void exporter_list(const struct exporter *e, struct exporter_worker *w, const char *p)
 {
     for (size_t k = 0;; k++) {
@@ -213,7 +213,7 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
         if (w->rc == OXL_OK && image->points_size) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
         if (w->rc == OXL_OK && got < image->points_size)
             w->rc =
-                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: has become shorter since it was read\nfix: run once more", e->images_file);
+                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: the file was truncated after it was read\nfix: run again", e->images_file);
     }
     exporter_fill_slots(e, w, view);
     w->list[got] = 0;
@@ -411,7 +411,8 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
     struct exporter e  = {.ctx = ctx, .p = p, .out = out};
     oxl_result      rc = os_make_folder(ctx, out);
     if (rc == OXL_OK && !p->plan)
-        rc = oxl_fail(ctx, OXL_ERR_USAGE, "a partition read from partition.txt holds no survey\nfix: make it from the scene");
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      "a partition read from partition.txt cannot be exported\nfix: partition the scene again");
     if (rc != OXL_OK) return rc;
     e.colmap = scene_colmap(p->plan->scene);
     os_remove(PATH(out, "partition.txt"));

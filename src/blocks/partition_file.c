@@ -1,10 +1,10 @@
-/* partition_file.c - partition.txt: the frame, then a line a block.
+/* partition_file.c - partition.txt: the frame, then one line per block.
  *
  *     # comments
  *     FRAME DIMENSIONS R[9] ORIGIN[3] EXTENT[3] MEMORY
  *     BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS FINITE_LOW[3] FINITE_HIGH[3]
  *
- * Invariant: what is written reads back to the same bits (%.17g, inf); nothing in the file follows the locale.
+ * Invariant: what is written reads back to the same bits (%.17g, inf); the locale has no effect.
  */
 #include "blocks.h"
 

@@ -31,12 +31,12 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 
 /* ---------------------------------------------------------------- so many blocks */
 
-/* So many blocks, before those too small are undone; parts 0: as many as leave none with more than N_p points. */
-static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int parts, size_t *largest)
+/* Partitions into `leaves` blocks (0: until none has more than N_p points), then undoes splits that leave a block too small. */
+static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leaves, size_t *largest)
 {
     oxl_result rc;
     b->options.cut = cut;
-    rc             = partition_grow_to(b, parts);
+    rc             = partition_grow_to(b, leaves);
     return rc == OXL_OK ? partition_assign(b, largest) : rc;
 }
 
@@ -49,10 +49,10 @@ static oxl_result partition_balance(struct partition_build *b)
     size_t       largest;
     oxl_result   rc   = partition_try(b, OXL_CUT_MIDPOINT, 0, &largest);
     const int    most = b->leaf_count;
-    for (int parts = fewest; rc == OXL_OK && parts <= most; parts += OXL_MAX(1, parts / 16))
+    for (int leaves = fewest; rc == OXL_OK && leaves <= most; leaves += OXL_MAX(1, leaves / 16))
         for (int by_load = 1; by_load >= 0 && rc == OXL_OK; by_load--) {
             rc = partition_set_loads(b, 0.5 * by_load);
-            if (rc == OXL_OK) rc = partition_try(b, OXL_CUT_BALANCED, parts, &largest);
+            if (rc == OXL_OK) rc = partition_try(b, OXL_CUT_BALANCED, leaves, &largest);
             if (rc == OXL_OK && largest <= limit) return rc;
         }
     if (rc == OXL_OK) rc = partition_try(b, OXL_CUT_BALANCED, 0, &largest);
@@ -86,13 +86,13 @@ static size_t partition_mark_one(uint64_t *bits, uint32_t i)
 OXL_INTERNAL size_t partition_mark(const struct partition *p, int block, uint64_t *bits)
 {
     const struct partition_plan       *plan  = p->plan;
-    const struct partition_visibility *s     = plan->visibility;
+    const struct partition_visibility *vis   = plan->visibility;
     size_t                             count = 0;
     for (size_t k = plan->first_member[block]; k < plan->first_member[block + 1]; k++)
         count += partition_mark_one(bits, plan->member[k]);
-    for (size_t v = 0; v < s->views; v++) {
-        if (plan->role[(size_t)block * s->views + v] == PARTITION_OUT) continue;
-        for (size_t k = s->first[v]; k < s->first[v + 1]; k++) count += partition_mark_one(bits, s->point[k]);
+    for (size_t v = 0; v < vis->views; v++) {
+        if (plan->role[(size_t)block * vis->views + v] == PARTITION_OUT) continue;
+        for (size_t k = vis->first[v]; k < vis->first[v + 1]; k++) count += partition_mark_one(bits, vis->point[k]);
     }
     return count;
 }
@@ -239,9 +239,9 @@ static void partition_log_blocks(const struct partition_build *b, const struct p
     if (p->block_count > 1 && most > (size_t)b->options.block_points)
         oxl_log(
             b->ctx, b->level == OXL_LOG_INFO ? OXL_LOG_WARNING : b->level,
-            "the largest block holds %zu points, more than --block-points %d: no cut would leave both its sides enough points and views",
+            "the largest block holds %zu points, more than --block-points %d: no cut leaves enough points and views on both sides",
             most, b->options.block_points);
-    if (idle > 0) oxl_log(b->ctx, b->level, "%zu training views see too little of every block, and take no part", idle);
+    if (idle > 0) oxl_log(b->ctx, b->level, "%zu training views observe too few points of every block and are not used", idle);
 }
 
 static oxl_result partition_build(struct partition_build *b, struct partition *p)
@@ -279,7 +279,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     const size_t              points = stats->points, views = (size_t)(stats->views - stats->test_views);
     if (!scene_colmap(scene))
         return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "a scene from arrays has no tracks, which a partition is made of\n"
+                        "a scene from arrays has no tracks, so it cannot be partitioned\n"
                         "fix: load the scene from a COLMAP model");
     if (o->kind != OXL_PARTITION_NONE && views > 0 && points / (size_t)o->block_points > views)
         return oxl_fail(ctx, OXL_ERR_USAGE,

@@ -1,11 +1,11 @@
 /* partition_visibility.c - points observed by each view, from the tracks of points3D.txt.
  *
- * Invariant: only training views have lists. What a test view saw takes no part in any decision about blocks, or the test would
- * not be one.
+ * Invariant: only training views have lists. What a test view observes must not influence
+ * the blocks, or it would not be held out.
  */
 #include "partition.h"
 
-/* ---------------------------------------------------------------- turning over, in parts of the points */
+/* ---------------------------------------------------------------- from lists by point to lists by view */
 
 struct visibility_build {
     const struct colmap         *colmap;
@@ -53,36 +53,37 @@ static void visibility_offsets(const struct visibility_build *b)
     b->visibility->first[b->visibility->views] = total;
 }
 
-static uint32_t visibility_count_different(const struct partition_visibility *s, size_t view)
+static uint32_t visibility_count_different(const struct partition_visibility *vis, size_t view)
 {
     uint32_t count = 0;
-    for (size_t k = s->first[view]; k < s->first[view + 1]; k++) count += k == s->first[view] || s->point[k] != s->point[k - 1];
+    for (size_t k = vis->first[view]; k < vis->first[view + 1]; k++)
+        count += k == vis->first[view] || vis->point[k] != vis->point[k - 1];
     return count;
 }
 
-static oxl_result visibility_alloc_lists(oxl_context *ctx, struct partition_visibility *s)
+static oxl_result visibility_alloc_lists(oxl_context *ctx, struct partition_visibility *vis)
 {
-    const size_t total = s->first[s->views];
-    s->point           = oxl_alloc(ctx, total + 1, sizeof *s->point);
-    s->observation     = oxl_alloc(ctx, total + 1, sizeof *s->observation);
-    if (s->point && s->observation) return OXL_OK;
+    const size_t total = vis->first[vis->views];
+    vis->point         = oxl_alloc(ctx, total + 1, sizeof *vis->point);
+    vis->observation   = oxl_alloc(ctx, total + 1, sizeof *vis->observation);
+    if (vis->point && vis->observation) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu observations", total);
 }
 
 OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out)
 {
     const size_t                 views = (size_t)oxl_scene_view_count(scene);
-    struct partition_visibility *s     = oxl_calloc(ctx, 1, sizeof *s);
-    struct visibility_build      b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .visibility = s};
+    struct partition_visibility *vis   = oxl_calloc(ctx, 1, sizeof *vis);
+    struct visibility_build      b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .visibility = vis};
     oxl_result                   rc    = OXL_OK;
     *out                               = NULL;
-    if (s) {
-        s->views = views;
-        s->first = oxl_calloc(ctx, views + 1, sizeof *s->first);
-        s->seen  = oxl_calloc(ctx, views + 1, sizeof *s->seen);
-        b.next   = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
+    if (vis) {
+        vis->views = views;
+        vis->first = oxl_calloc(ctx, views + 1, sizeof *vis->first);
+        vis->seen  = oxl_calloc(ctx, views + 1, sizeof *vis->seen);
+        b.next     = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
     }
-    if (!s || !s->first || !s->seen || !b.next)
+    if (!vis || !vis->first || !vis->seen || !b.next)
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the visibility of %zu views", views);
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
@@ -93,21 +94,21 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++) visibility_scan(&b, task, 0);
     visibility_offsets(&b);
-    rc = visibility_alloc_lists(ctx, s);
+    rc = visibility_alloc_lists(ctx, vis);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++) visibility_scan(&b, task, 1);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int v = 0; v < (int)views; v++) s->seen[v] = visibility_count_different(s, (size_t)v);
+    for (int v = 0; v < (int)views; v++) vis->seen[v] = visibility_count_different(vis, (size_t)v);
 done:
     OXL_FREE(ctx, b.next, b.view);
-    if (rc != OXL_OK) partition_visibility_free(ctx, s);
-    else *out = s;
+    if (rc != OXL_OK) partition_visibility_free(ctx, vis);
+    else *out = vis;
     return rc;
 }
 
-OXL_INTERNAL void partition_visibility_free(oxl_context *ctx, struct partition_visibility *s)
+OXL_INTERNAL void partition_visibility_free(oxl_context *ctx, struct partition_visibility *vis)
 {
-    if (!s) return;
-    OXL_FREE(ctx, s->first, s->point, s->observation, s->seen, s);
+    if (!vis) return;
+    OXL_FREE(ctx, vis->first, vis->point, vis->observation, vis->seen, vis);
 }

@@ -76,8 +76,9 @@ OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel reg
 /* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no progress; not while the
  * state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
-OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress); /* callback: or NULL; not 0: stop */
-OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds);                      /* then as context_stopped */
+OXL_INTERNAL int        context_report(const oxl_callback *callback,
+                                       const oxl_progress *progress);   /* callback may be NULL; nonzero: stop */
+OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds); /* sleeps, then as context_stopped */
 
 /* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
@@ -119,7 +120,8 @@ struct text {
 };
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-OXL_INTERNAL void text_add_number(struct text *t, double value);       /* shortest that is read as the same; null: not finite */
+OXL_INTERNAL void text_add_number(struct text *t,
+                                  double       value); /* shortest text that parses to the same value; null: not finite */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value); /* of a JSON object, on a line of its own */
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
@@ -172,7 +174,7 @@ struct os_file_map { /* a whole file in memory, read-only, with one zero byte af
     size_t      size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-/* A file that does not begin with `start` is read only as far as its first bytes. */
+/* Of a file that does not begin with `start`, only the first bytes are read. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
 /* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without mapping read it. */
@@ -187,7 +189,7 @@ struct os_reader {
 };
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
 OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
-                                       size_t *got); /* *got < size: the end */
+                                       size_t *got); /* *got < size: end of file */
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
 OXL_INTERNAL void       os_reader_close(struct os_reader *r);
 
@@ -260,7 +262,7 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 
 /* oxl_lock_folder; shared: other processes may share it, too. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
-/* Of a folder within the OUT of a run that another process has: OXL_ERR_FAILED. */
+/* OXL_ERR_FAILED if the folder is inside OUT of a run that another process holds. */
 OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);
 /* *out NULL with OXL_OK: another process holds it. */
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);

@@ -11,7 +11,7 @@
 #include <stddef.h>
 
 /* NULL if every bracket and string is closed and nothing follows; otherwise the position of the error. Not a validator: brackets are
- * counted, their kind is not compared ("[}" passes). What the functions below do not understand is a missing value. */
+ * counted, their kind is not compared ("[}" passes). The functions below treat what they cannot parse as a missing value. */
 const char *oxl_json_error(const char *text);
 
 /* The first element of an array or first key of an object; the element after one, or the key after a value; the value of a key. */
@@ -31,7 +31,7 @@ size_t      oxl_json_text(const char *value, char *out, size_t size);
 /* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8 comes back from
  * oxl_json_text. */
 size_t      oxl_json_escape(const char *s, char out[8]);
-/* The shortest number that is read as the same; null: it is not finite. Returns out. */
+/* The shortest text that parses to the same value; null: not finite. Returns out. */
 const char *oxl_json_number_text(char out[48], double value);
 size_t      oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 

@@ -1,4 +1,4 @@
-/* memory.c - errors and memory: what every other file needs. */
+/* memory.c - errors and allocation, used by every other file. */
 #include "core.h"
 
 /* ---------------------------------------------------------------- errors */

@@ -25,7 +25,7 @@ OXL_INTERNAL const char *os_map(const char *path, size_t *size);  /* read-only; 
 OXL_INTERNAL int         os_unmap(const char *data, size_t size); /* 1: success */
 OXL_INTERNAL int         os_seek(FILE *file, uint64_t offset);    /* from the start */
 OXL_INTERNAL int         os_sync(FILE *file);                     /* written data reach the disk */
-OXL_INTERNAL void        os_sync_folder(const char *path);        /* so do renames in it, where the system can */
+OXL_INTERNAL void        os_sync_folder(const char *path);        /* renames in it reach the disk, if the system supports this */
 
 OXL_INTERNAL int            os_lock_file(const char *path, struct os_lock *lock); /* opens or creates it */
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared);

@@ -1,4 +1,4 @@
-/* os_posix.c - the operating system by POSIX: what os.h declares, one small function each, which sets errno. */
+/* os_posix.c - the operating system through POSIX: the functions of os.h. Each sets errno on failure. */
 #include "os.h" /* asks for POSIX before any system header */
 
 #ifndef _WIN32

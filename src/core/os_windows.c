@@ -1,6 +1,6 @@
-/* os_windows.c - the operating system by Windows: what os.h declares, one small function each, which sets errno.
+/* os_windows.c - the operating system through the Windows API: the functions of os.h. Each sets errno on failure.
  *
- * Paths are UTF-8 here, and UTF-16 in the system.
+ * Paths are UTF-8 here and UTF-16 in the API.
  */
 #include "os.h"
 

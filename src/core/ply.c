@@ -265,29 +265,29 @@ struct ply_rows {
     const char               *cursor, *end;
 };
 
-static oxl_result ply_cut_short(const struct ply_rows *w, uint64_t row)
+static oxl_result ply_cut_short(const struct ply_rows *r, uint64_t row)
 {
-    return oxl_fail(w->ctx, OXL_ERR_INPUT,
-                    "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again", w->ply->path,
-                    (size_t)(w->cursor - w->ply->file.data), (unsigned long long)row, (unsigned long long)w->element->rows,
-                    w->element->name);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                    "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again", r->ply->path,
+                    (size_t)(r->cursor - r->ply->file.data), (unsigned long long)row, (unsigned long long)r->element->rows,
+                    r->element->name);
 }
 
 /* Rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
-static oxl_result ply_read_fixed(struct ply_rows *w)
+static oxl_result ply_read_fixed(struct ply_rows *r)
 {
     enum { TILE = 64 };
-    const struct ply_element *element    = w->element;
+    const struct ply_element *element    = r->element;
     const size_t              rows       = (size_t)element->rows; /* fits: ply_check_size */
-    const int                 big_endian = w->ply->format == PLY_BIG;
-    if ((size_t)(w->end - w->cursor) / element->row_bytes < rows)
-        return ply_cut_short(w, 0); /* lists of earlier elements used the bytes */
-    for (size_t first = 0; w->target && first < rows; first += TILE) {
+    const int                 big_endian = r->ply->format == PLY_BIG;
+    if ((size_t)(r->end - r->cursor) / element->row_bytes < rows)
+        return ply_cut_short(r, 0); /* lists of earlier elements used the bytes */
+    for (size_t first = 0; r->target && first < rows; first += TILE) {
         const size_t         last = OXL_MIN(first + TILE, rows);
-        const unsigned char *tile = (const unsigned char *)w->cursor + first * element->row_bytes;
+        const unsigned char *tile = (const unsigned char *)r->cursor + first * element->row_bytes;
         for (int c = 0; c < element->properties; c++) {
             const enum ply_type     type   = element->property[c].type;
-            const struct ply_target target = w->target[c];
+            const struct ply_target target = r->target[c];
             const unsigned char    *value  = tile;
             tile += ply_size(type);
             if (!target.as_float && !target.as_double) continue;
@@ -299,80 +299,80 @@ static oxl_result ply_read_fixed(struct ply_rows *w)
                 ply_store(&target, i, ply_value(value, type, big_endian));
         }
     }
-    w->cursor += rows * element->row_bytes;
+    r->cursor += rows * element->row_bytes;
     return OXL_OK;
 }
 
 /* Binary rows with lists, of variable size. */
-static oxl_result ply_read_lists(struct ply_rows *w)
+static oxl_result ply_read_lists(struct ply_rows *r)
 {
-    const int big_endian = w->ply->format == PLY_BIG;
-    for (uint64_t row = 0; row < w->element->rows; row++) {
-        for (int c = 0; c < w->element->properties; c++) {
-            const struct ply_property *p     = &w->element->property[c];
+    const int big_endian = r->ply->format == PLY_BIG;
+    for (uint64_t row = 0; row < r->element->rows; row++) {
+        for (int c = 0; c < r->element->properties; c++) {
+            const struct ply_property *p     = &r->element->property[c];
             const enum ply_type        type  = p->is_list ? p->count_type : p->type;
             const size_t               size  = ply_size(type);
             double                     value = 0;
-            if ((size_t)(w->end - w->cursor) < size) return ply_cut_short(w, row);
-            value = ply_value((const unsigned char *)w->cursor, type, big_endian);
-            w->cursor += size;
+            if ((size_t)(r->end - r->cursor) < size) return ply_cut_short(r, row);
+            value = ply_value((const unsigned char *)r->cursor, type, big_endian);
+            r->cursor += size;
             if (!p->is_list) {
-                if (w->target) ply_store(&w->target[c], (size_t)row, value);
+                if (r->target) ply_store(&r->target[c], (size_t)row, value);
                 continue;
             }
-            if (value < 0 || value * (double)ply_size(p->type) > (double)(w->end - w->cursor)) return ply_cut_short(w, row);
-            w->cursor += (size_t)value * ply_size(p->type);
+            if (value < 0 || value * (double)ply_size(p->type) > (double)(r->end - r->cursor)) return ply_cut_short(r, row);
+            r->cursor += (size_t)value * ply_size(p->type);
         }
     }
     return OXL_OK;
 }
 
-static oxl_result ply_ascii_fail(const struct ply_rows *w, uint64_t row, const char *wanted)
+static oxl_result ply_ascii_fail(const struct ply_rows *r, uint64_t row, const char *wanted)
 {
     char seen[48];
-    int  line = w->ply->data_line;
-    for (const char *c = w->ply->file.data + w->ply->data; c < w->cursor; c++) line += *c == '\n';
-    return oxl_fail(w->ctx, OXL_ERR_INPUT,
+    int  line = r->ply->data_line;
+    for (const char *c = r->ply->file.data + r->ply->data; c < r->cursor; c++) line += *c == '\n';
+    return oxl_fail(r->ctx, OXL_ERR_INPUT,
                     "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: correct the line or export the file again",
-                    w->ply->path, line, (unsigned long long)row, w->element->name, ply_printable(w->cursor, w->end, seen),
+                    r->ply->path, line, (unsigned long long)row, r->element->name, ply_printable(r->cursor, r->end, seen),
                     wanted);
 }
 
-static int ply_ascii_number(struct ply_rows *w, double *out)
+static int ply_ascii_number(struct ply_rows *r, double *out)
 {
-    while (w->cursor < w->end && ply_blank(*w->cursor)) w->cursor++;
-    return parse_double(&w->cursor, w->end, out) && (w->cursor == w->end || ply_blank(*w->cursor) || *w->cursor == '\n');
+    while (r->cursor < r->end && ply_blank(*r->cursor)) r->cursor++;
+    return parse_double(&r->cursor, r->end, out) && (r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n');
 }
 
 /* One row per line, as the format requires, so an error names the row with a missing value. */
-static oxl_result ply_read_ascii(struct ply_rows *w)
+static oxl_result ply_read_ascii(struct ply_rows *r)
 {
-    for (uint64_t row = 0; row < w->element->rows; row++) {
+    for (uint64_t row = 0; row < r->element->rows; row++) {
         double value;
-        while (w->cursor < w->end && (ply_blank(*w->cursor) || *w->cursor == '\n')) w->cursor++;
-        for (int c = 0; c < w->element->properties; c++) {
-            if (!ply_ascii_number(w, &value)) return ply_ascii_fail(w, row, "a number for each property");
-            if (!w->element->property[c].is_list) {
-                if (w->target) ply_store(&w->target[c], (size_t)row, value);
+        while (r->cursor < r->end && (ply_blank(*r->cursor) || *r->cursor == '\n')) r->cursor++;
+        for (int c = 0; c < r->element->properties; c++) {
+            if (!ply_ascii_number(r, &value)) return ply_ascii_fail(r, row, "a number for each property");
+            if (!r->element->property[c].is_list) {
+                if (r->target) ply_store(&r->target[c], (size_t)row, value);
                 continue;
             }
-            if (!(value >= 0 && value <= (double)(w->end - w->cursor)))
-                return ply_ascii_fail(w, row, "a list that fits the file");
+            if (!(value >= 0 && value <= (double)(r->end - r->cursor)))
+                return ply_ascii_fail(r, row, "a list that fits the file");
             for (size_t left = (size_t)value; left > 0; left--)
-                if (!ply_ascii_number(w, &value)) return ply_ascii_fail(w, row, "as many numbers as the list announces");
+                if (!ply_ascii_number(r, &value)) return ply_ascii_fail(r, row, "as many numbers as the list announces");
         }
-        while (w->cursor < w->end && ply_blank(*w->cursor)) w->cursor++;
-        if (w->cursor < w->end && *w->cursor != '\n') return ply_ascii_fail(w, row, "the end of the line");
+        while (r->cursor < r->end && ply_blank(*r->cursor)) r->cursor++;
+        if (r->cursor < r->end && *r->cursor != '\n') return ply_ascii_fail(r, row, "the end of the line");
     }
     return OXL_OK;
 }
 
-static oxl_result ply_rows(struct ply_rows *w)
+static oxl_result ply_rows(struct ply_rows *r)
 {
-    if (w->element->properties == 0) return OXL_OK; /* rows without bytes */
-    if (w->ply->format == PLY_ASCII) return ply_read_ascii(w);
-    if (w->element->has_list) return ply_read_lists(w);
-    return ply_read_fixed(w);
+    if (r->element->properties == 0) return OXL_OK; /* rows without bytes */
+    if (r->ply->format == PLY_ASCII) return ply_read_ascii(r);
+    if (r->element->has_list) return ply_read_lists(r);
+    return ply_read_fixed(r);
 }
 
 /* ---------------------------------------------------------------- public functions */

@@ -1,4 +1,4 @@
-/* random.c - random numbers without state: each is a function of a seed and two numbers, so their order does not matter. */
+/* random.c - random numbers without state: each is a function of a seed and two numbers, whatever was drawn before. */
 #include "core.h"
 
 static uint64_t random_mix(uint64_t x) /* splitmix64 (Steele, Lea & Flood 2014) */

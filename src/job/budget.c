@@ -100,7 +100,7 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
 {
     const double needed = budget_needed(ctx, load, o);
     return oxl_fail(ctx, OXL_ERR_BUDGET,
-                    "%.0f MB do not suffice for %zu points and images of %.1f megapixels: %.0f MB would\n"
+                    "%.0f MB are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
                     "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
                     (double)o->ram / 1e6, load->points, load->largest / 1e6, needed * 1048576 / 1e6, needed);
 }

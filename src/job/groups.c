@@ -59,7 +59,8 @@ static oxl_result groups_read(const struct groups *g, int block, oxl_model m[3])
         if (rc == OXL_OK && !there) rc = model_set_lobes(ctx, &m[k], m[0].lobes);
         if (rc == OXL_OK && !there) memset(m[k].plane[OXL_ROTATION], 0, m[k].capacity * sizeof(float));
         memcpy(m[k].origin, m[0].origin, sizeof m[k].origin);
-        if (rc == OXL_OK && m[k].count != m[0].count) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: other rows than its model", path);
+        if (rc == OXL_OK && m[k].count != m[0].count)
+            rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: its rows differ from those of its model", path);
     }
     for (int k = 0; k < 3 && rc != OXL_OK; k++) oxl_model_free(ctx, &m[k]);
     return rc;

@@ -139,8 +139,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
                 job->model.count, (double)bytes[0] / 1e6);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(job->ctx, OXL_LOG_INFO,
-                "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
-                m.cc_psnr);
+                "PSNR is %.2f dB after a factor per channel and view (cc_psnr): exposure may differ between views", m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc == OXL_OK && job->partition.block_count > 1)

@@ -224,7 +224,8 @@ static oxl_result job_partition(struct job *job)
     if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
-        rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
+                      "there is no block %d: the survey has %d blocks (0 to %d)\nfix: --block with one of these",
                       job->options.block, job->partition.block_count, job->partition.block_count - 1);
     return rc;
 }

@@ -99,15 +99,15 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 {
-    struct block_record *t = &job->total;
-    t->exists |= r->exists;
-    t->iterations += r->iterations;
-    t->gaussians += r->gaussians;
-    t->seconds += r->seconds;
-    t->peak              = OXL_MAX(t->peak, r->peak);
-    t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
-    t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
-    nonfinite_add(&t->nonfinite, &r->nonfinite);
+    struct block_record *total = &job->total;
+    total->exists |= r->exists;
+    total->iterations += r->iterations;
+    total->gaussians += r->gaussians;
+    total->seconds += r->seconds;
+    total->peak              = OXL_MAX(total->peak, r->peak);
+    total->predicted_peak    = OXL_MAX(total->predicted_peak, r->predicted_peak);
+    total->predicted_seconds = total->predicted_seconds + r->predicted_seconds;
+    nonfinite_add(&total->nonfinite, &r->nonfinite);
     job->unfinished += !r->finished;
 }
 

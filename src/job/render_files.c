@@ -114,24 +114,25 @@ struct render_file {
     oxl_context own;             /* of the thread that writes it */
 };
 
-static void render_file_free(oxl_context *ctx, struct render_file *p)
+static void render_file_free(oxl_context *ctx, struct render_file *file)
 {
-    oxl_image_free(ctx, &p->rendered);
-    oxl_image_free(ctx, &p->image);
-    oxl_image_free(ctx, &p->clear);
-    oxl_free(ctx, p->depth);
+    oxl_image_free(ctx, &file->rendered);
+    oxl_image_free(ctx, &file->image);
+    oxl_image_free(ctx, &file->clear);
+    oxl_free(ctx, file->depth);
 }
 
-static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file *p)
+static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file *file)
 {
-    p->depth = oxl_alloc(ctx, (size_t)p->width * (size_t)p->height, sizeof *p->depth);
-    return p->depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", p->width, p->height);
+    file->depth = oxl_alloc(ctx, (size_t)file->width * (size_t)file->height, sizeof *file->depth);
+    return file->depth ? OXL_OK
+                       : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", file->width, file->height);
 }
 
 /* Unreadable images are skipped; the evaluation has reported them. */
-static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *p)
+static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *file)
 {
-    const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->image);
+    const oxl_result rc = oxl_scene_image(ctx, scene, view, &file->image);
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
@@ -163,12 +164,13 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     return rc;
 }
 
-static oxl_result render_file_write(struct render_file *p, const char *folder)
+static oxl_result render_file_write(struct render_file *file, const char *folder)
 {
-    oxl_result rc = render_file_write_image(&p->own, folder, p->name, ".png", &p->rendered);
-    if (rc == OXL_OK && p->depth) rc = render_file_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
-    if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".image.png", &p->image);
-    if (rc == OXL_OK && p->clear.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".clear.png", &p->clear);
+    oxl_result rc = render_file_write_image(&file->own, folder, file->name, ".png", &file->rendered);
+    if (rc == OXL_OK && file->depth)
+        rc = render_file_write_depth(&file->own, folder, file->name, file->depth, file->width, file->height);
+    if (rc == OXL_OK && file->image.rgb) rc = render_file_write_image(&file->own, folder, file->name, ".image.png", &file->image);
+    if (rc == OXL_OK && file->clear.rgb) rc = render_file_write_image(&file->own, folder, file->name, ".clear.png", &file->clear);
     return rc;
 }
 
@@ -242,7 +244,7 @@ static oxl_result render_list_check(oxl_context *ctx, const char *folder, const 
         if (!path) rc = ctx->failed;
         else if (os_is_file(path) && !render_list_has(old, name, &at))
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it", path);
+                          "%s exists, and no earlier render wrote it\nfix: choose another folder, or remove the file", path);
         oxl_free(ctx, path);
     }
     return rc;

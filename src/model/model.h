@@ -52,16 +52,16 @@ OXL_INTERNAL void          model_read_comment(oxl_context *ctx, const char *path
 
 /* ---------------------------------------------------------------- model_file.c: models as PLY */
 
-/* Where a PLY file as written here has its rows. */
+/* Layout of a PLY file written by this module. */
 struct model_file_layout {
     uint64_t data, lobe_data; /* offsets of the first row of elements vertex and dog */
     size_t   rows, row_bytes, lobes;
     int      degree, offset[OXL_PLANES]; /* of a plane's value in a row */
 };
-/* *has 0: not such a file. The model gets the file's origin and scale. */
+/* *has 0: the file has another layout. The model gets the file's origin and scale. */
 OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out, oxl_model *model,
                                           int *has);
-/* The rows from `first` on, as many as the model has. */
+/* Reads model->count rows, starting at row `first`. */
 OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l, struct os_reader *file,
                                              size_t first, oxl_model *model);
 /* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes are included. */

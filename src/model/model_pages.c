@@ -1,8 +1,8 @@
-/* model_pages.c - a model that stays in its PLY file: rendering reads the rows that a view may show.
+/* model_pages.c - a model that stays in its PLY file: rendering a view reads only the rows that may be visible in it.
  *
- * Rows are read in pages of consecutive ones; of each page a sphere around its means and its largest standard deviation are in memory.
+ * Rows are read in pages. Memory holds, for each page, a sphere around the means of its rows and their largest standard deviation.
  *
- * Invariant: a view has the pixels of the whole model. What is left out reaches none of them, and the rows that are read keep their order.
+ * Invariant: the image is that of the whole model: rows left out touch no pixel, and the rows that are read keep their order.
  */
 #include "model.h"
 

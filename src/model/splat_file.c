@@ -1,4 +1,4 @@
-/* splat_file.c - models as .splat, 32 bytes a Gaussian: small, without view-dependent colour, as web viewers load them.
+/* splat_file.c - models as .splat, the format of web viewers: 32 bytes per Gaussian, no view-dependent colour.
  *
  *     byte  0  position  3 float        24  colour   R G B A, 8 bits each
  *          12  scale     3 float        28  rotation w x y z, q * 128 + 128

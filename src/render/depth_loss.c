@@ -1,14 +1,12 @@
-/* depth_loss.c - the loss on what lies in front of points whose depth is known.
+/* depth_loss.c - a loss on splats in front of points of known depth.
  *
- * Between a camera and a point that it saw the space is free. With T the transmittance at the point's pixel after the splats nearer than
+ * The space between a camera and a point that it observes is free. With T the transmittance at its pixel after the splats nearer than
  * DEPTH_LOSS_SHARE of its depth, the loss is the weight times the sum of 1 - T over the points, and
  *     dL/dalpha_i = weight T / (1 - alpha_i)    for each splat i of them.
- * Only opacity follows it: a splat that was moved or reshaped would go on hiding the point elsewhere. Splats with a second lobe and those
- * of a context neither count nor follow.
+ * Only opacities have this gradient: a splat that was moved or reshaped would hide the point elsewhere. Splats with a second lobe and those
+ * of a context are ignored. Measured gains: docs/log/IMAGING.md.
  *
- * What it gains is in docs/log/IMAGING.md.
- *
- * Invariant: points are added in their order, one after the other.
+ * Invariant: the points' terms are added one after the other, in order.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"

@@ -3,7 +3,7 @@
  * Model (Schonberger 2016, reduced to a gain; LichtFeld Studio PR 1892):  y = exp(a_c + s) x,  a_c the image's log gain of channel c, s the
  * lamp's polynomial at the pixel (survey/imaging.h).
  *
- * Invariant: sums are over the lanes of a row, then over rows, so they do not depend on the width of vectors.
+ * Invariant: sums run over the lanes of a row, then over rows, so they do not depend on the vector width.
  */
 #include "kernels.h"
 

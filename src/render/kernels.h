@@ -82,7 +82,7 @@ struct lobe {
 #define SUM_YY     5
 #define SUM_RED    6 /* alpha T dL/dC, without d: colour, three channels */
 
-struct medium_pack { /* what the backward pass through the medium reads of the forward pass, by channel and row */
+struct medium_pack { /* stored by the forward pass for the backward pass, by channel and row */
     real range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
 };
 
@@ -163,10 +163,10 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera,
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);       /* at least ALPHA_MIN */
 #endif
 
-/* ---------------------------------------------------------------- medium.c: the medium behind the last Gaussian */
+/* ---------------------------------------------------------------- medium.c: the veiling light behind the last Gaussian */
 
 #ifndef OXL_REFERENCE
-/* sum: adds those of Binf. */
+/* sum: adds the gradients of Binf. */
 OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
                                        double sum[MEDIUM_SUMS]);
 #endif

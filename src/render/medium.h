@@ -5,7 +5,7 @@
  *     c' = J (r0 / max(r, r_min))^p exp(-bD (r - r_t)) + Binf (1 - exp(-bB r)),     background = Binf.
  * In struct medium: bD `attenuation`, bB `backscatter`, Binf `veiling_light`, p `falloff` from 0 to 2: the lamp moves with the camera; r0
  * `reference`, the median range of the survey; r_t `training_range`, 0 outside training; r_min = LAMP_RANGE_MIN r0.
- * The range, unlike depth z, does not change when the camera rotates.
+ * Unlike depth z, the range does not change when the camera rotates.
  *
  * Invariant: exact gradients of the nine parameters, of p, and of the centre through r. Sums have a fixed order: by task of packs and row,
  * and by pixel for the background (medium.c).

@@ -12,7 +12,7 @@ struct backend {                             /* of a context */
     struct vulkan                *vulkan;    /* device that renders; NULL: the CPU */
     const struct renderer_device *functions; /* of that device, or NULL */
     int                           drew;      /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
-    int said_cpu; /* bit set of oxl_result: device failures after which the log has said that the CPU continues */
+    int said_cpu; /* bit set of oxl_result: device failures already logged, with the CPU as replacement */
 };
 /* Opens the device of the context's options, once. OXL_OK with backend->vulkan NULL: the CPU renders. */
 OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
@@ -81,10 +81,10 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out);
 
-/* Deferred steps, on a device: from renderer_defer(1) on forward, loss, backward and step return before the device is done, with no loss
- * and no rows, and renderer_report has these of the oldest step without a report: with `wait` of the last one, too, without it of the one
- * before. A step that cannot be done halts: neither it nor those behind it change anything, and they have no reports; the caller repeats
- * them without deferring. Before anything but steps, defer(0) and all reports. Returns 1: the device defers from now on. */
+/* Deferred steps, on a device: after renderer_defer(1), forward, loss, backward and step return before the device is done, without loss
+ * and rows. renderer_report returns them for the oldest step not yet reported: for the latest step only with `wait`, otherwise for the
+ * one before it. A step that cannot be executed halts: it and the steps behind it change nothing and have no reports; the caller repeats
+ * them without deferring. Call renderer_defer(0) and fetch all reports before anything but steps. Returns 1: the device defers. */
 enum renderer_halt { HALT_NONE, HALT_PAIRS, HALT_LOSS }; /* more pairs than the device had room for; the loss is not finite */
 struct renderer_report {
     int                       exists; /* 0: no step to report */
@@ -105,7 +105,7 @@ struct renderer_sums {
 };
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
 
-/* Between steps a device holds the model, its moments and the statistics. Downloads them; must be called before the host reads any of
+/* Between steps the model, its moments and the statistics are on the device. Downloads them; call it before the host reads any of
  * them. */
 enum renderer_download {
     DOWNLOAD_TO_READ,
@@ -116,7 +116,7 @@ OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, 
 
 /* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
  * RENDERER_FRESH is set; the order stays. SH planes that the model did not have are 0. The host does the same with the model and calls
- * renderer_send_shape. *moved 0: on the CPU, or there was no room on the device; everything is on the host then, as after
+ * renderer_send_shape. *moved 0: the CPU renders, or the device has no room; then everything is on the host, as after
  * DOWNLOAD_TO_CHANGE. */
 #define RENDERER_FRESH 0x80000000u
 struct renderer_move {
@@ -125,12 +125,12 @@ struct renderer_move {
     int             sh_degree; /* not below the model's */
 };
 OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved);
-/* Uploads the planes before OXL_SH of a model of which the device holds the rest; reset_opacity: the moments of its opacity become 0. */
+/* Uploads the planes before OXL_SH; the device holds the others. reset_opacity: sets the moments of the opacity to 0. */
 OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity);
 
 OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
                                                struct renderer *r); /* marks all rows invisible in the last view */
-/* On a device: clears the rows that hold a value that is not finite, or that the last view made one of, as nonfinite.c does on the CPU. */
+/* On a device: clears rows with a value that is not finite, stored or computed in the last view, as nonfinite.c does on the CPU. */
 OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *first,
                                                  oxl_model *second, struct renderer_nonfinite *out);
 /* Results of the last view for row i, on the CPU. */
@@ -144,7 +144,7 @@ struct renderer_counts {                     /* of the last view */
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
 struct splat;
-/* Functions of a device, each as the renderer function above. */
+/* Functions of a device; each does what the renderer function of the same name does. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
@@ -182,38 +182,38 @@ enum {                     /* gradients of a medium: where they are in an array 
        MEDIUM_SUMS    = 10
 };
 
-/* From the next forward on cameras are windows, from x, y on, of images of this size; 0, 0: they are whole. On the CPU:
- * renderer_use_cpu. */
+/* From the next forward on, the camera is a window of a full image of this size, with its top left corner `at`; size 0, 0: no window.
+ * CPU only: renderer_use_cpu. */
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
-/* From now on a forward may be followed by loss, backward and step: a device allocates for all of them in forward, which the CPU can
- * take over. */
+/* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them in forward, where the CPU
+ * can still take over. */
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
-/* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU
+/* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before the first forward: the CPU
  * renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
-/* For the next backward: it adds weight x the sum of 1 - T in front of these points to the loss (depth_loss.c). On the CPU; copied. */
+/* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c). CPU only. The points are copied. */
 struct depth_point {
     float x, y, z; /* px of the rendered image, camera z */
 };
 enum { DEPTH_POINTS = 128 }; /* most */
 OXL_INTERNAL void          renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight);
-/* In the next forward this share of the Gaussians is not rendered, and the opacities of all others are divided by 1 - share; seed and step
- * pick them. On the CPU. */
+/* The next forward does not render this share of the Gaussians, chosen by seed and step, and divides the opacities of the others by
+ * 1 - share. CPU only. */
 OXL_INTERNAL void          renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step);
-/* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
+/* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
 OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
-/* From the next loss on the rendered image is multiplied by the lamp's gain over the image, too; NULL: by none. Not copied. */
+/* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no lamp. Borrowed. */
 OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* The model as viewers are to show it, without imaging.txt: through the medium and by the lamp, as its views see it; or, backwards, from
- * colours that are seen so those behind medium and lamp. */
+/* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt; backwards: recovers the colours
+ * behind medium and lamp. */
 OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model);
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 /* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
-/* (10) of the last backward, after the step that ends it: by attenuation, backscatter and veiling light, and by the falloff. */
+/* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling light, falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 
 #endif

@@ -1,4 +1,4 @@
-/* render_model.c - the public functions: an image of a model, and the gradient of a scalar of it. */
+/* render_model.c - the public functions: the image of a model, and the gradient of a scalar function of that image. */
 #include "renderer_state.h"
 
 /* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */

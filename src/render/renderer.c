@@ -376,7 +376,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
-    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
+    if (model->pages)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a model of oxl_model_open has its rows in a file: it can only be rendered");
     if (r->device && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {

@@ -1,4 +1,4 @@
-/* renderer_loss.c - a view's image against the rendered one: exposure and lamp, loss, backward pass, scores of pruning. */
+/* renderer_loss.c - compares a view's image with the rendered one: exposure and lamp, loss, backward pass, pruning scores. */
 #include "renderer_state.h"
 
 /* ---------------------------------------------------------------- loss and backward */

@@ -24,14 +24,14 @@ struct renderer {
     struct gaussians     in;
     int                  full[2]; /* px: of the full image, where the camera is a window of it; 0: it is whole */
     float                at[2];   /* px: where in it the window begins */
-    const oxl_model     *context; /* rendered behind the model's rows and left alone; or NULL */
-    size_t               packs;   /* of the model: those of the context follow */
+    const oxl_model     *context; /* Gaussians that are rendered but not trained, in the rows behind the model's; or NULL */
+    size_t               packs;   /* of the model; the context's follow */
     struct splat        *splat;   /* (count) */
     struct lobe         *lobe;    /* (lobes) */
     uint16_t            *visible; /* (packs) */
     float               *dmean2d; /* (count) */
     float               *rgb, *drgb, *transmittance;
-    struct medium        medium, context_medium; /* the context's colours are as files have them: without a shift */
+    struct medium        medium, context_medium; /* the context's: its colours have no training range */
     int                  medium_trains;          /* 1: the backward pass computes dmedium, too */
     struct medium_pack  *medium_pack;            /* (packs) with a medium */
     double (*medium_sum)[MEDIUM_SUMS];           /* (tasks) with one that trains */

@@ -1,4 +1,4 @@
-/* renderer_step.c - the optimizer step, and what a step leaves of each Gaussian: visibility, depth, gradient. */
+/* renderer_step.c - the optimizer step, and what the last view gives for each Gaussian: visibility, depth, gradient. */
 #include "renderer_state.h"
 
 struct render_step {

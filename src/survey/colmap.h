@@ -18,7 +18,7 @@ struct colmap_index {
 
 enum colmap_warning { WARN_NO_POINTS_LINE, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
 
-#define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
+#define COLMAP_FIX_EXPORT "export the model again: colmap model_converter --output_type TXT"
 
 enum { COLMAP_BUFFER = 8 << 20 }; /* bytes */
 
@@ -48,7 +48,7 @@ struct colmap_reader {
 /* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the
  * number of suppressed warnings and closes the file. */
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
-OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name); /* reads nothing yet */
+OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name); /* does not read yet */
 OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
 OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
 

@@ -24,7 +24,7 @@ enum {
     BINARY_NAME_LONGEST = 4096
 };
 
-#define BINARY_FIX "copy the file once more, or write the model again: colmap model_converter --output_type BIN"
+#define BINARY_FIX "copy the file again, or write the model again: colmap model_converter --output_type BIN"
 
 /* ---------------------------------------------------------------- bytes */
 

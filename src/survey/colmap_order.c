@@ -30,15 +30,15 @@ static int order_ones(uint64_t x)
     return (int)(x * UINT64_C(0x0101010101010101) >> 56);
 }
 
-static size_t order_rank(const struct order_ranks *k, int64_t id)
+static size_t order_rank(const struct order_ranks *ranks, int64_t id)
 {
-    const uint64_t at = (uint64_t)id - (uint64_t)k->low;
-    return k->before[at / 64] + (size_t)order_ones(k->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
+    const uint64_t at = (uint64_t)id - (uint64_t)ranks->low;
+    return ranks->before[at / 64] + (size_t)order_ones(ranks->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
 }
 
 /* In place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache size; then each swap within a
  * bucket puts one point in its final position. */
-static void order_points_by_rank(struct colmap *c, const struct order_ranks *k)
+static void order_points_by_rank(struct colmap *c, const struct order_ranks *ranks)
 {
     enum { BUCKETS = 512 };
     const size_t size = c->point_count / BUCKETS + 1;
@@ -46,12 +46,12 @@ static void order_points_by_rank(struct colmap *c, const struct order_ranks *k)
     for (size_t b = 0; b < BUCKETS; b++) next[b] = b * size;
     for (size_t b = 0; b < BUCKETS; b++)
         while (next[b] < OXL_MIN((b + 1) * size, c->point_count)) {
-            const size_t to = order_rank(k, c->point[next[b]].id) / size;
+            const size_t to = order_rank(ranks, c->point[next[b]].id) / size;
             if (to != b) OXL_SWAP(struct colmap_point, c->point[next[b]], c->point[next[to]]);
             next[to]++;
         }
     for (size_t i = 0; i < c->point_count; i++)
-        for (size_t to; (to = order_rank(k, c->point[i].id)) != i;) OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
+        for (size_t to; (to = order_rank(ranks, c->point[i].id)) != i;) OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
 }
 
 static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low, size_t words, int64_t *repeated)

@@ -105,7 +105,7 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
 {
     if (r->declared <= count) return;
     oxl_log(r->ctx, OXL_LOG_WARNING,
-            "%s: its header announces %" PRIu64 " %s, and %zu are there: was the file cut, or edited?\n"
+            "%s: its header announces %" PRIu64 " %s, and %zu are there: the file is truncated or was edited\n"
             "fix: " COLMAP_FIX_EXPORT,
             r->path, r->declared, what, count);
     r->out->warnings++;
@@ -371,7 +371,7 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
         return oxl_fail(
             r->ctx, OXL_ERR_INPUT,
             "%s:%d: seen the quaternion %g %g %g %g, wanted a rotation (length 1)\nfix: delete this image from the model "
-            "(colmap image_deleter) and export it once more",
+            "(colmap image_deleter) and export it again",
             r->path, r->line, q[0], q[1], q[2], q[3]);
     if (fabs(length - 1) > 1e-2) colmap_warn(r, WARN_QUATERNION);
     return OXL_OK;

@@ -92,18 +92,18 @@ static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
 
 /* ---------------------------------------------------------------- the contrast of a patch */
 
-static oxl_result contrast_integrate(oxl_context *ctx, const struct training_image *p, struct contrast_work *w)
+static oxl_result contrast_integrate(oxl_context *ctx, const struct training_image *image, struct contrast_work *w)
 {
-    const size_t     pixels = (size_t)p->width * (size_t)p->height, stride = (size_t)p->width + 1;
+    const size_t     pixels = (size_t)image->width * (size_t)image->height, stride = (size_t)image->width + 1;
     const oxl_result rc =
-        oxl_reserve(ctx, &w->integral, &w->integral_capacity, stride * ((size_t)p->height + 1), sizeof *w->integral);
+        oxl_reserve(ctx, &w->integral, &w->integral_capacity, stride * ((size_t)image->height + 1), sizeof *w->integral);
     if (rc != OXL_OK) return rc;
     memset(w->integral, 0, stride * sizeof *w->integral);
-    for (int y = 0; y < p->height; y++) {
-        const uint8_t *rgb = p->rgb + (size_t)y * p->width;
+    for (int y = 0; y < image->height; y++) {
+        const uint8_t *rgb = image->rgb + (size_t)y * image->width;
         uint32_t      *out = w->integral + ((size_t)y + 1) * stride, sum = 0;
         out[0] = 0;
-        for (int x = 0; x < p->width; x++) {
+        for (int x = 0; x < image->width; x++) {
             sum += (uint32_t)rgb[x] + rgb[x + pixels] + rgb[x + 2 * pixels];
             out[x + 1] = out[x + 1 - stride] + sum;
         }
@@ -112,15 +112,15 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
 }
 
 /* Log of the standard deviation of the cells' brightness; invalid unless the patch is inside the image and unmasked. */
-static void contrast_of_patch(const struct training_image *p, const uint32_t *integral, struct contrast_sample *s)
+static void contrast_of_patch(const struct training_image *image, const uint32_t *integral, struct contrast_sample *s)
 {
-    const size_t stride = (size_t)p->width + 1;
+    const size_t stride = (size_t)image->width + 1;
     const float  left = s->x - 0.5f * CONTRAST_CELLS * s->cell, top = s->y - 0.5f * CONTRAST_CELLS * s->cell;
     const float  side = CONTRAST_CELLS * s->cell;
     const int    n    = CONTRAST_CELLS * CONTRAST_CELLS;
     double       sum = 0, squares = 0;
     int          x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: borders of the cells */
-    s->valid = left >= 0 && top >= 0 && left + side <= (float)p->width - 1 && top + side <= (float)p->height - 1;
+    s->valid = left >= 0 && top >= 0 && left + side <= (float)image->width - 1 && top + side <= (float)image->height - 1;
     if (!s->valid) return;
     for (int k = 0; k <= CONTRAST_CELLS; k++) x[k] = (int)(left + k * s->cell + 0.5f), y[k] = (int)(top + k * s->cell + 0.5f);
     for (int i = 0; i < n && s->valid; i++) {
@@ -128,7 +128,7 @@ static void contrast_of_patch(const struct training_image *p, const uint32_t *in
         const uint32_t *above = integral + y0[0] * stride, *below = integral + y0[1] * stride;
         const double    v =
             (double)(below[x0[1]] - below[x0[0]] - above[x0[1]] + above[x0[0]]) / (3.0 * (x0[1] - x0[0]) * (y0[1] - y0[0]));
-        s->valid = !p->mask || p->mask[y0[0] * (stride - 1) + x0[0]] >= 128;
+        s->valid = !image->mask || image->mask[y0[0] * (stride - 1) + x0[0]] >= 128;
         sum += v;
         squares += v * v;
     }

@@ -424,7 +424,7 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
                     width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-                    turned ? "turn the image back: COLMAP saw it as it lies in the file"
+                    turned ? "turn the image back: COLMAP used the pixels as stored in the file"
                            : "use the images that COLMAP was given");
 }
 
@@ -439,21 +439,21 @@ static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, i
 }
 
 /* A mask without black pixels is freed. */
-static void image_drop_empty_mask(oxl_context *ctx, struct training_image *p)
+static void image_drop_empty_mask(oxl_context *ctx, struct training_image *image)
 {
-    if (!p->mask || memchr(p->mask, 0, (size_t)p->width * p->height)) return;
-    oxl_free(ctx, p->mask);
-    p->mask = NULL;
+    if (!image->mask || memchr(image->mask, 0, (size_t)image->width * image->height)) return;
+    oxl_free(ctx, image->mask);
+    image->mask = NULL;
 }
 
 /* Reduction and undistortion can make a mask completely black. */
-static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct training_image *p)
+static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct training_image *image)
 {
-    if (!p->mask || memchr(p->mask, 255, (size_t)p->width * p->height)) return OXL_OK;
+    if (!image->mask || memchr(image->mask, 255, (size_t)image->width * image->height)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
                     "%s: all of it is black at %d x %d px, so nothing of the image counts\n"
                     "fix: white (255) in a mask means that the pixel counts",
-                    path, p->width, p->height);
+                    path, image->width, image->height);
 }
 
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,

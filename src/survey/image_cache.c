@@ -1,6 +1,6 @@
 /* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is full.
  *
- * They take at most the limit, besides the image requested last. Invariant: the state of the cache does not change results.
+ * They take no more memory than the limit, apart from the image requested last. Invariant: the state of the cache does not change results.
  */
 #include "survey.h"
 
@@ -35,26 +35,26 @@ static size_t image_cache_size(const struct training_image *image)
 
 /* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new order, so the most
  * recent one is needed last: with memory for half of the images 50 % of the requests are hits; with LRU 15 %. */
-static void image_cache_make_room(oxl_context *ctx, struct image_cache *p, int keep, size_t limit)
+static void image_cache_make_room(oxl_context *ctx, struct image_cache *cache, int keep, size_t limit)
 {
-    while (p->held > limit) {
+    while (cache->held > limit) {
         int latest = -1;
-        for (int i = 0; i < p->count; i++)
-            if (i != keep && p->image[i].rgb && (latest < 0 || p->used[i] > p->used[latest])) latest = i;
+        for (int i = 0; i < cache->count; i++)
+            if (i != keep && cache->image[i].rgb && (latest < 0 || cache->used[i] > cache->used[latest])) latest = i;
         if (latest < 0) return;
-        p->held -= image_cache_size(&p->image[latest]);
-        image_training_free(ctx, &p->image[latest]);
+        cache->held -= image_cache_size(&cache->image[latest]);
+        image_training_free(ctx, &cache->image[latest]);
     }
 }
 
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *p, int view)
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache, int view)
 {
-    struct training_image *image = &p->image[view];
-    p->used[view]                = ++p->clock;
+    struct training_image *image = &cache->image[view];
+    cache->used[view]            = ++cache->clock;
     if (!image->rgb) {
-        if (p->loader.load(ctx, p->loader.scene, view, image) != OXL_OK) return NULL;
-        p->held += image_cache_size(image);
-        image_cache_make_room(ctx, p, view, p->limit);
+        if (cache->loader.load(ctx, cache->loader.scene, view, image) != OXL_OK) return NULL;
+        cache->held += image_cache_size(image);
+        image_cache_make_room(ctx, cache, view, cache->limit);
     }
     return image;
 }
@@ -67,38 +67,38 @@ OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_p
 
 /* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the cache at the size
  * of the files' pixels, which is *bytes. */
-static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_cache *p, const int *view, int count, int *chosen,
-                                    size_t *bytes)
+static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_cache *cache, const int *view, int count,
+                                    int *chosen, size_t *bytes)
 {
     int n  = 0;
     *bytes = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, IMAGE_CACHE_AHEAD); i++) {
-        const double more = IMAGE_CACHE_DECODE_BYTES * p->loader.file_pixels(p->loader.scene, view[i]);
-        if (p->image[view[i]].rgb) continue;
-        if ((double)*bytes + more > (double)(p->limit / 4)) break;
+        const double more = IMAGE_CACHE_DECODE_BYTES * cache->loader.file_pixels(cache->loader.scene, view[i]);
+        if (cache->image[view[i]].rgb) continue;
+        if ((double)*bytes + more > (double)(cache->limit / 4)) break;
         *bytes += (size_t)more;
         chosen[n++] = view[i];
     }
     return n;
 }
 
-OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *p, const int *view, int count)
+OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count)
 {
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
     int                   chosen[IMAGE_CACHE_AHEAD], n;
     size_t                bytes;
     oxl_context           own = context_for_thread(ctx); /* errors are dropped here and reported when the image is requested */
-    if (count < 1 || p->image[view[0]].rgb) return;
-    n = image_cache_choose_ahead(ctx, p, view, count, chosen, &bytes);
+    if (count < 1 || cache->image[view[0]].rgb) return;
+    n = image_cache_choose_ahead(ctx, cache, view, count, chosen, &bytes);
     if (n < 2) return;
-    image_cache_make_room(ctx, p, -1, p->limit - bytes);
+    image_cache_make_room(ctx, cache, -1, cache->limit - bytes);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(own)
-    for (int i = 0; i < n; i++) p->loader.load(&own, p->loader.scene, chosen[i], &read[i]);
+    for (int i = 0; i < n; i++) cache->loader.load(&own, cache->loader.scene, chosen[i], &read[i]);
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
-        p->image[chosen[i]] = read[i];
-        p->used[chosen[i]]  = 0; /* needed soon: evicted last */
-        p->held += image_cache_size(&read[i]);
+        cache->image[chosen[i]] = read[i];
+        cache->used[chosen[i]]  = 0; /* needed soon: evicted last */
+        cache->held += image_cache_size(&read[i]);
     }
-    image_cache_make_room(ctx, p, -1, p->limit);
+    image_cache_make_room(ctx, cache, -1, cache->limit);
 }

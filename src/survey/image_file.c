@@ -1,7 +1,7 @@
 /* image_file.c - decoded images in files, so that each image is decoded once: reduced, undistorted, with its mask.
  *
- * A file is one image: IMAGE_FILE_HEAD words, planes, checksum. Its key covers what the image follows from: the files'
- * modification times, the camera and the size. Files are not synced: one that is missing, damaged or of another key is made again
+ * A file is one image: IMAGE_FILE_HEAD words, planes, checksum. Its key covers all that determines the image: the files'
+ * modification times, the camera and the size. Files are not synced: one that is missing, damaged or has another key is written again
  * from the original.
  */
 #include "survey.h"

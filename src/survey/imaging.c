@@ -2,8 +2,8 @@
  *
  * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
  * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
- * stereo pair, interleaved by name, have gains of their own; how far the other camera's gain at that moment is off its own neighbours'
- * line is added, times a factor from 0 to 1 that the known views of both cameras give: 1 if the cameras adapt together.
+ * stereo pair, interleaved by name, have gains of their own; the deviation of the other camera's gain at that moment from
+ * the line between its own neighbours is added, times a factor from 0 to 1 measured on the known views: 1 if the cameras adapt together.
  *
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
@@ -515,8 +515,8 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
         if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_MIN && gain[c] <= 1 / EXPOSURE_MIN))
             return oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: gain of channel %d is missing or no number from %g to %g\nfix: write the file again by training", path,
-                line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
+                "%s:%d: the gain of channel %d is missing or is not a number from %g to %g\nfix: write the file again by training",
+                path, line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
     }
     while (at < end && *at == ' ') at++;
     view = imaging_find_name(scene, at, end);
@@ -544,7 +544,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
                  !imaging_read_lamp(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "%s:%d: the line is no whole one of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
+                "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
                 path, line);
         at = stop + 1;
     }

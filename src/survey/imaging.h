@@ -5,9 +5,8 @@
 #include "../core/core.h"
 
 #define EXPOSURE_MIN 0.05 /* gains lie between this and its inverse */
-/* c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)); in imaging.txt
- * and in evidence bD, Binf and bB; r: range, not less than LAMP_RANGE_MIN of the reference
- * in the falloff. */
+/* c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)), r the range; in the falloff at least
+ * LAMP_RANGE_MIN x reference. imaging.txt and the evidence name attenuation bD, backscatter bB and veiling light Binf. */
 #define LAMP_RANGE_MIN   0.125f
 #define LAMP_FALLOFF_MAX 2
 #define LAMP_SHAPE_MAX   4 /* log units, of a coefficient */
@@ -37,9 +36,9 @@ struct imaging {
     int          *partner;  /* (views) the image of another camera at the same moment; -1: none or several */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
-/* The camera of a view, by COLMAP's CAMERA_ID, folder and name without its digits: equal for views of one camera. */
+/* A key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name without digits. */
 OXL_INTERNAL uint64_t   imaging_camera(const oxl_scene *scene, int view);
-/* Which views are of one camera. */
+/* Sets m->camera and m->partner. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
 {
@@ -58,7 +57,7 @@ OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
 OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
                                   oxl_image *image); /* multiplies an image rendered at mean exposure */
-/* The polynomial at (x, y), each -1..1 across the image. */
+/* The polynomial at (x, y); both run from -1 to 1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 OXL_INTERNAL void   lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
 /* The pixels from (x, y), width x height, of an image of full_width x full_height. */

@@ -1,5 +1,5 @@
-/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, as the struct that COLMAP's
- * files give.
+/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, read into the struct of
+ * COLMAP's files.
  *
  * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera exists. There are no
  * 2D points and no tracks, so such a survey is one block.
@@ -8,7 +8,7 @@
 
 OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: seen %s for %s, wanted %s\nfix: export the survey once more", r->path,
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: seen %s for %s, wanted %s\nfix: export the survey again", r->path,
                     r->line, seen, what, wanted);
 }
 
@@ -21,10 +21,9 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     if (r->rc != OXL_OK) return r->rc;
     fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (!fault) return OXL_OK;
-    return r->rc =
-               oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s: byte %zu: the JSON text ends too early, or something follows it\nfix: export the survey once more",
-                        path, (size_t)(fault - map->data));
+    return r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
+                            "%s: byte %zu: the JSON text ends too early, or something follows it\nfix: export the survey again",
+                            path, (size_t)(fault - map->data));
 }
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)

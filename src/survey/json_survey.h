@@ -5,7 +5,7 @@
 #include "../core/json.h"
 #include "colmap.h"
 
-/* The file in memory, its brackets closed; r->path and r->line (the record) are for messages. json_survey.c */
+/* json_survey.c. The file in memory, with all brackets closed; r->path and r->line (the record) are for messages. */
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map);
 OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted);
 
@@ -15,7 +15,7 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
                                               const double rotation[4], const double translation[3]);
 OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3], const double rgb[3]);
 
-OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: they are not there */
+OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: missing */
 
 /* nerfstudio.c, opensfm.c: the whole file. */
 OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json);

@@ -147,8 +147,7 @@ static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct p
         const int p = ply_find_property(&ply->element[vertex], names[i]);
         if (p >= 0) target[p].as_double = value + (size_t)i * rows;
         else if (i < 3)
-            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %s of its points\nfix: export them once more", ply->path,
-                          names[i]);
+            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %s of its points\nfix: export them again", ply->path, names[i]);
         else
             for (size_t k = 0; k < rows; k++) value[(size_t)i * rows + k] = 0;
     }

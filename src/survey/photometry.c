@@ -126,18 +126,18 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
 }
 
 /* Mean colour of the patch. */
-static void photometry_sample_colour(const struct training_image *p, struct photometry_sample *s)
+static void photometry_sample_colour(const struct training_image *image, struct photometry_sample *s)
 {
-    const size_t plane = (size_t)p->width * (size_t)p->height;
+    const size_t plane = (size_t)image->width * (size_t)image->height;
     const int    x0 = (int)(s->x - s->size), x1 = (int)(s->x + s->size), y0 = (int)(s->y - s->size), y1 = (int)(s->y + s->size);
     double       sum[3] = {0, 0, 0};
     const double n      = (double)(x1 - x0 + 1) * (y1 - y0 + 1) * 255;
-    s->valid            = s->x >= s->size && s->y >= s->size && x1 < p->width && y1 < p->height;
+    s->valid            = s->x >= s->size && s->y >= s->size && x1 < image->width && y1 < image->height;
     for (int y = y0; y <= y1 && s->valid; y++)
         for (int x = x0; x <= x1; x++) {
-            const size_t i = (size_t)y * (size_t)p->width + (size_t)x;
-            if (p->mask && p->mask[i] < 128) s->valid = 0;
-            for (int c = 0; c < 3; c++) sum[c] += p->rgb[i + (size_t)c * plane];
+            const size_t i = (size_t)y * (size_t)image->width + (size_t)x;
+            if (image->mask && image->mask[i] < 128) s->valid = 0;
+            for (int c = 0; c < 3; c++) sum[c] += image->rgb[i + (size_t)c * plane];
         }
     for (int c = 0; c < 3 && s->valid; c++) {
         s->value[c]  = (float)(sum[c] / n);

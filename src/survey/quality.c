@@ -1,8 +1,8 @@
 /* quality.c - images that differ from those taken beside them: blurred, too dark, too bright. Before any training.
  *
- * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8 that stand nearest and
- * look the same way. The logarithm of that ratio is set against its spread over all views (median absolute deviation, 1.4826 of
- * it is a standard deviation [Rousseeuw & Croux 1993]), so a survey of uneven light flags none of its own kind.
+ * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8 nearest views with the same
+ * direction. The logarithm of that ratio is divided by its spread over all views (1.4826 times the median absolute deviation, a
+ * robust standard deviation [Rousseeuw & Croux 1993]), so uneven light that is normal in a survey is not reported.
  *
  * Invariant: no check changes what is trained. Every sum is one of integers.
  */
@@ -192,7 +192,7 @@ OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_su
     q.light                 = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.light);
     q.work                  = oxl_alloc(ctx, (size_t)views + 1, sizeof *q.work);
     if (!view || !list || !q.image || !q.sharp || !q.light || !q.work)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look at %d images", views);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d images", views);
     for (int i = 0; rc == OXL_OK && i < views; i++) list[i] = i;
     for (int i = 0; i < views && rc == OXL_OK; i++) {
         const struct training_image *image;

@@ -121,7 +121,8 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
     double                      k[4]   = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
     const double                width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
     if (!(x >= 0 && x <= width && y >= 0 && y <= height))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: pixel %g, %g lies outside of its %g x %g px\nfix: look the pixel up once more",
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: pixel %g, %g lies outside of its %g x %g px\nfix: check the coordinates of the pixel",
                         scene->view[view].name, x, y, width, height);
     if (camera) camera_intrinsics(camera, k);
     d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
@@ -130,10 +131,10 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
         d[0] += (x - pixel[0]) / k[0], d[1] += (y - pixel[1]) / k[1];
     }
     if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: no direction leads to pixel %g, %g: it is outside the range of the camera model\n"
-                        "fix: name a pixel nearer to the middle of the image",
-                        scene->view[view].name, x, y);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: pixel %g, %g is outside the range of the camera model\nfix: choose a pixel nearer to the image centre",
+            scene->view[view].name, x, y);
     camera_position(c, start);
     length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
     for (int i = 0; i < 3; i++) direction[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;

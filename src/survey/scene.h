@@ -1,4 +1,4 @@
-/* scene.h - what a scene is. Other modules read it; scene.c, scene_views.c and scene_file.c make it. */
+/* scene.h - the struct of a scene, filled by scene.c, scene_views.c and scene_file.c; other modules only read it. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 

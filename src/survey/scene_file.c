@@ -1,7 +1,7 @@
-/* scene_file.c - a survey as it was read, in one file that is mapped: its points and tracks take memory only while they are used.
+/* scene_file.c - a loaded survey in one file, which is then mapped: points and tracks take memory only while they are used.
  *
- * The file has the scene's struct and its arrays as they are in memory, so it is of one program on one kind of machine; `key` says of what
- * run. Invariant: a mapped scene has the same values as the one that was written.
+ * The file holds the scene's struct and arrays as they are in memory, so only the same build on the same kind of machine can read it; `key`
+ * identifies the run. Invariant: a mapped scene has the same values as the one that was written.
  */
 #include "scene.h"
 
@@ -50,7 +50,7 @@ static oxl_result scene_file_put(oxl_context *ctx, struct os_writer *w, const vo
     static const char zero[SCENE_FILE_ALIGN];
     const size_t      more = scene_file_padded(bytes) - bytes;
     if ((bytes == 0 || fwrite(data, 1, bytes, w->file) == bytes) && fwrite(zero, 1, more, w->file) == more) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: look for room on the disk", w->path);
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", w->path);
 }
 
 OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const char *key)

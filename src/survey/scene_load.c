@@ -144,11 +144,10 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
-        rc =
-            oxl_fail(ctx, OXL_ERR_INPUT,
-                     "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
-                     "fix: export the model once more: colmap model_converter --output_type TXT; or train what is there: --force",
-                     scene->colmap.folder);
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
+                      "fix: export the model again: colmap model_converter --output_type TXT; or train what is there: --force",
+                      scene->colmap.folder);
     if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
     scene->from_files = 1;
     scene->images     = o->images                     ? oxl_strdup(ctx, o->images)

@@ -1,4 +1,4 @@
-/* scene_views.c - the views of a survey: the rows of COLMAP's images and cameras whose image is there, with undistorted, reduced cameras.
+/* scene_views.c - the views of a survey: COLMAP's images that exist on disk, with undistorted, reduced cameras.
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
@@ -24,7 +24,7 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
     char like[256];
     if (!os_is_folder(scene->images))
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: there is no such folder, and the images should be in it\nfix: name theirs by --images",
+                        "%s: there is no such folder, but the images should be there\nfix: --images names their folder",
                         scene->images);
     survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(ctx, OXL_ERR_INPUT,
@@ -142,7 +142,7 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
                             "%s/%s:%d: %s was there before, in line %d, wanted each image once\n"
-                            "fix: export the model once more, or take one of the two out: colmap image_deleter",
+                            "fix: export the model again, or take one of the two out: colmap image_deleter",
                             c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
                             c->image[order[i - 1].image].line);
     return OXL_OK;

@@ -283,7 +283,7 @@ struct contrast {
 };
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
 
-/* ---------------------------------------------------------------- lint.c: contradictions between files that can each be read */
+/* ---------------------------------------------------------------- lint.c: contradictions between readable files */
 
 #define LINT_MISSED_SURVEY 0.1 /* share of observations outside their image from which the whole survey is reported */
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */

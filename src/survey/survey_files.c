@@ -1,6 +1,6 @@
 /* survey_files.c - paths of a survey's files: choice of COLMAP's sub-model, search for missing images.
  *
- * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with most images is used.
+ * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with the most images is used.
  *
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */
@@ -163,15 +163,16 @@ static int survey_find_is_like(const char *a, const char *b)
 
 static void survey_find_visit_entry(void *user, const char *name)
 {
-    struct survey_find_search *h    = user;
-    const char                *path = PATH(h->folder, "%s", name);
-    if (h->found[0]) return;
-    if (os_is_folder(path) && h->depth < 3) {
-        struct survey_find_search deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
-        os_list_folder(h->ctx, path, survey_find_visit_entry, &deeper);
-        memcpy(h->found, deeper.found, sizeof h->found);
-    } else if (survey_find_is_like(name, h->wanted)) {
-        snprintf(h->found, sizeof h->found, "%s", path);
+    struct survey_find_search *search = user;
+    const char                *path   = PATH(search->folder, "%s", name);
+    if (search->found[0]) return;
+    if (os_is_folder(path) && search->depth < 3) {
+        struct survey_find_search deeper = {
+            .ctx = search->ctx, .folder = path, .wanted = search->wanted, .depth = search->depth + 1};
+        os_list_folder(search->ctx, path, survey_find_visit_entry, &deeper);
+        memcpy(search->found, deeper.found, sizeof search->found);
+    } else if (survey_find_is_like(name, search->wanted)) {
+        snprintf(search->found, sizeof search->found, "%s", path);
     }
 }
 

@@ -37,7 +37,7 @@ static void archive_fail(struct archive *a, oxl_result rc, const char *what)
 {
     if (a->rc == OXL_OK)
         a->rc = oxl_fail(a->ctx, rc, "%s: %s\nfix: %s", a->path, what,
-                         rc == OXL_ERR_IO ? "look at the disk and the room on it" : "remove this file, or train with --restart");
+                         rc == OXL_ERR_IO ? "check the disk and its free space" : "remove this file, or train with --restart");
 }
 
 /* A number as the disk has it, low byte first; its own inverse. */
@@ -179,8 +179,8 @@ static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
     const char *renamed = PATH("", "%s.other", path);
     if (os_rename(path, renamed) != 0)
         return oxl_fail(ctx, OXL_ERR_IO,
-                        "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
-                        "fix: move it, or name another folder by -o",
+                        "%s belongs to a run with other options or of another version, and cannot be renamed (%s)\n"
+                        "fix: move it, or choose another folder with -o",
                         path, strerror(errno));
     oxl_log(ctx, OXL_LOG_WARNING,
             "%s is of a run with other options or of another version; it is kept as %s\n"

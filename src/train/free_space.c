@@ -108,7 +108,8 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
 {
     *carved = f->view ? oxl_alloc(ctx, model->count, sizeof **carved) : NULL;
     if (!f->view) return OXL_OK;
-    if (!*carved) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look for Gaussians in free space among %zu", model->count);
+    if (!*carved)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to find those of %zu Gaussians that are in free space", model->count);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         double p[3];

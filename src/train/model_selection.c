@@ -23,14 +23,14 @@ enum {
 /* Choice and evidence: one member of the object. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
 {
-    struct text *d = &t->decisions;
-    if (d->size > 0) text_add(d, ", ");
-    text_add_json_string(d, what);
-    text_add(d, ": {\"chosen\": ");
-    text_add_json_string(d, chosen);
-    text_add(d, ", \"evidence\": ");
-    text_add_json_string(d, why);
-    text_add(d, "}");
+    struct text *decisions = &t->decisions;
+    if (decisions->size > 0) text_add(decisions, ", ");
+    text_add_json_string(decisions, what);
+    text_add(decisions, ": {\"chosen\": ");
+    text_add_json_string(decisions, chosen);
+    text_add(decisions, ", \"evidence\": ");
+    text_add_json_string(decisions, why);
+    text_add(decisions, "}");
 }
 
 static int selection_has_record(const struct train *t, const char *quoted)

@@ -1,13 +1,12 @@
-/* nonfinite.c - values that are not finite, and images that cannot be read: detected where they appear, named, skipped or cleared,
- * and counted.
+/* nonfinite.c - values that are not finite, and images that cannot be read: logged where they appear, skipped or cleared, and counted.
  *
- *     seen in                 what is done                                                            counted in
- *     an image                it cannot be read: named, and left out from then on                     images
- *     the loss of a view      Gaussians that hold such a number, or cannot be rendered without, are      steps, cleared
- *                             cleared; the view's step is skipped
- *     a Gaussian that a view  its step is skipped, all of it; the other Gaussians take theirs. One    rows, cleared
- *     has seen, its gradient  that holds such a number itself is cleared
- *     the model at the end    such Gaussians are removed                                              cleared
+ *     found in                      action                                                                counted in
+ *     an image that cannot be read  it is left out from then on                                           images
+ *     the loss of a view            Gaussians with such a value, or with one when rendered, are cleared;  steps, cleared
+ *                                   the step is skipped
+ *     a visible Gaussian or its     its own update is skipped; other Gaussians are updated. A Gaussian    rows, cleared
+ *     gradient                      with such a value is cleared
+ *     the final model               the Gaussian is removed                                               cleared
  *
  * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by density control.
  *
@@ -102,7 +101,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
 {
     const size_t count = model->count;
     uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
-    if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look through %zu Gaussians", count);
+    if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %zu Gaussians", count);
     n->degenerate = 0;
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);
@@ -114,7 +113,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
     if (n->images > 0) oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", n->images);
     if (n->steps + n->rows + n->cleared > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "numbers that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
+                "values that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
                 n->steps, n->rows, n->cleared);
     if (n->degenerate > 0)
         oxl_log(ctx, OXL_LOG_WARNING,

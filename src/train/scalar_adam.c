@@ -1,6 +1,6 @@
 /* scalar_adam.c - Adam (Kingma & Ba 2015, Alg. 1) for single numbers: the parameters of medium and lamp.
  *
- * Exposure has its own (exposure_fit.c): other decays, and moments that are float.
+ * exposure_fit.c has its own, with other decay rates and float moments.
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"

@@ -1,5 +1,5 @@
-/* train_imaging.c - exposure, lamp and medium of a run: whether each is fitted and what it begins with, from the tracks
- * (survey/photometry.c), before the first step; what is left of them in the scene, after the last one.
+/* train_imaging.c - exposure, lamp and medium of a run: decides from the tracks (survey/photometry.c), before the first step, whether each
+ * is fitted, and sets its initial values; stores them in the scene after the last step.
  *
  * The fits are exposure_fit.c, lamp.c and medium_fit.c. Invariant: what is off changes no byte of the result.
  */

@@ -75,7 +75,7 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
     const int  most = t->options->sh_degree;
     oxl_result rc   = model_copy(t->ctx, from, t->model);
     if (rc == OXL_OK && t->model->lobes > 0)
-        oxl_log(t->ctx, OXL_LOG_WARNING, "the model to start from has second lobes: they are dropped, since Gaussians are split");
+        oxl_log(t->ctx, OXL_LOG_WARNING, "the model to start from has second lobes: they are removed, since Gaussians are split");
     if (rc == OXL_OK) model_drop_lobes(t->model);
     if (rc == OXL_OK && most >= 0 && most < t->model->sh_degree) rc = model_set_degree(t->ctx, t->model, most);
     return rc;
@@ -349,7 +349,7 @@ static oxl_result train_loop(struct train *t)
         if (rc != OXL_OK) break;
         if (step_report(t, 0)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
-            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
+            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time limit is reached", t->step, o->iterations);
             return train_save(t);
         }
         if (train_save_is_due(t)) rc = train_save(t);

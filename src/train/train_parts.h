@@ -6,14 +6,14 @@
 
 /* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
 
-/* Writes and reads: a module lists its state once, and the archive writes it or reads it back. After a failure, calls do nothing.
- * Counts are read before what they count, and are checked against what is left of the file. */
+/* A module lists its state once; the archive writes or reads it. After a failure, calls do nothing. A count is stored before its elements
+ * and is checked against the rest of the file. */
 struct archive {
     oxl_context *ctx;
     int          reading;
     const char  *path;
     FILE        *file;
-    uint64_t     sum, left; /* of the bytes written; bytes still to read */
+    uint64_t     sum, left; /* checksum so far; bytes still to read */
     oxl_result   rc;
 };
 OXL_INTERNAL void archive_int(struct archive *a, int *value);
@@ -21,30 +21,31 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
 OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
-/* When reading: the file is refused unless `is_so`. The checksum finds accidental damage, not intended changes. */
+/* Reading: refuses the file unless `is_so`. The checksum finds accidental damage, not intended changes. */
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
-OXL_INTERNAL void archive_text(struct archive *a, struct text *t);            /* reading: the text is replaced */
-OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);         /* reading: the model is replaced */
-OXL_INTERNAL int  archive_fits(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
+OXL_INTERNAL void archive_text(struct archive *a, struct text *t);    /* reading: the text is replaced */
+OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model); /* reading: the model is replaced */
+OXL_INTERNAL int  archive_fits(struct archive *a, size_t count,
+                               size_t size); /* reading: 0, and a failure, if the file is too short */
 
 typedef void            checkpoint_state(struct archive *a, void *user);
-/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key`: what the run depends on. */
+/* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the result. */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user);
-/* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
+/* Reads the newest complete checkpoint with this key. None: *found = 0, and the state is unchanged. */
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                         void *user, int *found);
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-/* Logs the context's error, which says why the image cannot be read. */
+/* Counts an unreadable image and logs the context's error, which gives the reason. */
 OXL_INTERNAL void       nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n);
 OXL_INTERNAL void       nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                           struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
-/* The loss of a view is not finite, and these rows were cleared. */
+/* Logs and counts: the loss of a view is not finite, and these rows were cleared. */
 OXL_INTERNAL void       nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                           struct renderer_nonfinite cleared);
-/* Removes such Gaussians and logs the counts. */
+/* Removes Gaussians with values that are not finite, and logs the counts. */
 OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model);
 OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *n);
 
@@ -57,12 +58,12 @@ OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
 struct density; /* statistics since the last control */
 
 struct density_rules {
-    double gradient;       /* grow at this mean |dL/d(u,v)|, in units of half an image */
-    double f_mid, f_far;   /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
-    double extent;         /* of the scene */
-    int    split_large;    /* after the first reset interval [Kerbl 2023] */
-    size_t cap;            /* on the number of Gaussians; 0: none */
-    const uint8_t *carved; /* (count) 1: to be removed; or NULL */
+    double         gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double         f_mid, f_far; /* weights of the mid and far band [paper eq. 2]; used when there are bands */
+    double         extent;       /* of the scene */
+    int            split_large;  /* after the first reset interval [Kerbl 2023] */
+    size_t         cap;          /* on the number of Gaussians; 0: none */
+    const uint8_t *carved;       /* (count) 1: to be removed; or NULL */
 };
 struct density_change {
     size_t removed, split;
@@ -72,21 +73,21 @@ OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *fro
 OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count);
-/* From now on gradients are kept apart by the depth at which they were seen; z_near 0: they are not. Clears the statistics. */
+/* From now on, separate sums of gradients per depth band; z_near 0: one sum. Clears the statistics. */
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
-/* Of a row, over the views that saw it since the statistics were cleared, without weights. */
+/* Mean over the views in which the row was visible since the statistics were cleared, without weights. */
 OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
 /* Decides which rows are split and removed; density_apply carries it out. */
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
                                        const struct density_rules *rules, struct density_change *out);
-/* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
+/* Keeps the statistics of the rows with keep (count) not 0, in order. */
 OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
 OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
-/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows, and the moments are left to it. */
+/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows and keeps the moments. */
 OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
                                       const struct density_change *change, int moved);
-/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
+/* Fills `from` of renderer_move for the decided change; returns the number of rows that keep a second lobe. */
 OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
 
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */

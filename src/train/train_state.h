@@ -10,7 +10,7 @@ enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are 
 
 struct train_deferred { /* a step that the device has not reported yet */
     int   step, view, is_trial, observed;
-    float gain[3]; /* that the step began with */
+    float gain[3]; /* at the start of the step */
 };
 
 #define TRAIN_DECIBEL_OF_E 4.342944819032518 /* 10 / ln 10: PSNR of a mean square error smaller by a factor e */
@@ -27,14 +27,14 @@ struct train {
     struct density            *density;
     struct ucd                 ucd;
     struct prune               prune;
-    double                     dropout; /* of the last step */
+    double                     dropout; /* share in the last step of the run */
     struct transients          transients;
     struct exposure            exposure;
     struct medium_fit          medium_fit;
     struct lamp_fit            lamp;
     struct free_space          free_space;
     struct track_depth         track_depth;
-    int                        sh_degree;     /* that the model is to have in the end, as far as it is decided */
+    int                        sh_degree;     /* final degree, if it is decided */
     int                        lobes;         /* enum train_lobes */
     int                        trial_is_next; /* enum train_trial: before the next step */
     int                       *view;          /* (views) training views in this epoch's order */
@@ -48,9 +48,9 @@ struct train {
     double                     loss, psnr; /* smoothed */
     double                     last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite              nonfinite;
-    int                        first_step; /* after which this process took over: 0, or that of a checkpoint */
-    double                     started;    /* when it did */
-    double                     seconds;    /* that others had spent on the run before */
+    int                        first_step; /* at which this process started: 0, or the step of a checkpoint */
+    double                     started;    /* time of that, os_seconds */
+    double                     seconds;    /* that earlier processes spent on the run */
     const struct train_output *output;     /* of its checkpoints, or NULL */
     int                        saved_step; /* step of the last checkpoint */
     double                     saved_at;   /* its time, os_seconds */
@@ -62,29 +62,29 @@ struct train {
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float              schedule_alpha_min(const struct train *t);
-/* Share of the Gaussians that the last step leaves out. */
+/* Share of the Gaussians that the last step of the run leaves out. */
 OXL_INTERNAL double             schedule_dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int                schedule_resets_opacity_at(const oxl_train_options *options, int step);
 
 /* ---------------------------------------------------------------- step.c: the parts of one step */
 
-/* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
+/* Forward, loss, backward and Adam on the next training view: the part of a step that trials execute, too. */
 OXL_INTERNAL oxl_result     step_on_next_view(struct train *t);
-/* Ends deferred steps, and downloads what a device holds. Before the host uses a step's loss, renders, or reads or changes the model. */
+/* Completes deferred steps and downloads. Call it before the host uses a step's loss, renders, or reads or changes the model. */
 OXL_INTERNAL oxl_result     step_flush(struct train *t);
 OXL_INTERNAL oxl_result     step_download(struct train *t, enum renderer_download what);
 OXL_INTERNAL oxl_result     step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
 OXL_INTERNAL oxl_result     step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 OXL_INTERNAL oxl_result     step_prune(struct train *t, double validation_loss);
 OXL_INTERNAL oxl_result     step_raise_sh_degree(struct train *t);
-/* A view's image to the renderer. OXL_ERR_INPUT: it cannot be read. */
+/* Gives a view's image to the renderer. OXL_ERR_INPUT: it cannot be read. */
 OXL_INTERNAL oxl_result     step_load_image(struct train *t, int view);
-/* The model rendered from a view, compared with its image. */
+/* Renders a view and compares it with its image. */
 OXL_INTERNAL oxl_result     step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL double         step_seconds(const struct train *t);           /* of the whole run, over all processes */
 OXL_INTERNAL int            step_report(const struct train *t, int trial); /* nonzero: the caller stops the run */
-OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* medium and lamp as they are now */
+OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* the present medium and lamp */
 
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
@@ -113,12 +113,12 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t); /* splits training and
 /* Mean loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL oxl_result
-selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
-OXL_INTERNAL void       selection_end(struct train *t); /* after the last step: the decisions of others */
+selection_trial(struct train *t); /* before a step, if trial_is_next; OXL_ERR_INTERRUPTED: the trial is to be repeated */
+OXL_INTERNAL void       selection_end(struct train *t); /* after the last step: records the decisions of other modules */
 OXL_INTERNAL void       selection_archive(struct archive *a, struct train *t);
-/* After a step, where it is due: second lobes, or the trial that decides on them. */
+/* After a step, when due: assigns second lobes, or schedules the trial that decides on them. */
 OXL_INTERNAL oxl_result selection_lobes(struct train *t);
-OXL_INTERNAL void       selection_sh_degree(struct train *t); /* the same of SH degrees */
+OXL_INTERNAL void       selection_sh_degree(struct train *t); /* the same for SH degrees */
 /* Choice and evidence of a decision, for run.json. */
 OXL_INTERNAL void       selection_record(struct train *t, const char *what, const char *chosen, const char *why);
 
@@ -126,12 +126,12 @@ OXL_INTERNAL void       selection_record(struct train *t, const char *what, cons
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks, before the first step */
 OXL_INTERNAL oxl_result
-train_imaging_start_medium(struct train *t);               /* after a step, where it is due: a medium that tracks do not give */
-OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs what was fitted, and how far it can be believed */
+                  train_imaging_start_medium(struct train *t); /* after a step, when due: a medium without evidence from tracks */
+OXL_INTERNAL void train_imaging_describe(struct train *t); /* logs the fitted values and warns where they are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t);    /* stores it in the scene, for evaluation and rendering */
 
 /* ---------------------------------------------------------------- train_loop.c */
 
-OXL_INTERNAL oxl_result train_step(struct train *t); /* one whole step, with what is due after it */
+OXL_INTERNAL oxl_result train_step(struct train *t); /* one step, and what is due after it: density control, pruning, trials */
 
 #endif

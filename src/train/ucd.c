@@ -1,7 +1,7 @@
 /* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper sec. 3.2, eq. 2).
  *
- * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient seen from between z_near and
- * z_far counts f_mid times, from beyond z_far f_far times: in density control alone, never in the optimizer.
+ * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient observed at a depth
+ * from z_near to z_far is weighted by f_mid, beyond z_far by f_far: in density control only, never in the optimizer.
  *
  * Both are fixed, or corrected during the run by SPSA (Spall 1998, "Implementation of the simultaneous perturbation algorithm for
  * stochastic optimization", IEEE Trans. AES 34(3)): no step is spent on it. For UCD_SPAN densifications both weights are moved by random
