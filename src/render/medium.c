@@ -4,8 +4,9 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define MEDIUM_MIN  0.02 /* of J: what is seen through more of the medium than this lets through is no evidence of it */
-#define MEDIUM_DARK 0.02 /* J at the start, at least */
+#define MEDIUM_MIN  0.02  /* of J: what is seen through more of the medium than this lets through is no evidence of it */
+#define MEDIUM_NEAR 1e-12 /* square of the range to a Gaussian in the camera, at least */
+#define MEDIUM_DARK 0.02  /* J at the start, at least */
 
 /* Factors of J: attenuation and, with a lamp, falloff. */
 static void medium_through(const struct medium *m, float range, float through[3])
@@ -44,7 +45,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             const int     seen   = z > 0 && x >= 0 && y >= 0 && x <= camera[v]->width && y <= camera[v]->height;
             const double  d[3]   = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
             const float   range  = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-            const double  weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
+            const double  weight = 1 / OXL_MAX(range * range, MEDIUM_NEAR); /* its size in the image */
             float         through[3], veil[3];
             medium_through(m, range, through);
             for (int c = 0; c < 3; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
