@@ -159,7 +159,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     parse_first(argc, argv, a);
     if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
-        size_t used = (size_t)snprintf(error, size, "a command is wanted:");
+        size_t used = (size_t)snprintf(error, size, "a command is expected:");
         for (int i = 1; i < COMMANDS && used < size; i++)
             used += (size_t)snprintf(error + used, size - used, " %s", CLI_COMMANDS[i].name);
         if (used < size) snprintf(error + used, size - used, "\nfix: oceanxl --help");

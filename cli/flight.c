@@ -127,7 +127,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
     const int                orbit  = strcmp(options->kind, "orbit") == 0;
     oxl_result               rc     = oxl_make_folder(ctx, options->folder);
     if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0)
-        return cli_fail(error, error_size, OXL_ERR_USAGE, "--flight: '%s' seen, orbit or survey wanted\nfix: --flight orbit",
+        return cli_fail(error, error_size, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit",
                         options->kind);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
         return cli_fail(error, error_size, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", options->kind);

@@ -86,12 +86,12 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         at += name;
         for (int k = 0; k < 2; k++) {
             pixel[k] = scale_comma(&at, end) ? json_number_at(&at) : NAN;
-            if (isnan(pixel[k])) return scale_fail(error, size, "a pixel is wanted in", text, length);
+            if (isnan(pixel[k])) return scale_fail(error, size, "a pixel is expected in", text, length);
         }
         rc = oxl_scene_ray(ctx, scene, view, pixel[0], pixel[1], r, r + 3);
         if (rc != OXL_OK) return rc;
         scale_add_ray(&e, r, r + 3);
-        if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is wanted in", text, length);
+        if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is expected in", text, length);
     }
     if (e.rays < 2 || !scale_solve(&e, out))
         return scale_fail(error, size, "an end must be visible in two images from different positions in", text, length);
@@ -112,7 +112,7 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
     const double *origin = oxl_scene_origin(scene);
     double        end[2][3], miss[2], units = 0;
     oxl_result    rc;
-    if (!colon) return scale_fail(error, size, "two ends with a colon between are wanted, seen", bar, strlen(bar));
+    if (!colon) return scale_fail(error, size, "expected two ends with a colon between, found", bar, strlen(bar));
     rc = scale_read_end(ctx, scene, bar, (size_t)(colon - bar), end[0], &miss[0], error, size);
     if (rc == OXL_OK) rc = scale_read_end(ctx, scene, colon + 1, strlen(colon + 1), end[1], &miss[1], error, size);
     if (rc != OXL_OK) return rc;
@@ -126,7 +126,7 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
         if (miss[i] > SCALE_MISS * units)
             return cli_fail(error, size, OXL_ERR_INPUT,
                             "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most "
-                            "%.0f %% are wanted\nfix: mark the same point in all of its images, and check their poses",
+                            "%.0f %% are expected\nfix: mark the same point in all of its images, and check their poses",
                             i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);
     for (int i = 0; i < 2; i++)
         fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1, end[i][0] + origin[0],

@@ -39,7 +39,7 @@ static oxl_result study_wrong_row(struct study *s, const char *name, size_t leng
     char  *error = s->meter.error;
     size_t room  = s->meter.error_size, size;
     size         = (size_t)snprintf(error, room,
-                                    "--rows: '%.*s' seen, each of these at most once wanted:", length > 40 ? 40 : (int)length, name);
+                                    "--rows: found '%.*s', expected each of these at most once:", length > 40 ? 40 : (int)length, name);
     for (int i = s->kind->has_baseline; i < s->kind->rows && size < room; i++)
         size += (size_t)snprintf(error + size, room - size, " %s", s->kind->row[i].name);
     if (size < room) snprintf(error + size, room - size, "\nfix: --rows with some of them, joined by commas");
@@ -53,7 +53,7 @@ static oxl_result study_choose_row(struct study *s, const char *name, size_t len
     if (study_row_index(s, row->name) >= 0) return OXL_OK;
     if (row->like && study_row_index(s, row->like) < 0)
         return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE,
-                        "--rows: %s seen without %s before it, which it is made equal to\nfix: --rows %s,%s", row->name,
+                        "--rows: found %s without %s before it, which it is compared with\nfix: --rows %s,%s", row->name,
                         row->like, row->like, row->name);
     s->row[s->rows++] = row;
     return OXL_OK;
@@ -64,8 +64,8 @@ static oxl_result study_choose_rows(struct study *s)
     oxl_result  rc   = OXL_OK;
     const char *rows = s->options->rows;
     if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS)
-        return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE, "--seeds: %d seen, 1 to %d wanted", s->options->seeds,
-                        STUDY_SEEDS);
+        return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE, "--seeds: found %d, expected 1 to %d",
+                        s->options->seeds, STUDY_SEEDS);
     if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)

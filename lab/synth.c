@@ -353,14 +353,14 @@ static void synth_write_model(const struct synth_run *s, struct output *t)
 {
     const synth_options *o      = s->options;
     const v3             origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
-    output_add(t, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
+    output_add(t, "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
                   "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
                   "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
                   "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
                   "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
                   "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
                   "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                  "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                  "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
                   "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
                   "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
     if (o->fish > 0)

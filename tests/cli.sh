@@ -21,7 +21,7 @@ promise() {
         echo "ok   $name"
     else
         failed=$((failed + 1))
-        echo "FAIL $name: exit $seen, wanted $code with '$words'; it printed:"
+        echo "FAIL $name: exit $seen, expected $code with '$words'; it printed:"
         head -n 20 out.txt err.txt
     fi
 }
@@ -108,22 +108,22 @@ promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
 promise total_iterations_is_another_name_of_iterations 3 "nowhere" on_stderr "$program" check nowhere --total-iterations 5
 promise former_names_are_read_with_a_warning 3 "--haste is the former name of --short-run-exponent" on_stderr "$program" check nowhere --haste 0
-promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
+promise no_iterations_is_refused_for_that_alone 2 "option --iterations: found '0', expected a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
 promise bash_completion_offers_the_options_of_the_command 0 "--flight" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl render --fli); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
 promise zsh_has_the_same_completion 0 "_bash_complete" sh -c "'$program' --completion >completion; if command -v zsh >/dev/null; then zsh -f -c 'autoload -U compinit; compinit -u -d zcompdump; . ./completion; echo \$_comps[oceanxl]'; else grep bashcompinit completion && echo _bash_complete; fi"
-promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
+promise no_command_is_a_usage_error 2 "a command is expected" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
 promise option_of_another_command_is_refused 2 "option '--depth' is not known" "$program" train survey -o out --depth
 promise missing_scene_is_a_usage_error 2 "needs SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
-promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=-3
+promise wrong_value_is_shown 2 "found '-3'" "$program" train s -o o --iterations=-3
 promise missing_sparse_folder_is_named 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere
-promise endless_numbers_are_refused 2 "'1e999' seen" "$program" render m.ply s -o o --scale 1e999
-promise endless_places_are_refused 2 "'0,1e999,0' seen" "$program" synth -o o --origin 0,1e999,0
-promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
+promise endless_numbers_are_refused 2 "found '1e999'" "$program" render m.ply s -o o --scale 1e999
+promise endless_places_are_refused 2 "found '0,1e999,0'" "$program" synth -o o --origin 0,1e999,0
+promise wrong_unit_is_refused 2 "found '20q'" "$program" train s -o o --max-time 20q
 promise one_argument_too_many_is_refused 2 "one argument too many" "$program" eval a b c
 promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
 # Without /proc (a folder that chroot was called with) the program does not know what to call again, and they do as OpenMP likes.
@@ -177,7 +177,7 @@ done
 promise the_lock_of_a_killed_run_is_taken_over 0 "its lock is taken over" "$program" train survey -o busy --iterations 20 --restart
 promise a_finished_run_leaves_no_lock 0 "" sh -c '! find . -name .lock | grep .'
 promise more_threads_than_processors_are_not_used 0 "processor" on_stderr "$program" check survey --threads 1000
-promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
+promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads requested" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
 promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
 promise a_signal_before_training_stops_the_run 130 "interrupted before anything was trained" on_stderr stopped_early "$program" train long -o early
 promise partition_stops_in_good_order 130 "interrupted" on_stderr stopped_early "$program" partition long -o early
@@ -228,7 +228,7 @@ promise a_flight_refuses_a_frame_that_it_did_not_write 3 "no earlier render wrot
 promise a_flight_refuses_a_frame_that_would_follow_its_last 3 "no earlier render wrote it" "$program" render out/scene.ply survey -o film --path survey --frames 1
 promise the_foreign_frame_is_kept 0 "mine" cat film/frame_00001.png
 promise render_refuses_a_file_that_it_did_not_write 3 "no earlier render wrote it" sh -c "mkdir pictures && echo mine >pictures/$first.png && '$program' render out/scene.ply survey -o pictures"
-promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --flight home
+promise render_refuses_another_path 2 "expected orbit or survey" "$program" render out/scene.ply survey -o flight --flight home
 promise a_closed_pipe_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --flight orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0

@@ -24,7 +24,7 @@ cd "$folder"
 count() { "$transform" -q "$1" null --info json | sed -n 's/.*"numGaussians": \([0-9]*\).*/\1/p'; }
 wanted=$("$program" info out/scene.ply --json | sed -n 's/.*"gaussians": \([0-9]*\).*/\1/p')
 for file in out/scene.ply out/scene_standard.ply scene.splat; do
-    [ "$(count $file)" = "$wanted" ] || { echo "FAIL splat-transform counts $(count $file) Gaussians in $file, wanted $wanted"; exit 1; }
+    [ "$(count $file)" = "$wanted" ] || { echo "FAIL splat-transform counts $(count $file) Gaussians in $file, expected $wanted"; exit 1; }
     echo "ok   splat-transform reads $file"
 done
 [ -n "$(count flat/scene.ply)" ] && [ "$(count flat/scene.ply)" = "$(count flat/scene_standard.ply)" ] && echo "ok   splat-transform reads one band of harmonics"
@@ -46,7 +46,7 @@ for file in back unpacked; do
     psnr out/scene_standard.ply >ours.txt
     psnr placed.ply >theirs.txt
     awk -v name=$file 'NR == FNR { ours = $1; next } { seen = 1; d = ours - $1; if (d < 0) d = -d; limit = name == "back" ? 0.001 : 0.5
-        print (d <= limit ? "ok  " : "FAIL"), "render of", name ".ply, as splat-transform wrote it:", $1, "dB, wanted", ours; bad = d > limit } END { exit bad || !seen }' ours.txt theirs.txt
+        print (d <= limit ? "ok  " : "FAIL"), "render of", name ".ply, as splat-transform wrote it:", $1, "dB, expected", ours; bad = d > limit } END { exit bad || !seen }' ours.txt theirs.txt
 done
 
 # SPZ has y up, and its readers leave that; half a turn about x takes it back.
@@ -56,7 +56,7 @@ if [ -n "${SPZ_TO_PLY:-}" ]; then "$SPZ_TO_PLY" scene.spz reference.ply >/dev/nu
 for file in from_*.ply; do
     LC_ALL=C sed "1,/^format/s/^\(format.*\)/\1\n$origin/" "$file" >placed.ply
     printf '%s %s\n' "$(psnr scene.spz)" "$(psnr placed.ply)" | awk -v name="$file" '{ d = $1 - $2; bad = !(NF == 2 && d * d < 1e-4)
-        print (bad ? "FAIL" : "ok  "), "scene.spz read by another library,", name ":", $2, "dB, wanted", $1; exit bad }'
+        print (bad ? "FAIL" : "ok  "), "scene.spz read by another library,", name ":", $2, "dB, expected", $1; exit bad }'
 done
 
 # GLB has y up by half a turn about x, theirs by one about z.

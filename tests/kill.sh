@@ -105,7 +105,7 @@ damage() { # the newer checkpoint loses its end, the run continues from the olde
     stop_at checkpoint.prev.oxl "$1" || return 1
     checkpoint=$1/blocks/000/checkpoint.oxl
     head -c 5000 "$checkpoint" >cut && cp cut "$checkpoint"
-    "$program" train survey -o "$1" 2>&1 | grep "is not whole"
+    "$program" train survey -o "$1" 2>&1 | grep "is damaged (wrong checksum)"
 }
 promise a_damaged_checkpoint_is_noticed damage damaged
 promise and_the_bytes_are_the_same same reference damaged

@@ -34,14 +34,14 @@ extern const char  *test_skip;   /* why the running test was skipped, or NULL */
     } while (0)
 
 /* |a - b| <= tolerance; not-a-number fails. */
-#define CHECK_CLOSE(a, b, tolerance)                                                                                 \
-    do {                                                                                                             \
-        const double check_a = (a), check_b = (b);                                                                   \
-        if (!(fabs(check_a - check_b) <= (tolerance))) {                                                             \
-            test_failed++;                                                                                           \
-            printf("  %s:%d: %s = %.9g, wanted %s = %.9g within %g\n", __FILE__, __LINE__, #a, check_a, #b, check_b, \
-                   (double)(tolerance));                                                                             \
-        }                                                                                                            \
+#define CHECK_CLOSE(a, b, tolerance)                                                                                   \
+    do {                                                                                                               \
+        const double check_a = (a), check_b = (b);                                                                     \
+        if (!(fabs(check_a - check_b) <= (tolerance))) {                                                               \
+            test_failed++;                                                                                             \
+            printf("  %s:%d: %s = %.9g, expected %s = %.9g within %g\n", __FILE__, __LINE__, #a, check_a, #b, check_b, \
+                   (double)(tolerance));                                                                               \
+        }                                                                                                              \
     } while (0)
 
 /* The text holds the words. */

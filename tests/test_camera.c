@@ -91,7 +91,7 @@ TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)
     oxl_camera                 ideal;
     CHECK(camera_is_distorted(&c));
     CHECK(camera_undistorted(test_ctx, &c, &ideal) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "cameras.txt:4: camera 1 (EQUIRECTANGULAR) sees all around");
+    CHECK_TEXT(oxl_error_text(test_ctx), "cameras.txt:4: camera 1 (EQUIRECTANGULAR) is a 360-degree camera");
     CHECK_TEXT(oxl_error_text(test_ctx), "panorama_sfm.py");
 }
 
@@ -207,7 +207,7 @@ TEST(camera_invalid_values_are_refused_with_a_fix)
     } cases[] = {
         {"PINHOLE", 640, 4, {-500, 500, 320, 240}, "focal length -500"},
         {"PINHOLE", 640, 4, {500, 0, 320, 240}, "focal length 500, 0"},
-        {"PINHOLE", 640, 4, {500, 1.27, 320, 240}, "wanted 1.28 (half a turn of view) to 1e9"},
+        {"PINHOLE", 640, 4, {500, 1.27, 320, 240}, "expected 1.28 (half a turn of view) to 1e9"},
         {"SIMPLE_PINHOLE", 2000000, 3, {500, 320, 240}, "2000000 x 480"},
         {"SIMPLE_RADIAL", 640, 4, {500, 700, 240, -0.1}, "outside of its 640 x 480"},
         {"SIMPLE_RADIAL", 640, 4, {500, 320, 240, -1e6}, "leaves no image"},

@@ -442,26 +442,26 @@ TEST(colmap_of_an_incomplete_binary_model_the_missing_file_is_named)
 TEST(colmap_an_unknown_camera_model_leads_to_the_undistorter)
 {
     const char *text = colmap_refused_cameras("# x\n1 THICK_PRISM 640 480 1 2 3 4 5 6 7 8 9 10 11 12\n");
-    CHECK_TEXT(text, "cameras.txt:2: seen 'THICK_PRISM'");
+    CHECK_TEXT(text, "cameras.txt:2: found 'THICK_PRISM'");
     CHECK_TEXT(text, "SIMPLE_PINHOLE");
     CHECK_TEXT(text, "colmap image_undistorter");
 }
 
 TEST(colmap_sizes_and_focal_lengths_must_be_positive)
 {
-    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 0 480 500 500 320 240\n"), "cameras.txt:1: seen '0', wanted WIDTH");
-    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 -480 500 500 320 240\n"), "seen '-480', wanted HEIGHT");
-    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 99999999999 480 500 500 320 240\n"), "seen '99999999999', wanted WIDTH");
-    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 -500 320 240\n"), "seen '-500', wanted a focal length");
-    CHECK_TEXT(colmap_refused_cameras("1 SIMPLE_RADIAL 640 480 0 320 240 0\n"), "seen '0', wanted a focal length");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 0 480 500 500 320 240\n"), "cameras.txt:1: found '0', expected WIDTH");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 -480 500 500 320 240\n"), "found '-480', expected HEIGHT");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 99999999999 480 500 500 320 240\n"), "found '99999999999', expected WIDTH");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 -500 320 240\n"), "found '-500', expected a focal length");
+    CHECK_TEXT(colmap_refused_cameras("1 SIMPLE_RADIAL 640 480 0 320 240 0\n"), "found '0', expected a focal length");
 }
 
 TEST(colmap_intrinsics_must_be_finite_and_as_many_as_the_model_has)
 {
     CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 -nan(ind) 500 320 240\n"),
-               "seen '-nan(ind)', wanted PARAMS, a finite number");
-    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320\n"), "seen the end of the line, wanted PARAMS");
-    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320 240 0.1\n"), "seen '0.1', wanted the end of the line");
+               "found '-nan(ind)', expected PARAMS, a finite number");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320\n"), "found the end of the line, expected PARAMS");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320 240 0.1\n"), "found '0.1', expected the end of the line");
 }
 
 TEST(colmap_each_id_comes_once)
@@ -485,39 +485,40 @@ TEST(colmap_an_image_without_its_camera_is_refused_with_the_ids_that_are_there)
 
 TEST(colmap_a_pose_must_be_finite_and_a_rotation)
 {
-    CHECK_TEXT(colmap_refused_images("7 nan 0 0 0 0 0 0 1 b.jpg\n"), "images.txt:1: seen 'nan', wanted QW, a finite number");
-    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 inf 0 1 b.jpg\n"), "seen 'inf', wanted TY, a finite number");
-    CHECK_TEXT(colmap_refused_images("7 0 0 0 0 0 0 0 1 b.jpg\n"), "seen the quaternion 0 0 0 0");
-    CHECK_TEXT(colmap_refused_images("7 1e200 1e200 0 0 0 0 0 1 b.jpg\n"), "wanted a rotation");
+    CHECK_TEXT(colmap_refused_images("7 nan 0 0 0 0 0 0 1 b.jpg\n"), "images.txt:1: found 'nan', expected QW, a finite number");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 inf 0 1 b.jpg\n"), "found 'inf', expected TY, a finite number");
+    CHECK_TEXT(colmap_refused_images("7 0 0 0 0 0 0 0 1 b.jpg\n"), "found the quaternion 0 0 0 0");
+    CHECK_TEXT(colmap_refused_images("7 1e200 1e200 0 0 0 0 0 1 b.jpg\n"), "expected a rotation");
 }
 
 TEST(colmap_a_truncated_line_is_named)
 {
-    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0\n"), "images.txt:1: seen the end of the line, wanted TZ");
-    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1\n"), "images.txt:1: seen the end of the line, wanted NAME");
-    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 b.jpg\n"), "images.txt:1: seen 'b.jpg', wanted CAMERA_ID");
-    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5\n"), "points3D.txt:1: seen the end of the line, wanted B");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0\n"), "images.txt:1: found the end of the line, expected TZ");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1\n"), "images.txt:1: found the end of the line, expected NAME");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 b.jpg\n"), "images.txt:1: found 'b.jpg', expected CAMERA_ID");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5\n"), "points3D.txt:1: found the end of the line, expected B");
 }
 
 TEST(colmap_a_track_comes_in_pairs)
 {
     CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 0 5\n"),
-               "points3D.txt:1: seen the end of the line, wanted POINT2D_IDX");
-    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 -1\n"), "seen '-1', wanted POINT2D_IDX");
+               "points3D.txt:1: found the end of the line, expected POINT2D_IDX");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 -1\n"), "found '-1', expected POINT2D_IDX");
 }
 
 TEST(colmap_colours_are_bytes)
 {
-    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 256 6 0.5\n"), "points3D.txt:1: seen '256', wanted G, an integer from 0 to 255");
-    CHECK_TEXT(colmap_refused_points("9 1 2 3 0.5 5 6 0.5\n"), "seen '0.5', wanted R");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 256 6 0.5\n"),
+               "points3D.txt:1: found '256', expected G, an integer from 0 to 255");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 0.5 5 6 0.5\n"), "found '0.5', expected R");
 }
 
 TEST(colmap_a_decimal_comma_is_explained)
 {
     CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500,25 500,5 320 240\n"),
-               "cameras.txt:1: seen '500,25', a decimal comma");
+               "cameras.txt:1: found '500,25', a decimal comma");
     CHECK_TEXT(colmap_refused_images("7 0,99 0,01 0 0 0 0 0 1 b.jpg\n"), "LC_ALL=C");
-    CHECK_TEXT(colmap_refused_points("9 1,5 2 3 4 5 6 0.5\n"), "points3D.txt:1: seen '1,5', a decimal comma");
+    CHECK_TEXT(colmap_refused_points("9 1,5 2 3 4 5 6 0.5\n"), "points3D.txt:1: found '1,5', a decimal comma");
 }
 
 TEST(colmap_no_name_leads_out_of_the_image_folder)
@@ -529,7 +530,7 @@ TEST(colmap_no_name_leads_out_of_the_image_folder)
     struct colmap            c;
     for (size_t i = 0; i < OXL_COUNT(bad); i++) {
         snprintf(images, sizeof images, "7 1 0 0 0 0 0 0 1 %s\n", bad[i]);
-        CHECK_TEXT(colmap_refused_images(images), "images.txt:1: seen the name");
+        CHECK_TEXT(colmap_refused_images(images), "images.txt:1: found the name");
         CHECK_TEXT(oxl_error_text(test_ctx), bad[i]);
     }
     for (size_t i = 0; i < OXL_COUNT(good); i++) {
@@ -541,8 +542,8 @@ TEST(colmap_no_name_leads_out_of_the_image_folder)
 
 TEST(colmap_files_without_cameras_or_images_are_refused)
 {
-    CHECK_TEXT(colmap_refused_cameras("# nothing\n"), "cameras.txt:1: seen the end of the file, wanted a camera");
-    CHECK_TEXT(colmap_refused_images(""), "wanted an image");
+    CHECK_TEXT(colmap_refused_cameras("# nothing\n"), "cameras.txt:1: found the end of the file, expected a camera");
+    CHECK_TEXT(colmap_refused_images(""), "expected an image");
 }
 
 TEST(colmap_text_in_utf16_is_explained)
@@ -668,7 +669,7 @@ TEST(colmap_an_error_names_its_line_whatever_the_window)
     struct text points = {.ctx = test_ctx};
     colmap_add_points(&points); /* 1001 lines */
     text_add(&points, "5 1 2 3 4 5 6 0.5 7 0\n7 1 2 x 4 5 6 0.5\n7 1 2 y 4 5 6 0.5\n");
-    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: seen 'x', wanted Z");
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: found 'x', expected Z");
     text_free(&points);
 }
 
@@ -698,7 +699,7 @@ TEST(colmap_a_place_in_a_track_has_32_bits)
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 0.5 +7 4294967295 0000000005 7\n", &c));
     CHECK(c.track_count == 2 && c.track[0].observation == 4294967295u && c.image[c.track[1].image_row].id == 5);
     colmap_free(test_ctx, &c);
-    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 4294967296\n"), "seen '4294967296', wanted POINT2D_IDX");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 4294967296\n"), "found '4294967296', expected POINT2D_IDX");
 }
 
 TEST(colmap_records_the_offset_of_the_text_of_2d_points)

@@ -268,7 +268,7 @@ TEST(colmap_binary_huge_counts_are_refused_before_memory_is_taken)
     for (int f = 0; f < 3; f++) {
         binary_good();
         binary_replace(binary_names[f], many, sizeof many);
-        CHECK_TEXT(binary_refused(), "seen the number 1152921504606846975 where 56 bytes follow");
+        CHECK_TEXT(binary_refused(), "found the number 1152921504606846975 where 56 bytes follow");
     }
 }
 
@@ -279,7 +279,7 @@ TEST(colmap_binary_a_track_leaves_room_for_the_points_that_follow)
     points[8]      = 1;  /* id */
     points[8 + 43] = 12; /* of 102 bytes that two points need */
     binary_replace("points3D.bin", points, sizeof points);
-    CHECK_TEXT(binary_refused(), "byte 51, record 1: seen the number 12 where 102 bytes and as many points as 2 follow");
+    CHECK_TEXT(binary_refused(), "byte 51, record 1: found the number 12 where 102 bytes and as many points as 2 follow");
 }
 
 TEST(colmap_binary_empty_and_random_files_are_refused)
@@ -288,7 +288,7 @@ TEST(colmap_binary_empty_and_random_files_are_refused)
     for (int f = 0; f < 3; f++) {
         binary_good();
         binary_replace(binary_names[f], "", 0);
-        CHECK_TEXT(binary_refused(), "byte 0, record 0: seen the end of the file");
+        CHECK_TEXT(binary_refused(), "byte 0, record 0: found the end of the file");
         for (uint64_t seed = 1; seed < 20; seed++) {
             for (size_t i = 0; i < sizeof noise; i++) noise[i] = (char)random_bits(seed, i, 0);
             binary_replace(binary_names[f], noise, sizeof noise);
@@ -302,13 +302,13 @@ TEST(colmap_binary_an_unknown_camera_model_leads_to_the_undistorter)
     unsigned char cameras[64] = {1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 18, 0, 0, 0, 100, 0, 0, 0, 0, 0, 0, 0, 100};
     binary_good();
     binary_replace("cameras.bin", cameras, sizeof cameras);
-    CHECK_TEXT(binary_refused(), "byte 12, record 1: seen the camera model 18, wanted 0 to 17 (SIMPLE_PINHOLE, ");
+    CHECK_TEXT(binary_refused(), "byte 12, record 1: found the camera model 18, expected 0 to 17 (SIMPLE_PINHOLE, ");
     CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_undistorter");
 }
 
 TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
 {
-    static const char *const wrong[][2] = {{"../b.jpg", "wanted a path inside the image folder"},
+    static const char *const wrong[][2] = {{"../b.jpg", "expected a path inside the image folder"},
                                            {"b\nc.jpg", "a line end in a name"}};
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
         struct colmap c;
@@ -327,7 +327,7 @@ TEST(colmap_binary_incomplete_models_are_named_by_what_is_missing)
     binary_good();
     CHECK(remove(test_path("binary/images.bin")) == 0);
     CHECK(colmap_read(test_ctx, test_path("binary"), &c) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, wanted a COLMAP model");
+    CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, expected a COLMAP model");
 }
 
 /* ---------------------------------------------------------------- order */

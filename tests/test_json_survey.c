@@ -168,22 +168,22 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
         cut[size] = 0;
         jsurvey_refused("transforms.json", cut);
     }
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"), "seen none for the images");
+    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"), "found none for the images");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"frames\": [" JSURVEY_FRAME "]}"),
-               "record 1: seen none for w and h");
+               "record 1: found none for w and h");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"h\": 48, \"frames\": [" JSURVEY_FRAME "]}"),
                "a parameter that is missing");
     CHECK_TEXT(jsurvey_refused("transforms.json",
                                "{\"camera_model\": \"ORTHOPHOTO\", " JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}"),
-               "seen ORTHOPHOTO for camera_model");
+               "found ORTHOPHOTO for camera_model");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"k4\": 0.1, \"frames\": [" JSURVEY_FRAME "]}"),
                "k4 of OPENCV");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
                                                   "\"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-               "seen no rotation");
+               "found no rotation");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"../a.png\", "
                                                   "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
-               "wanted a path inside the image folder");
+               "expected a path inside the image folder");
 }
 
 TEST(opensfm_that_is_wrong_is_refused_with_the_record)
@@ -192,11 +192,11 @@ TEST(opensfm_that_is_wrong_is_refused_with_the_record)
     CHECK_TEXT(jsurvey_refused("reconstruction.json",
                                "[{\"cameras\": {\"c\": {\"projection_type\": \"dual\", \"width\": 8, \"height\": 8}}, "
                                "\"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
-               "record 1: seen dual for projection_type");
+               "record 1: found dual for projection_type");
     CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": {}, \"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
                "a name that is not among the cameras");
-    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[]"), "seen none for the images");
-    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": [1], \"shots\": [2]}]"), "seen none for the images");
+    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[]"), "found none for the images");
+    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": [1], \"shots\": [2]}]"), "found none for the images");
 }
 
 TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)

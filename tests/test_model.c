@@ -275,7 +275,7 @@ TEST(model_read_takes_lobes_in_any_order_and_brings_their_rows_to_the_front)
 TEST(model_read_refuses_lobes_of_vertices_that_are_not_there_or_were_named_before)
 {
     static const char *const rows[]  = {"0 0 0 0 4\n0 0 0 0 1", "0 0 0 0 1\n0 0 0 0 -1", "0 0 0 0 1\n0 0 0 0 1"};
-    static const char *const words[] = {"row 0: vertex_index is 4, wanted a whole number below 4", "row 1: vertex_index is -1",
+    static const char *const words[] = {"row 0: vertex_index is 4, expected a whole number below 4", "row 1: vertex_index is -1",
                                         "row 1: vertex_index 1 was there before"};
     oxl_model                m;
     for (int i = 0; i < 3; i++) {
@@ -627,7 +627,7 @@ TEST(model_read_explains_files_that_are_no_models)
     model_test_refused("element vertex 0\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n",
                        "no property 'f_dc_0'; it has: x y z red", "this is a point cloud");
     model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED "property float opacity\nproperty float f_rest_0\n",
-                       "1 properties f_rest_*, wanted 0, 9, 24 or 45", "fix:");
+                       "1 properties f_rest_*, expected 0, 9, 24 or 45", "fix:");
     CHECK(oxl_model_read(test_ctx, test_path("missing.ply"), &m) != OXL_OK && !m.memory);
     CHECK_TEXT(oxl_error_text(test_ctx), "missing.ply");
 }
@@ -651,7 +651,7 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                                        "property float opacity\nend_header\n"),
                             &m));
     CHECK(m.origin[0] == 0 && m.origin[1] == 0);
-    CHECK_TEXT(model_test_warning, "wanted origin X Y Z, each within 1e+15");
+    CHECK_TEXT(model_test_warning, "expected origin X Y Z, each within 1e+15");
     oxl_model_free(test_ctx, &m);
 }
 
@@ -734,7 +734,7 @@ TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_fi
     oxl_model_free(test_ctx, &m);
     CHECK_OK(os_write_file(test_ctx, path, bytes, 33));
     CHECK(oxl_model_read(test_ctx, path, &m) == OXL_ERR_INPUT && !m.memory);
-    CHECK_TEXT(oxl_error_text(test_ctx), "33 bytes, wanted a multiple of 32");
+    CHECK_TEXT(oxl_error_text(test_ctx), "33 bytes, expected a multiple of 32");
 }
 
 TEST(model_read_refuses_more_lobes_than_vertices_before_any_memory_is_taken)

@@ -179,7 +179,7 @@ TEST(spz_that_is_cut_or_damaged_is_refused_with_a_fix)
     }
     test_write("v4.spz", "NGSP and then some zstd");
     CHECK(oxl_model_read(test_ctx, test_path("v4.spz"), &back) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "seen SPZ version 4 (zstd), wanted version 2 or 3");
+    CHECK_TEXT(oxl_error_text(test_ctx), "found SPZ version 4 (zstd), expected version 2 or 3");
     oxl_free(test_ctx, copy);
     os_release_file(test_ctx, &map);
     oxl_model_free(test_ctx, &m);

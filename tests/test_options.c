@@ -68,25 +68,25 @@ static void options_test_refusal(const char *name, const char *text, const char 
     oxl_option_get(oxl_option_find(name), &o, before, sizeof before);
     CHECK(oxl_option_set(oxl_option_find(name), &o, text, error, sizeof error) == OXL_ERR_USAGE);
     CHECK(strcmp(oxl_option_get(oxl_option_find(name), &o, after, sizeof after), before) == 0);
-    snprintf(start, sizeof start, "option --%s: '%s' seen, ", name, text);
+    snprintf(start, sizeof start, "option --%s: found '%s', ", name, text);
     CHECK(strncmp(error, start, strlen(start)) == 0);
     CHECK_TEXT(error, words);
     CHECK_TEXT(error, "\nfix: --");
 }
 
-TEST(options_that_cannot_be_are_refused_with_value_seen_value_wanted_and_a_fix)
+TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fix)
 {
-    options_test_refusal("iterations", "0", "a whole number from 1 to 2147483647 wanted\nfix: --iterations 2000");
+    options_test_refusal("iterations", "0", "a whole number from 1 to 2147483647\nfix: --iterations 2000");
     options_test_refusal("iterations", "-3", "from 1");
     options_test_refusal("iterations", "2e3", "whole");
-    options_test_refusal("sh-degree", "4", "auto or a whole number from 0 to 3 wanted");
-    options_test_refusal("cooldown", "1.5", "a number from 0 to 1 wanted");
+    options_test_refusal("sh-degree", "4", "expected auto or a whole number from 0 to 3");
+    options_test_refusal("cooldown", "1.5", "expected a number from 0 to 1");
     options_test_refusal("cooldown", "nan", "a number");
     options_test_refusal("alpha-min", "0.06", "0.05");
     options_test_refusal("alpha-min", "1/0", "0.05");
     options_test_refusal("ram", "4Q", "a size as 512M or 4G");
     options_test_refusal("max-time", "20q", "a time as 90s");
-    options_test_refusal("dog", "some", "off|selective|all|auto wanted");
+    options_test_refusal("dog", "some", "expected off|selective|all|auto");
     options_test_refusal("dog-threshold", "101%", "T|SHARE%");
     options_test_refusal("dog-threshold", "9#0%", "T|SHARE%"); /* 1.#IND is not a number in files */
     options_test_refusal("ucd", "3,2", "MID,FAR");
@@ -100,12 +100,12 @@ TEST(options_check_names_the_one_that_is_out_of_range)
     oxl_job_options o  = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.iterations = 0;
     CHECK(oxl_job_options_check(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "option --iterations: '0' seen");
+    CHECK_TEXT(oxl_error_text(test_ctx), "option --iterations: found '0'");
     CHECK(!strstr(oxl_error_text(test_ctx), "degree"));
     o                = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.cooldown = NAN;
     CHECK(oxl_train_options_check(test_ctx, &o.train) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "option --cooldown: 'nan' seen");
+    CHECK_TEXT(oxl_error_text(test_ctx), "option --cooldown: found 'nan'");
 }
 
 TEST(options_read_their_former_names)

@@ -528,10 +528,10 @@ TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
     static const struct {
         const char *text, *words;
     } broken[] = {
-        {"", "wanted FRAME"},
+        {"", "expected FRAME"},
         {"FRAME 2 1 0 0 0 1\n", "partition.txt:1"},
         {"# x\nFRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n", "a block or more"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n1 0 0 0\n", "partition.txt:2: seen"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n1 0 0 0\n", "partition.txt:2: found"},
         {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 nan 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1\n", "a number"},
         {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 -5 1 0 5 0 0 0 1 1 1\n", "a count"},
         {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1 9\n", "the end of the line"}};

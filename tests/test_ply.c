@@ -181,24 +181,25 @@ TEST(ply_lists_are_stepped_over_in_each_format)
 
 TEST(ply_headers_that_are_wrong_are_refused_with_file_line_and_what_was_seen)
 {
-    ply_test_refused("", "bad.ply:1: seen '', wanted a PLY file");
-    ply_test_refused("solid cube\n", "bad.ply:1: seen 'solid cube', wanted a PLY file");
+    ply_test_refused("", "bad.ply:1: found '', expected a PLY file");
+    ply_test_refused("solid cube\n", "bad.ply:1: found 'solid cube', expected a PLY file");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n1\n",
-                     "bad.ply:5: seen '1', wanted format, comment");
-    ply_test_refused("ply\nformat ascii 1.0\ncomment no end", "bad.ply:3: seen 'comment no end', wanted more lines");
+                     "bad.ply:5: found '1', expected format, comment");
+    ply_test_refused("ply\nformat ascii 1.0\ncomment no end", "bad.ply:3: found 'comment no end', expected more lines");
     ply_test_refused("ply\nformat ascii 1.0\n", "no end_header");
-    ply_test_refused("ply\nend_header\n", "bad.ply:2: seen 'end_header', wanted a format line");
+    ply_test_refused("ply\nend_header\n", "bad.ply:2: found 'end_header', expected a format line");
     ply_test_refused("ply\nformat binary_middle_endian 1.0\nend_header\n", "binary_middle_endian");
-    ply_test_refused("ply\nformat ascii 2.0\nend_header\n", "bad.ply:2: seen 'format ascii 2.0', wanted version 1.0");
-    ply_test_refused("ply\nformat ascii 1.0\nproperty float x\nend_header\n", "wanted an element before its properties");
+    ply_test_refused("ply\nformat ascii 2.0\nend_header\n", "bad.ply:2: found 'format ascii 2.0', expected version 1.0");
+    ply_test_refused("ply\nformat ascii 1.0\nproperty float x\nend_header\n", "expected an element before its properties");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty half x\nend_header\n",
-                     "bad.ply:4: seen 'property half x', wanted a type");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty float\nend_header\n", "wanted a name");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty list float int x\nend_header\n", "wanted a whole number");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex\nend_header\n", "wanted element NAME COUNT");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "wanted a count of rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1e6\nend_header\n", "wanted a count of rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\nend_header\n", "wanted a count of rows");
+                     "bad.ply:4: found 'property half x', expected a type");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty float\nend_header\n", "expected a name");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty list float int x\nend_header\n",
+                     "expected a whole number");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex\nend_header\n", "expected element NAME COUNT");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "expected a count of rows");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1e6\nend_header\n", "expected a count of rows");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\nend_header\n", "expected a count of rows");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float "
                      "a234567890b234567890c234567890d234567890e234567890f234567890g234\nend_header\n",
                      "less than 64 letters");
@@ -248,13 +249,13 @@ TEST(ply_data_that_end_early_or_are_no_numbers_are_refused_with_their_place)
     struct ply_test_file f       = {.size = 0};
     char                 text[256];
     snprintf(text, sizeof text, "%s1 2\n3 abc\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:8: row 1 of element vertex: seen 'abc', wanted a number");
+    ply_test_data_refused(test_write("d.ply", text), "d.ply:8: row 1 of element vertex: found 'abc', expected a number");
     snprintf(text, sizeof text, "%s1\n2 3 4\n", ascii);
     ply_test_data_refused(test_write("d.ply", text), "d.ply:7: row 0 of element vertex");
     snprintf(text, sizeof text, "%s1 2 3\n4 5\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:7: row 0 of element vertex: seen '3', wanted the end of the line");
+    ply_test_data_refused(test_write("d.ply", text), "d.ply:7: row 0 of element vertex: found '3', expected the end of the line");
     snprintf(text, sizeof text, "%s1.00000 2\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:8: row 1 of element vertex: seen '', wanted a number");
+    ply_test_data_refused(test_write("d.ply", text), "d.ply:8: row 1 of element vertex: found '', expected a number");
     ply_test_data_refused(
         test_write("d.ply", "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n-1 2 3\n"),
         "a list that fits");

@@ -88,7 +88,7 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
             CHECK_OK(train_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
-        if (k == 0) CHECK_TEXT(nonfinite_log, "Gaussian 77 met a number that is not finite: the step is skipped, 1 cleared");
+        if (k == 0) CHECK_TEXT(nonfinite_log, "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
         for (size_t i = 0; i < c.model.count; i++) bad += !model_row_is_finite(&c.model, i);
         CHECK(bad == (c.t.nonfinite.cleared == 0)); /* one that no view can see harms none, and goes at the end */
         CHECK(c.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
@@ -121,8 +121,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
     CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
     nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
-    CHECK_TEXT(nonfinite_log,
-               "step 4: in v02.png, Gaussian 40 and 1 more met a number that is not finite: the step is skipped, 0");
+    CHECK_TEXT(nonfinite_log, "step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
     CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && nonfinite_test_model_is_finite(&c.model) &&
           nonfinite_test_model_is_finite(&c.t.first));
     oxl_model_free(test_ctx, &gradient);

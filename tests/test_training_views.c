@@ -80,7 +80,7 @@ static void tviews_check_flags(int in_medium)
                  : !strcmp(name, "v20")                       ? "exposure"
                  : !strcmp(name, "v03")                       ? "blur"
                                                               : "";
-        if (strcmp(flag, wanted)) printf("  %s: '%s', wanted '%s'\n", name, flag, wanted);
+        if (strcmp(flag, wanted)) printf("  %s: '%s', expected '%s'\n", name, flag, wanted);
         CHECK(strcmp(flag, wanted) == 0);
     }
     CHECK(os_is_file(test_path("worst/v20.png")) && os_is_file(test_path("worst/v20.image.png")));

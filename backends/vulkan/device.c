@@ -286,7 +286,7 @@ static oxl_result vulkan_check(struct vulkan *v)
     if (vulkan_fits(l)) return OXL_OK;
     return oxl_fail(
         v->ctx, OXL_ERR_FAILED,
-        "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: wanted %d, %u, %zu\nfix: another "
+        "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: expected %d, %u, %zu\nfix: another "
         "--device, or --backend cpu",
         v->properties.deviceName, l->maxPerStageDescriptorStorageBuffers, l->maxComputeWorkGroupInvocations,
         l->maxComputeSharedMemorySize, VULKAN_BINDINGS, VULKAN_GROUP, vulkan_shared());

@@ -159,7 +159,7 @@ static void put_base64(const char *path) {
 
 int main(int argc, char **argv) {
     char *at;
-    if (argc != 4) fail("arguments", "three are wanted", "page TEMPLATE WASM COMPILER > index.html");
+    if (argc != 4) fail("arguments", "three are expected", "page TEMPLATE WASM COMPILER > index.html");
     at = read_file(argv[1], NULL);
     for (char *open; (open = strstr(at, "{{"));) {
         char *close = strstr(open, "}}"), word[3][120] = {"", "", ""};

@@ -91,8 +91,9 @@ static int file_next_line(struct file_reader *r, const char *file_end)
 static oxl_result file_wrong(struct file_reader *r, const char *wanted)
 {
     const int seen = (int)OXL_MIN(r->end - r->cursor, 24);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: seen '%.*s', wanted %s\nfix: write it again: oceanxl partition SCENE -o OUT",
-                    r->path, r->line, seen, r->cursor, wanted);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                    "%s:%d: found '%.*s', expected %s\nfix: write it again: oceanxl partition SCENE -o OUT", r->path, r->line,
+                    seen, r->cursor, wanted);
 }
 
 /* The numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */

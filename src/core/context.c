@@ -56,7 +56,7 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
     if (!ctx) return OXL_ERR_MEMORY;
     *ctx = (oxl_context){.options = o, .threads = OXL_MIN(requested, available), .isa = simd_detect()};
     if (requested > available)
-        oxl_log(ctx, OXL_LOG_INFO, "%d threads are asked for and %d processor%s available: %d threads are used", requested,
+        oxl_log(ctx, OXL_LOG_INFO, "%d threads requested, but only %d processor%s available; %d threads are used", requested,
                 available, available == 1 ? " is" : "s are", available);
     *out = ctx;
     return OXL_OK;

@@ -425,7 +425,7 @@ static void option_describe_error(const oxl_option *o, const char *text, char *e
     const char *dashes = o->name[1] ? "--" : "-", *example = o->preset[0];
     char        wanted[160];
     option_describe_range(o, wanted);
-    snprintf(error, size, "option %s%s: '%.80s' seen, %s wanted\nfix: %s%s %s", dashes, o->name, text, wanted, dashes, o->name,
+    snprintf(error, size, "option %s%s: found '%.80s', expected %s\nfix: %s%s %s", dashes, o->name, text, wanted, dashes, o->name,
              example    ? example
              : o->value ? o->value
                         : "");

@@ -17,7 +17,7 @@ OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *pat
                       : error == ENOSPC || error == EFBIG  ? "free space on the disk"
                       : error == EISDIR                    ? "name a file, not a folder"
                       : error == ENAMETOOLONG              ? "use a shorter name"
-                                                           : "look at the disk or the network drive";
+                                                           : "check the disk or the network drive";
     return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what, error ? strerror(error) : "failed", fix);
 }
 

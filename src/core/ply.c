@@ -61,7 +61,7 @@ static const char *ply_printable(const char *from, const char *end, char out[48]
 static oxl_result ply_header_fail(const struct ply_header *h, const char *wanted)
 {
     char seen[48];
-    return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: seen '%s', wanted %s\nfix: correct the header or export the file again",
+    return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
                     h->ply->path, h->line, ply_printable(h->line_start, h->line_end, seen), wanted);
 }
 
@@ -333,7 +333,7 @@ static oxl_result ply_ascii_fail(const struct ply_rows *r, uint64_t row, const c
     int  line = r->ply->data_line;
     for (const char *c = r->ply->file.data + r->ply->data; c < r->cursor; c++) line += *c == '\n';
     return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: correct the line or export the file again",
+                    "%s:%d: row %llu of element %s: found '%s', expected %s\nfix: correct the line or export the file again",
                     r->ply->path, line, (unsigned long long)row, r->element->name, ply_printable(r->cursor, r->end, seen),
                     wanted);
 }

@@ -49,7 +49,7 @@ static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_
 
 static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
 {
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s\nfix: white (255) in a mask means that the pixel counts", what);
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s\nfix: use white (255) for the pixels that count", what);
 }
 
 /* ---------------------------------------------------------------- PSNR */

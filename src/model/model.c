@@ -112,7 +112,7 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
 static oxl_result model_check_degree(oxl_context *ctx, int sh_degree)
 {
     if (sh_degree >= 0 && sh_degree <= 3) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "spherical harmonics of degree %d, wanted 0 to 3", sh_degree);
+    return oxl_fail(ctx, OXL_ERR_USAGE, "spherical harmonics of degree %d, expected 0 to 3", sh_degree);
 }
 
 oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out)
@@ -186,7 +186,7 @@ OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size
 {
     if (lobes == model->lobes) return OXL_OK;
     if (lobes > model->count)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu lobes for %zu Gaussians: wanted at most one each", lobes, model->count);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu lobes for %zu Gaussians: expected at most one each", lobes, model->count);
     return model_lay_out(ctx, model, model->capacity, model->sh_degree, lobes);
 }
 
@@ -252,7 +252,7 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
     oxl_result rc     = OXL_OK;
     if (model->lobes > 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
     if (!(opacity_factor > 0 && opacity_factor < 1 && scale_factor > 0 && scale_factor <= FLT_MAX))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "second lobes of opacity x %g and scale x %g, wanted factors in (0, 1) and above 0",
+        return oxl_fail(ctx, OXL_ERR_USAGE, "second lobes of opacity x %g and scale x %g, expected factors in (0, 1) and above 0",
                         (double)opacity_factor, (double)scale_factor);
     for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
     other = oxl_alloc(ctx, model->count, sizeof *other);
@@ -482,7 +482,7 @@ static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, 
         for (int a = 0; a < 3; a++)
             if (!(fabs(points[i].position[a]) <= FLT_MAX))
                 return oxl_fail(ctx, OXL_ERR_INPUT,
-                                "point %zu of %zu: coordinate %d is %g, wanted a finite number\nfix: remove it", i, count, a,
+                                "point %zu of %zu: coordinate %d is %g, expected a finite number\nfix: remove it", i, count, a,
                                 points[i].position[a]);
     return OXL_OK;
 }
@@ -590,6 +590,6 @@ OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const c
     else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
         model->scale = value[0] == 1 ? 0 : value[0];
     else if (is_origin || is_scale)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: expected %s, %s%g", path, comment,
                 is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MAX);
 }

@@ -98,7 +98,7 @@ static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply
     for (*degree = 0; *degree <= 3; ++*degree)
         if (rest == 3 * ((*degree + 1) * (*degree + 1) - 1)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: %d properties f_rest_*, wanted 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
+                    "%s: %d properties f_rest_*, expected 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
                     ply->path, rest);
 }
 
@@ -213,7 +213,7 @@ static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *pl
         }
         if (at < 0) {
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s: element dog has no property '%s', wanted opacity_factor and scale_factor_0 to _2\n"
+                          "%s: element dog has no property '%s', expected opacity_factor and scale_factor_0 to _2\n"
                           "fix: write the file again with oceanxl, or leave element dog out",
                           ply->path, name);
             goto done;
@@ -234,12 +234,12 @@ static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply,
     for (size_t i = 0; i < rows; i++) {
         if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
             return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s: element dog, row %zu: vertex_index is %.10g, wanted a whole number below %zu\n"
+                            "%s: element dog, row %zu: vertex_index is %.10g, expected a whole number below %zu\n"
                             "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
                             ply->path, i, index[i], vertices);
         if (active[(size_t)index[i]]++)
             return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s: element dog, row %zu: vertex_index %.0f was there before, wanted one lobe a vertex\n"
+                            "%s: element dog, row %zu: vertex_index %.0f was there before, expected one lobe a vertex\n"
                             "fix: remove the repeated row",
                             ply->path, i, index[i]);
     }
@@ -258,7 +258,7 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
     oxl_result   rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
     if (rc == OXL_OK && declared > vertices)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: element dog announces %llu rows for %zu vertices, wanted at most one each\n"
+                      "%s: element dog announces %llu rows for %zu vertices, expected at most one each\n"
                       "fix: write the file again with oceanxl, or leave element dog out",
                       ply->path, (unsigned long long)declared, vertices);
     if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);

@@ -19,7 +19,7 @@ static oxl_result model_write_check_column(oxl_context *ctx, const char *path, c
     for (size_t i = 0; i < rows; i++)
         if (!model_file_finite(plane[i]))
             return oxl_fail(ctx, OXL_ERR_FAILED,
-                            "%s: not written: column %s of row %zu is %f, wanted a finite number\n"
+                            "%s: not written: column %s of row %zu is %f, expected a finite number\n"
                             "fix: remove such rows before writing",
                             path, name, i, (double)plane[i]);
     return OXL_OK;

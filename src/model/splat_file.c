@@ -86,7 +86,8 @@ OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, con
         rank[i] = (struct splat_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
     }
     qsort(rank, model->count, sizeof *rank, splat_file_by_weight);
-    if (model->sh_degree > 0) oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for harmonics past degree 0", path);
+    if (model->sh_degree > 0)
+        oxl_log(ctx, OXL_LOG_INFO, "%s: .splat files cannot store spherical harmonics above degree 0", path);
     splat_file_warn_place(ctx, path, model);
     rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
@@ -108,8 +109,8 @@ OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_
     if (rc != OXL_OK) return rc;
     if (file.size % SPLAT_FILE_BYTES)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: %zu bytes, wanted a multiple of 32\nfix: the file was cut short or is no .splat; copy it again", path,
-                      file.size);
+                      "%s: %zu bytes, expected a multiple of 32\nfix: the file was cut short or is no .splat; copy it again",
+                      path, file.size);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / SPLAT_FILE_BYTES, 0, out);
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
         splat_file_get((const unsigned char *)file.data + SPLAT_FILE_BYTES * i, out, i);

@@ -47,8 +47,8 @@ static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen,
 {
     return oxl_fail(
         ctx, OXL_ERR_INPUT,
-        "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3 (splat-transform: --spz-version 3)", path,
-        seen, wanted);
+        "%s: found %s, expected %s\nfix: copy the file again, or write it as SPZ version 3 (splat-transform: --spz-version 3)",
+        path, seen, wanted);
 }
 
 /* Offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
@@ -310,7 +310,7 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     spz_lay_out(&l);
     if (l.bits < 0 || l.end > INT_MAX)
         return oxl_fail(ctx, OXL_ERR_FAILED,
-                        "%s: SPZ holds places within 8 million units and 2 GB of data; this model has more\n"
+                        "%s: SPZ stores positions within 8 million units and 2 GB of data; this model exceeds that\n"
                         "fix: write it as .ply",
                         path);
     data = oxl_calloc(ctx, l.end, 1);

@@ -46,16 +46,16 @@ SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *
 SIMD_INLINE void medium_row_sums(const struct medium *m, const struct medium_pack *p, int l, real dcolour[3][PACK],
                                  double sum[MEDIUM_SUMS])
 {
-    double lit = 0;
+    double direct_sum = 0;
     for (int c = 0; c < 3; c++) {
         const double dc = (double)dcolour[c][l], direct = dc * (double)p->clear[c][l] * (double)p->through[c][l];
-        lit += direct;
+        direct_sum += direct;
         if (!m->on) continue;
         sum[MEDIUM_DIRECT + c] += -((double)p->range[l] - (double)m->training_range) * direct;
         sum[MEDIUM_SCATTER + c] += dc * (double)m->veiling_light[c] * (double)p->range[l] * (double)p->rest[c][l];
         sum[MEDIUM_VEIL + c] += dc * (1 - (double)p->rest[c][l]);
     }
-    sum[MEDIUM_FALLOFF] += (double)p->log_near[l] * lit;
+    sum[MEDIUM_FALLOFF] += (double)p->log_near[l] * direct_sum;
 }
 
 /* dcolour: in dL/dc', out dL/dJ, 0 where the clamp of J holds. drange: dL/dr / r. */
@@ -69,14 +69,14 @@ SIMD_INLINE void medium_pack_backward(const struct project_job *job, size_t pack
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const real range = p->range[l], inverse = range > 0 ? 1 / range : 0;
-        real       dr = 0, lit = 0;
+        real       dr = 0, direct_sum = 0;
         for (int c = 0; c < 3; c++) {
             const real direct = dcolour[c][l] * p->clear[c][l] * p->through[c][l];
-            lit += direct;
+            direct_sum += direct;
             dr += dcolour[c][l] * m->veiling_light[c] * m->backscatter[c] * p->rest[c][l] - m->attenuation[c] * direct;
             dcolour[c][l] = p->clear[c][l] > 0 ? dcolour[c][l] * p->through[c][l] : 0;
         }
-        drange[l] = (dr - (range > least ? falloff * inverse * lit : 0)) * inverse;
+        drange[l] = (dr - (range > least ? falloff * inverse * direct_sum : 0)) * inverse;
     }
 }
 

@@ -326,16 +326,16 @@ static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *cam
     const double least = CAMERA_FOCAL_MIN * OXL_MAX(camera->width, camera->height);
     if (camera_models[camera->model].kind == CAMERA_SPHERE)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld (%s) sees all around, wanted a camera whose image lies in a plane\n"
+                        "%s:%d: camera %lld (%s) is a 360-degree camera, expected a perspective or fisheye camera\n"
                         "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py",
                         camera->file, camera->line, (long long)camera->id, name);
     if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX || camera->height > CAMERA_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld is %d x %d px, wanted 1 to %d a side\nfix: export the model again", camera->file,
+                        "%s:%d: camera %lld is %d x %d px, expected 1 to %d a side\nfix: export the model again", camera->file,
                         camera->line, (long long)camera->id, camera->width, camera->height, CAMERA_SIDE_MAX);
     if (!(k[0] >= least && k[0] <= CAMERA_PX_MAX && k[1] >= least && k[1] <= CAMERA_PX_MAX))
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld (%s) has the focal length %g, %g px, wanted %g (half a turn of view) to 1e9\n"
+                        "%s:%d: camera %lld (%s) has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
                         "fix: check the order of the parameters",
                         camera->file, camera->line, (long long)camera->id, name, k[0], k[1], least);
     if (!(fabs(k[2]) <= CAMERA_PX_MAX && fabs(k[3]) <= CAMERA_PX_MAX))

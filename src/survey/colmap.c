@@ -24,7 +24,7 @@ static oxl_result colmap_read_model(struct colmap_reader *r, struct colmap_camer
     if (c->model < 0)
         return oxl_fail(
             r->ctx, OXL_ERR_INPUT,
-            "%s:%d: seen %s for the camera model, wanted one of %s\n"
+            "%s:%d: found %s for the camera model, expected one of %s\n"
             "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
             r->path, r->line, colmap_printable(token, r->end, buffer), camera_model_list());
     c->parameter_count = camera_model_at(c->model)->parameter_count;
@@ -67,8 +67,8 @@ static oxl_result colmap_read_cameras(struct colmap_reader *r)
     }
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->camera_count == 0)
-        rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: seen the end of the file, wanted a camera\nfix: " COLMAP_FIX_EXPORT, r->path,
-                      r->line);
+        rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: found the end of the file, expected a camera\nfix: " COLMAP_FIX_EXPORT,
+                      r->path, r->line);
     return rc;
 }
 
@@ -160,7 +160,7 @@ static oxl_result colmap_read_images(struct colmap_reader *r)
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->image_count == 0)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
-                      "%s:%d: seen the end of the file, wanted an image\nfix: take a model with registered images (sparse/0, "
+                      "%s:%d: found the end of the file, expected an image\nfix: take a model with registered images (sparse/0, "
                       "sparse/1, ...), or " COLMAP_FIX_EXPORT,
                       r->path, r->line);
     return rc;
@@ -204,7 +204,7 @@ static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colma
                 *out == COLMAP_TEXT ? "text" : "binary", text.modified == binary.modified ? "as new" : "newer");
     if (text.count == COLMAP_FILES || binary.count == COLMAP_FILES) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: %s is not there, wanted a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
+                    "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
                     "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
                     folder, binary.count > text.count ? binary.missing : text.missing);
 }

@@ -47,8 +47,8 @@ static oxl_result binary_fail(struct colmap_reader *r, uint64_t at, const char *
     va_start(args, format);
     vsnprintf(seen, sizeof seen, format, args);
     va_end(args);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: byte %" PRIu64 ", record %d: seen %s, wanted %s\nfix: " BINARY_FIX, r->path, at,
-                    r->line, seen, what);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: byte %" PRIu64 ", record %d: found %s, expected %s\nfix: " BINARY_FIX, r->path,
+                    at, r->line, seen, what);
 }
 
 /* The next `size` bytes, valid until the next call. */
@@ -132,7 +132,7 @@ static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c
     if (c->model >= camera_model_count())
         return oxl_fail(
             r->ctx, OXL_ERR_INPUT,
-            "%s: byte %" PRIu64 ", record %d: seen the camera model %d, wanted 0 to %d (%s)\n"
+            "%s: byte %" PRIu64 ", record %d: found the camera model %d, expected 0 to %d (%s)\n"
             "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
             r->path, at + 4, r->line, c->model, camera_model_count() - 1, camera_model_list());
     if (width < 1 || height < 1 || width > INT_MAX || height > INT_MAX)
@@ -226,7 +226,7 @@ static oxl_result binary_images(struct colmap_reader *r)
     oxl_result     rc    = binary_count(r, "the number of images", BINARY_IMAGE_MIN, &count);
     if (rc == OXL_OK && count == 0)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
-                      "%s: byte 0: seen no image, wanted one or more\nfix: take a model with registered images (sparse/0, "
+                      "%s: byte 0: found no image, expected one or more\nfix: take a model with registered images (sparse/0, "
                       "sparse/1, ...)",
                       r->path);
     while (rc == OXL_OK && out->image_count < count) {
@@ -308,7 +308,7 @@ static oxl_result binary_points(struct colmap_reader *r)
         rc = binary_add_point(r, count - (uint64_t)r->line);
     }
     if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, out, &id)) == OXL_ERR_INPUT)
-        rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: point id %" PRId64 " is there twice, wanted each id once\nfix: " BINARY_FIX,
+        rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: point id %" PRId64 " is there twice, expected each id once\nfix: " BINARY_FIX,
                       r->path, id);
     if (rc == OXL_OK) binary_end(r);
     return rc;

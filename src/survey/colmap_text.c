@@ -140,8 +140,8 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
     if (colmap_fill(r) != OXL_OK) return r->rc;
     if (r->limit - r->next >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0) r->next += 3; /* the byte order mark of UTF-8 */
     if (r->limit - r->next >= 2 && (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))
-        r->rc =
-            oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:1: seen text in UTF-16, wanted ASCII or UTF-8\nfix: save it as UTF-8", r->path);
+        r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:1: found text in UTF-16, expected ASCII or UTF-8\nfix: save it as UTF-8",
+                         r->path);
     return r->rc;
 }
 
@@ -221,12 +221,12 @@ OXL_INTERNAL oxl_result colmap_fail_token(struct colmap_reader *r, const char *t
     if (r->is_quiet) return OXL_ERR_INPUT;
     if (token < r->end && colmap_has_comma(token, r->end))
         return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s:%d: seen %s, a decimal comma, for %s; wanted a decimal point\n"
+                        "%s:%d: found %s, a decimal comma, for %s; expected a decimal point\n"
                         "fix: the export was made under a locale with decimal commas; make it again with LC_ALL=C in front: "
                         "LC_ALL=C colmap model_converter --output_type TXT",
                         r->path, r->line, seen, what);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: seen %s, wanted %s, %s\nfix: " COLMAP_FIX_EXPORT, r->path, r->line, seen, what,
-                    kind);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: found %s, expected %s, %s\nfix: " COLMAP_FIX_EXPORT, r->path, r->line, seen,
+                    what, kind);
 }
 
 OXL_INTERNAL void colmap_skip_blanks(struct colmap_reader *r)
@@ -278,8 +278,9 @@ OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int
 
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: %s %" PRId64 " was there before, wanted each id once\nfix: " COLMAP_FIX_EXPORT,
-                    r->path, r->line, what, id);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                    "%s:%d: %s %" PRId64 " was there before, expected each id once\nfix: " COLMAP_FIX_EXPORT, r->path, r->line,
+                    what, id);
 }
 
 /* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
@@ -370,7 +371,7 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
     if (!(length >= 1e-6 && length <= 1e6))
         return oxl_fail(
             r->ctx, OXL_ERR_INPUT,
-            "%s:%d: seen the quaternion %g %g %g %g, wanted a rotation (length 1)\nfix: delete this image from the model "
+            "%s:%d: found the quaternion %g %g %g %g, expected a rotation (length 1)\nfix: delete this image from the model "
             "(colmap image_deleter) and export it again",
             r->path, r->line, q[0], q[1], q[2], q[3]);
     if (fabs(length - 1) > COLMAP_UNIT_ERROR) colmap_warn(r, WARN_QUATERNION);
@@ -403,7 +404,7 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
     if (size == 0) return colmap_fail_token(r, r->cursor, "NAME", "a file in the image folder");
     if (!colmap_name_is_safe(r->cursor, r->end))
         return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s:%d: seen the name '%.*s', wanted a path inside the image folder\n"
+                        "%s:%d: found the name '%.*s', expected a path inside the image folder\n"
                         "fix: give names relative to that folder, without \"..\"",
                         r->path, r->line, (int)OXL_MIN(size, (size_t)200), r->cursor);
     rc = oxl_reserve(r->ctx, &out->names, &r->names_capacity, out->names_size + size + 1, 1);

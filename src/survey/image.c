@@ -132,7 +132,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
                         stbi_failure_reason());
     if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: %d x %d px, wanted 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged", path,
+                        "%s: %d x %d px, expected 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged", path,
                         *width, *height, IMAGE_SIDE_MAX);
     return OXL_OK;
 }
@@ -424,7 +424,7 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
                     width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-                    turned ? "turn the image back: COLMAP used the pixels as stored in the file"
+                    turned ? "undo the rotation: COLMAP used the pixels as they are stored in the file"
                            : "use the images that COLMAP was given");
 }
 
@@ -451,7 +451,7 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
 {
     if (!image->mask || memchr(image->mask, 255, (size_t)image->width * image->height)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: all of it is black at %d x %d px, so nothing of the image counts\n"
+                    "%s: the mask is all black at %d x %d px, so it excludes the whole image\n"
                     "fix: white (255) in a mask means that the pixel counts",
                     path, image->width, image->height);
 }
@@ -534,7 +534,7 @@ oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *
 {
     *out = (oxl_image){0};
     if (width < 1 || height < 1 || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "an image of %d x %d px, wanted 1 to %d a side", width, height, IMAGE_SIDE_MAX);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "an image of %d x %d px, expected 1 to %d a side", width, height, IMAGE_SIDE_MAX);
     out->rgb = oxl_calloc(ctx, (size_t)width * height, 3 * sizeof *out->rgb);
     if (!out->rgb) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", width, height);
     out->width  = width;

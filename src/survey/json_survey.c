@@ -8,7 +8,7 @@
 
 OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: seen %s for %s, wanted %s\nfix: export the survey again", r->path,
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: found %s for %s, expected %s\nfix: export the survey again", r->path,
                     r->line, seen, what, wanted);
 }
 

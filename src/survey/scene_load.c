@@ -39,7 +39,7 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in the model", scene->masks);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; expected NAME.png, NAME as in the model", scene->masks);
     return OXL_OK;
 }
 
@@ -145,7 +145,7 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
+                      "%s: a file there holds fewer rows than its header announces (see the warning), expected all of them\n"
                       "fix: export the model again: colmap model_converter --output_type TXT; or train what is there: --force",
                       scene->colmap.folder);
     if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
@@ -221,7 +221,7 @@ oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const 
     oxl_result          rc    = OXL_OK;
     *out                      = NULL;
     if (!scene || !order) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
-    else if (view_count < 1) rc = oxl_fail(ctx, OXL_ERR_USAGE, "a scene of %d views, wanted one or more", view_count);
+    else if (view_count < 1) rc = oxl_fail(ctx, OXL_ERR_USAGE, "a scene of %d views, expected one or more", view_count);
     if (rc == OXL_OK) rc = scene_alloc_views(ctx, scene, (size_t)view_count);
     if (rc != OXL_OK) goto done;
     scene->point = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);

@@ -141,7 +141,7 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
     for (size_t i = 1; i < c->image_count; i++)
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s/%s:%d: %s was there before, in line %d, wanted each image once\n"
+                            "%s/%s:%d: %s was there before, in line %d, expected each image once\n"
                             "fix: export the model again, or take one of the two out: colmap image_deleter",
                             c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
                             c->image[order[i - 1].image].line);

@@ -254,7 +254,7 @@ static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const 
     int            other = 0;
     if (!a.file) return os_is_file(path) ? os_fail(ctx, OXL_ERR_IO, path, "cannot open", errno) : OXL_OK;
     if (!checkpoint_is_whole(a.file, &a.left)) {
-        oxl_log(ctx, OXL_LOG_WARNING, "%s is not whole: its checksum is wrong; the one before it is tried", path);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s is damaged (wrong checksum); the previous checkpoint is tried", path);
         goto done;
     }
     rewind(a.file);

@@ -82,8 +82,8 @@ OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step
     cleared = model ? nonfinite_clear(NULL, model, first, second).rows : skipped.cleared;
     nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (n->rows < NONFINITE_NAMED)
-        oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",
-                step, view, rows_text, cleared);
+        oxl_log(ctx, OXL_LOG_WARNING, "step %d: %s: a value of %s is not finite; its step is skipped, %zu cleared", step, view,
+                rows_text, cleared);
     n->rows += skipped.rows;
     n->cleared += cleared;
 }

@@ -318,7 +318,7 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 {
     if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
         return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "second lobes from %g of the run: wanted more than %g, the end of density control, and at most 1\n"
+                        "second lobes from %g of the run: expected more than %g, the end of density control, and at most 1\n"
                         "fix: rows with a second lobe cannot be split; give lobes later or end density control earlier",
                         o->dog_from, o->densify_until);
     return oxl_train_options_check(ctx, o);
