@@ -38,7 +38,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
         double sum[2][7] = {{0}}; /* over all views, over those that see it: both terms by channel, their number */
         for (int v = 0; v < views; v++) {
             const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
-            double       at[3], pixel[2];
+            double       at[3], pixel[2] = {0, 0};
             const int    seen = camera_project(camera[v], p, NULL, at, pixel) && pixel[0] >= 0 && pixel[1] >= 0 &&
                              pixel[0] <= camera[v]->width && pixel[1] <= camera[v]->height;
             const double d[3]   = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
