@@ -1,8 +1,8 @@
 /* frame.c - the axes right, up and above of a survey, for maps, orthomosaics and camera paths.
  *
  * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the world's z to within 20
- * degrees, the survey is assumed to be georeferenced, and right, up and above are the world's x, y and z. Invariant: the frame is
- * right-handed: no rendering is mirrored.
+ * degrees, the survey is assumed to be georeferenced, and right, up and above are the world's x, y and z. Otherwise right is the widest
+ * axis, in the direction that partition_axes.c gives it. Invariant: the frame is right-handed: no rendering is mirrored.
  */
 #include "cli.h"
 
@@ -70,7 +70,7 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
         if (a[k][k] > a[wide][wide]) wide = k;
         if (a[k][k] <= a[narrow][narrow]) narrow = k;
     }
-    memcpy(f->axis[0], v[wide], sizeof v[0]);
+    for (int k = 0; k < 3; k++) f->axis[0][k] = eigen_is_backward(v[wide]) ? -v[wide][k] : v[wide][k];
     memcpy(f->axis[2], v[narrow], sizeof v[0]);
     frame_cross(f->axis[2], f->axis[0], f->axis[1]);
 }

@@ -90,3 +90,48 @@ TEST(kernel_exp_of_nan_is_nan)
     CHECK(isnan(real_exp(0, NAN)) && isnan(real_exp(1, NAN)));
     CHECK(real_exp(0, -INFINITY) < 1e-37f && real_exp(0, INFINITY) > 1e38f);
 }
+
+/* ---------------------------------------------------------------- eigen.h */
+
+/* A symmetric matrix from rows of random extents: kind 0 all the same, so that it is near a multiple of the identity; 1 a plane; 2 a line. */
+static void eigen_test_matrix(uint64_t i, double scale, double a[3][3])
+{
+    const double extent[3] = {1, i % 3 == 2 ? 1e-9 : 1, i % 3 == 0 ? 1 : 1e-9};
+    double       m[3][3];
+    for (int k = 0; k < 9; k++)
+        m[k / 3][k % 3] = extent[k / 3] * (i % 3 == 0 ? k % 4 == 0 ? 1 : 1e-8 * vecmath_test_unit(31, 9 * i + (uint64_t)k)
+                                                      : 2 * vecmath_test_unit(31, 9 * i + (uint64_t)k) - 1);
+    memset(a, 0, 9 * sizeof(double));
+    for (int j = 0; j < 27; j++) a[j / 9][j / 3 % 3] += scale * m[j % 3][j / 9] * m[j % 3][j / 3 % 3];
+}
+
+TEST(eigenvectors_are_orthonormal_and_are_only_stretched)
+{
+    double worst = 0, sum;
+    for (uint64_t i = 0; i < 3000; i++) {
+        const double scale = vecmath_power_of_two((int)(i % 800) - 400);
+        double       a[3][3], b[3][3], v[3][3];
+        eigen_test_matrix(i, scale, a);
+        memcpy(b, a, sizeof a);
+        eigen_symmetric(b, v);
+        for (int r = 0; r < 3; r++)
+            for (int k = 0; k < 3; k++) {
+                sum = -b[r][r] * v[r][k];
+                for (int j = 0; j < 3; j++) sum += a[k][j] * v[r][j];
+                worst = OXL_MAX(worst, fabs(sum) / scale);
+                sum   = v[r][0] * v[k][0] + v[r][1] * v[k][1] + v[r][2] * v[k][2];
+                worst = OXL_MAX(worst, fabs(sum - (r == k)));
+            }
+    }
+    CHECK(worst < 1e-14);
+}
+
+TEST(eigenvectors_of_a_diagonal_or_zero_matrix_are_the_axes)
+{
+    for (int zero = 0; zero < 2; zero++) {
+        double a[3][3] = {{zero ? 0 : 3, 0, 0}, {0, zero ? 0 : 1, 0}, {0, 0, zero ? 0 : 2}}, v[3][3];
+        eigen_symmetric(a, v);
+        for (int k = 0; k < 9; k++) CHECK(v[k / 3][k % 3] == (k % 4 == 0));
+    }
+    CHECK(eigen_is_backward((const double[]){0.5, -0.8, 0.1}) && !eigen_is_backward((const double[]){-0.5, 0.8, 0.1}));
+}

@@ -106,11 +106,8 @@ static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
 static void axes_orient(const oxl_scene *scene, struct axes_reach r[3])
 {
     const double *a = r[0].axis, *b = r[1].axis, *c = r[2].axis;
-    int           largest = 0;
     if (axes_side_of_cameras(scene, c) < 0) axes_flip(&r[2]);
-    for (int k = 1; k < 3; k++)
-        if (fabs(a[k]) > fabs(a[largest])) largest = k;
-    if (a[largest] < 0) axes_flip(&r[0]);
+    if (eigen_is_backward(a)) axes_flip(&r[0]);
     if (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]) < 0)
         axes_flip(&r[1]);
 }

@@ -15,6 +15,7 @@ enum {
     PARTITION_DEPTH_MIN    = 10,
     PARTITION_SPARE_LEVELS = 4 /* for uneven splits */
 };
+#define PARTITION_LOAD_MAX 1e9 /* of a point, which is kept in 32 bits */
 
 OXL_INTERNAL size_t partition_task_begin(size_t count, int task)
 {
@@ -277,7 +278,7 @@ OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by
     for (size_t i = 0; i < b->count; i++) sum += pixel[i];
     for (size_t i = 0; i < b->count; i++) {
         const double share = sum > 0 ? pixel[i] * (double)b->kept / sum : 1;
-        b->load[i]         = (uint32_t)OXL_MIN(PARTITION_LOAD * (1 - by_pixels + by_pixels * share), 1e9);
+        b->load[i]         = (uint32_t)OXL_MIN(PARTITION_LOAD * (1 - by_pixels + by_pixels * share), PARTITION_LOAD_MAX);
     }
     oxl_free(b->ctx, pixel);
     return OXL_OK;

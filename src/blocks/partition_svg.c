@@ -22,6 +22,7 @@ enum {
     DRAW_ROOM    = 96  /* bytes of a number or a look as text */
 };
 #define DRAW_MARGIN 0.05 /* of the extents, around them */
+#define DRAW_POINT  1e-9 /* units: extent of points that are all in one place */
 #define DRAW_FLAT   1e-3 /* of the largest extent: a smaller one is drawn as this */
 
 static const char *const draw_colour[DRAW_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f", "#7a68b3", "#c9a227",
@@ -102,7 +103,7 @@ static struct drawing_panel draw_open_panel(const struct drawing *d, const char 
     for (int k = 0; k < 2; k++) {
         const int    axis = panel.axis[k];
         const double low = d->p->plan->finite.low[axis], high = d->p->plan->finite.high[axis];
-        const double size = OXL_MAX(high - low, DRAW_FLAT * OXL_MAX(d->p->extent[0], 1e-9));
+        const double size = OXL_MAX(high - low, DRAW_FLAT * OXL_MAX(d->p->extent[0], DRAW_POINT));
         double       from = low, to = high;
         for (size_t v = 0; v < d->views; v++) {
             const double at = d->camera[3 * v + (size_t)axis];

@@ -41,4 +41,13 @@ static inline void eigen_symmetric(double a[3][3], double v[3][3])
                 if (fabs(a[i][j]) > EIGEN_ZERO * scale) eigen_rotate(a, v, i, j);
 }
 
+/* 1: the largest element of an axis is negative. An eigenvector has no sign of its own; one rule gives all maps of a survey the same. */
+static inline int eigen_is_backward(const double axis[3])
+{
+    int largest = 0;
+    for (int k = 1; k < 3; k++)
+        if (fabs(axis[k]) > fabs(axis[largest])) largest = k;
+    return axis[largest] < 0;
+}
+
 #endif

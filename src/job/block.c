@@ -67,7 +67,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
         out->trained           = oxl_json_is_true(map.data, "trained");
         out->finished          = oxl_json_is_true(map.data, "finished");
         out->iterations        = (int)OXL_CLAMP(manifest_number(map.data, "iterations_done"), 0, INT_MAX);
-        out->gaussians         = (size_t)OXL_CLAMP(manifest_number(map.data, "gaussians"), 0, 1e9);
+        out->gaussians         = (size_t)OXL_CLAMP(manifest_number(map.data, "gaussians"), 0, JOB_GAUSSIANS_MAX);
         out->seconds           = manifest_number(map.data, "seconds");
         out->peak              = manifest_number(map.data, "peak_rss_bytes");
         out->predicted_peak    = manifest_number(map.data, "predicted_memory_bytes");

@@ -22,7 +22,7 @@ OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
 /* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
 static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
 {
-    double low = 0, high = OXL_MIN(1e9, most) + 1;
+    double low = 0, high = OXL_MIN(JOB_GAUSSIANS_MAX, most) + 1;
     while (high - low > 1) {
         const double middle = floor((low + high) / 2);
         if (cost_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
@@ -42,7 +42,7 @@ OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl
     oxl_job_options bare         = *o;
     bare.scene.image_cache_bytes = budget_cache(o);
     budget_disable_trials(&bare);
-    return budget_gaussians(&bare, load, 1e9);
+    return budget_gaussians(&bare, load, JOB_GAUSSIANS_MAX);
 }
 
 OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians)

@@ -7,6 +7,7 @@
 
 /* ---------------------------------------------------------------- manifest.c: run.json, what a result depends on */
 
+#define JOB_GAUSSIANS_MAX 1e9 /* limit of what is searched for or believed: parameters alone would be 236 GB */
 enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about them */ };
 
 struct oxl_manifest { /* read from run.json */

@@ -4,8 +4,9 @@
  */
 #include "job_state.h"
 
-#define JOB_MEMORY_FRACTION 4 /* a merged model of more than --ram over this stays in its file */
-#define JOB_DISK            4 /* times the files' size must be free: a full disk must not stop the run */
+#define JOB_MEMORY_FRACTION 4    /* a merged model of more than --ram over this stays in its file */
+#define JOB_SECONDS_MIN     1e-3 /* of the time left: 0 would be no limit */
+#define JOB_DISK            4    /* times the files' size must be free: a full disk must not stop the run */
 
 /* ---------------------------------------------------------------- files of OUT */
 
@@ -114,7 +115,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 /* The time allowed is the run's: what comes later has what is left of it. */
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
-    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->started));
+    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(JOB_SECONDS_MIN, o->max_seconds - (os_seconds() - job->started));
 }
 
 static void job_drop_checkpoint(void *user, const char *name)

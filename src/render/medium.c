@@ -4,8 +4,9 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define MEDIUM_MIN  0.02 /* of J: what is seen through more of the medium than this lets through is no evidence of it */
-#define MEDIUM_DARK 0.02 /* J at the start, at least */
+#define MEDIUM_MIN  0.02  /* of J: what is seen through more of the medium than this lets through is no evidence of it */
+#define MEDIUM_NEAR 1e-12 /* square of the range to a Gaussian in the camera, at least */
+#define MEDIUM_DARK 0.02  /* J at the start, at least */
 
 /* Factors of J: attenuation and, with a lamp, falloff. */
 static void medium_through(const struct medium *m, float range, float through[3])
@@ -36,22 +37,20 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     for (size_t i = 0; i < model->count; i++) {
         double sum[2][7] = {{0}}; /* over all views, over those that see it: both terms by channel, their number */
         for (int v = 0; v < views; v++) {
-            const double *r = camera[v]->rotation, *t = camera[v]->translation;
-            const double  p[3]   = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
-            const double  z      = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
-            const double  x      = camera[v]->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z + camera[v]->cx;
-            const double  y      = camera[v]->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z + camera[v]->cy;
-            const int     seen   = z > 0 && x >= 0 && y >= 0 && x <= camera[v]->width && y <= camera[v]->height;
-            const double  d[3]   = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
-            const float   range  = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-            const double  weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
-            float         through[3], veil[3];
+            const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
+            double       at[3], pixel[2] = {0, 0};
+            const int    seen = camera_project(camera[v], p, NULL, at, pixel) && pixel[0] >= 0 && pixel[1] >= 0 &&
+                             pixel[0] <= camera[v]->width && pixel[1] <= camera[v]->height;
+            const double d[3]   = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
+            const float  range  = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            const double weight = 1 / OXL_MAX(range * range, MEDIUM_NEAR); /* its size in the image */
+            float        through[3], veil[3];
             medium_through(m, range, through);
             for (int c = 0; c < 3; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
             for (int k = 0; k <= seen; k++) {
                 const double light = k && lamp[v]
-                                         ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
-                                                                     (float)(2 * y / camera[v]->height - 1)))
+                                         ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * pixel[0] / camera[v]->width - 1),
+                                                                     (float)(2 * pixel[1] / camera[v]->height - 1)))
                                          : 1;
                 for (int c = 0; c < 3; c++) {
                     sum[k][c] += weight * light * through[c];

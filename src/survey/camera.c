@@ -89,12 +89,14 @@ static double camera_atan(double x)
     return 8 * x * sum;
 }
 
+#define CAMERA_SMALL 1e-8 /* radians: its square is below the last bit of 1 */
+
 /* theta_d / r: 1 at the axis. */
 static double camera_fisheye_scale(const double *k, int count, double r)
 {
     const double theta = camera_atan(r), square = theta * theta;
     double       polynomial = 0;
-    if (r < 1e-8) return 1;
+    if (r < CAMERA_SMALL) return 1;
     for (int i = count - 1; i >= 0; i--) polynomial = square * (k[i] + polynomial);
     return theta * (1 + polynomial) / r;
 }
@@ -110,13 +112,15 @@ static double camera_tan(double x)
     return t;
 }
 
+#define CAMERA_FOV_MAX 3.1415 /* just below pi, where the tangent of the half is infinite */
+
 /* omega: field of view of the lens, below pi. */
 static double camera_fov_scale(double omega, double r)
 {
     const double w = fabs(omega);
-    if (w < 1e-8) return 1;
-    if (w > 3.1415) return NAN;
-    if (r < 1e-8) return 2 * camera_tan(w / 2) / w;
+    if (w < CAMERA_SMALL) return 1;
+    if (w > CAMERA_FOV_MAX) return NAN;
+    if (r < CAMERA_SMALL) return 2 * camera_tan(w / 2) / w;
     return camera_atan(2 * r * camera_tan(w / 2)) / (r * w);
 }
 
@@ -200,6 +204,7 @@ enum {
     CAMERA_STEPS    = 32,  /* along a ray, to find the first direction outside the field of view */
     CAMERA_SHRINK   = 64   /* px by which a side may be corrected at the end */
 };
+#define CAMERA_PX_MAX    1e9   /* px: limit of plausible focal lengths and principal points */
 #define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
 #define CAMERA_GROWTH    2.0   /* largest distance of a side relative to the image's; COLMAP uses the same limit */
 
@@ -328,12 +333,12 @@ static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *cam
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s:%d: camera %lld is %d x %d px, expected 1 to %d a side\nfix: export the model again", camera->file,
                         camera->line, (long long)camera->id, camera->width, camera->height, CAMERA_SIDE_MAX);
-    if (!(k[0] >= least && k[0] <= 1e9 && k[1] >= least && k[1] <= 1e9))
+    if (!(k[0] >= least && k[0] <= CAMERA_PX_MAX && k[1] >= least && k[1] <= CAMERA_PX_MAX))
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s:%d: camera %lld (%s) has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
                         "fix: check the order of the parameters",
                         camera->file, camera->line, (long long)camera->id, name, k[0], k[1], least);
-    if (!(fabs(k[2]) <= 1e9 && fabs(k[3]) <= 1e9))
+    if (!(fabs(k[2]) <= CAMERA_PX_MAX && fabs(k[3]) <= CAMERA_PX_MAX))
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again", camera->file,
                         camera->line, (long long)camera->id, name, k[2], k[3]);

@@ -128,7 +128,8 @@ static int colmap_is_pose(const struct colmap_reader *r)
     if (!colmap_peek_whole(&p, r->end, &camera) || p == r->end) return 0;
     if (!colmap_peek_real(&p, r->end, &name)) return 1;
     square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
-    return fabs(square - 1) < 1e-2 && colmap_has_camera(r, camera) && colmap_count_fields(r->cursor, r->end) % 3 != 0;
+    return fabs(square - 1) < COLMAP_UNIT_ERROR && colmap_has_camera(r, camera) &&
+           colmap_count_fields(r->cursor, r->end) % 3 != 0;
 }
 
 /* The second line of an image. If it is missing, the reader does not advance. */

@@ -20,6 +20,7 @@ enum colmap_warning { WARN_NO_POINTS_LINE, WARN_QUATERNION, WARN_POSITION, WARN_
 
 #define COLMAP_FIX_EXPORT "export the model again: colmap model_converter --output_type TXT"
 
+#define COLMAP_UNIT_ERROR 1e-2    /* by which the length of a quaternion may differ from 1 without a word */
 enum { COLMAP_BUFFER = 8 << 20 }; /* bytes */
 
 struct colmap_reader {

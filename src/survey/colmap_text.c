@@ -374,7 +374,7 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
             "%s:%d: found the quaternion %g %g %g %g, expected a rotation (length 1)\nfix: delete this image from the model "
             "(colmap image_deleter) and export it again",
             r->path, r->line, q[0], q[1], q[2], q[3]);
-    if (fabs(length - 1) > 1e-2) colmap_warn(r, WARN_QUATERNION);
+    if (fabs(length - 1) > COLMAP_UNIT_ERROR) colmap_warn(r, WARN_QUATERNION);
     return OXL_OK;
 }
 

@@ -13,7 +13,9 @@
 #include "survey.h"
 #include "../core/vecmath.h"
 
-#define IMAGING_CAMERA_VIEWS 4 /* that a camera must have in the mean */
+#define IMAGING_MEDIUM_MAX   1e6 /* of bD, bB (1/unit) and Binf in a file */
+#define IMAGING_DISTANCE_MAX 1e9 /* units */
+#define IMAGING_CAMERA_VIEWS 4   /* that a camera must have in the mean */
 
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
 {
@@ -445,8 +447,9 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
     float *const             values[3] = {m->attenuation, m->backscatter, m->veiling_light};
     float                    falloff[2];
     for (int k = 0; k < 3; k++)
-        if (imaging_skip_word(&at, end, names[k])) return m->on = imaging_read_numbers(at, end, 0, 1e6, values[k], 3);
-    if (!imaging_skip_word(&at, end, "falloff") || !imaging_read_numbers(at, end, 0, 1e9, falloff, 2)) return 0;
+        if (imaging_skip_word(&at, end, names[k]))
+            return m->on = imaging_read_numbers(at, end, 0, IMAGING_MEDIUM_MAX, values[k], 3);
+    if (!imaging_skip_word(&at, end, "falloff") || !imaging_read_numbers(at, end, 0, IMAGING_DISTANCE_MAX, falloff, 2)) return 0;
     m->falloff            = OXL_MIN(falloff[0], LAMP_FALLOFF_MAX);
     m->reference          = falloff[1];
     return m->has_falloff = falloff[1] > 0;

@@ -10,6 +10,8 @@
 
 #include "../core/vecmath.h"
 
+#define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
+
 /* Of the frame, otherwise of the file. */
 static double nerfstudio_number(const char *json, const char *frame, const char *name, double otherwise)
 {
@@ -94,7 +96,7 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) {
             const double dot = m[0][i] * m[0][k] + m[1][i] * m[1][k] + m[2][i] * m[2][k];
-            if (!(fabs(dot - (i == k)) < 1e-3))
+            if (!(fabs(dot - (i == k)) < NERFSTUDIO_UNIT_ERROR))
                 return json_survey_fail(r, "transform_matrix", "no rotation", "columns of length 1 at right angles");
             rotation[3 * i + k] = i ? -m[k][i] : m[k][i];
         }

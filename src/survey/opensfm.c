@@ -75,11 +75,13 @@ static int64_t opensfm_camera_row(const char *cameras, const char *value)
     return -1;
 }
 
+#define OPENSFM_SMALL 1e-12 /* radians: below it sin x / x is 1 to the last bit */
+
 /* The rotation by |v| about v. */
 static void opensfm_quaternion(const double v[3], double q[4])
 {
     const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), half = angle / 2;
-    const double scale = half < 1e-12 ? 0.5 : vecmath_sin(half) / angle;
+    const double scale = half < OPENSFM_SMALL ? 0.5 : vecmath_sin(half) / angle;
     q[0]               = vecmath_sin(half + 1.5707963267948966);
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }

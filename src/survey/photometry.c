@@ -27,11 +27,19 @@ enum {
 #define PHOTOMETRY_BRIGHT 0.98
 #define PHOTOMETRY_START \
     0.2 /* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
-#define PHOTOMETRY_VEIL   -1.2 /* log of Binf that it begins with */
-#define PHOTOMETRY_CENTRE 1e3  /* weight of a channel's sum of log gains, squared: their mean is 0 */
-#define PHOTOMETRY_HUBER  1.5  /* times sigma */
-#define PHOTOMETRY_RADIUS 1.0  /* px: half the side of a patch in the point's farthest view; */
-#define PHOTOMETRY_WIDE   5.0  /* nearer ones up to this */
+#define PHOTOMETRY_VEIL        -1.2 /* log of Binf that it begins with */
+#define PHOTOMETRY_CENTRE      1e3  /* weight of a channel's sum of log gains, squared: their mean is 0 */
+#define PHOTOMETRY_HUBER       1.5  /* times sigma */
+#define PHOTOMETRY_NORMAL      1.48 /* standard deviation of a normal distribution over the median of absolute values */
+#define PHOTOMETRY_SIGMA_MIN   1e-4 /* log units: of tracks that are exact, as synthetic ones may be */
+#define PHOTOMETRY_DAMPING     1e-3 /* Levenberg-Marquardt: share added to the diagonal, at the start, */
+#define PHOTOMETRY_DAMPING_MIN 1e-6 /* at least, */
+#define PHOTOMETRY_DAMPING_MAX 1e4  /* and where the search ends; */
+#define PHOTOMETRY_HARDER      10   /* its factor after a step that does not lower the cost, */
+#define PHOTOMETRY_EASIER      0.2  /* and after one that does */
+#define PHOTOMETRY_GAIN_MIN    1e-4 /* of the cost: a step that gains less is the last */
+#define PHOTOMETRY_RADIUS      1.0  /* px: half the side of a patch in the point's farthest view; */
+#define PHOTOMETRY_WIDE        5.0  /* nearer ones up to this */
 /* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains; the lamps' common shape, and
  * how far a camera's is off it. Where water is clear the tracks hardly hold bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
@@ -241,7 +249,7 @@ static double photometry_cost(struct photometry_work *w, const double *at, int r
     return sum;
 }
 
-/* 1.48 times the median of the absolute residuals. */
+/* Standard deviation of the residuals, from the median of their absolute values. */
 static double photometry_sigma(struct photometry_work *w, const double *at, double *scratch)
 {
     struct photometry_point p;
@@ -254,7 +262,7 @@ static double photometry_sigma(struct photometry_work *w, const double *at, doub
                 if (p.weight[k] > 0) scratch[n++] = fabs(p.rest[k]);
         }
     }
-    return OXL_MAX(n ? 1.48 * stats_select(scratch, n, 0.5) : 1, 1e-4);
+    return OXL_MAX(n ? PHOTOMETRY_NORMAL * stats_select(scratch, n, 0.5) : 1, PHOTOMETRY_SIGMA_MIN);
 }
 
 /* ---------------------------------------------------------------- normal equations */
@@ -426,7 +434,7 @@ static void photometry_solve(const double *m, int n, double *x)
 /* Damped steps from w->at; the cost in the end. */
 static double photometry_descend(struct photometry_work *w, double *scratch)
 {
-    double damping = 1e-3, cost;
+    double damping = PHOTOMETRY_DAMPING, cost;
     w->sigma       = photometry_sigma(w, w->at, scratch);
     cost           = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
     for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
@@ -439,13 +447,13 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
         for (int i = 0; i < w->parameters; i++) to[i] = w->at[i] + OXL_CLAMP(x[i], -1, 1);
         better = photometry_cost(w, to, 0) + photometry_prior_cost(w, to);
         if (!(better < cost)) {
-            damping *= 10;
-            if (damping > 1e4) break;
+            damping *= PHOTOMETRY_HARDER;
+            if (damping > PHOTOMETRY_DAMPING_MAX) break;
             continue;
         }
-        damping = OXL_MAX(damping * 0.2, 1e-6);
+        damping = OXL_MAX(damping * PHOTOMETRY_EASIER, PHOTOMETRY_DAMPING_MIN);
         memcpy(w->at, to, sizeof w->at);
-        if (cost - better < 1e-4 * better) break;
+        if (cost - better < PHOTOMETRY_GAIN_MIN * better) break;
         w->sigma = photometry_sigma(w, w->at, scratch);
         cost     = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
     }

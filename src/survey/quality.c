@@ -19,6 +19,8 @@ enum {
 #define QUALITY_STOPS   1.0 /* of light, more or less than the neighbours */
 #define QUALITY_FINE \
     0.85 /* x the neighbours' share of the finest detail, at most: a plain surface has little detail, and it is fine */
+#define QUALITY_TINY    1e-9 /* against the logarithm of 0 and division by it: an image of one colour has no detail; */
+#define QUALITY_DARKEST 1.0  /* a black one no light, of 255 squared */
 #define QUALITY_CLIPPED 0.25 /* share of the pixels that are white or black beyond the neighbours' */
 
 struct quality {
@@ -157,12 +159,13 @@ static void quality_compare(const struct quality_check *q, const oxl_scene *scen
     double *dark = q->work, *bright = q->light, *blurred = q->sharp;
     for (int i = 0; i < q->count; i++) {
         int       near[QUALITY_NEIGHBOURS];
-        const int n = quality_nearest(scene, q->view, q->count, i, near);
-        q->sharp[i] = vecmath_log((q->image[i].sharpness + 1e-9) /
-                                  (quality_median(q, near, n, offsetof(struct quality, sharpness)) + 1e-9));
-        q->light[i] = vecmath_log((q->image[i].light + 1) / (quality_median(q, near, n, offsetof(struct quality, light)) + 1));
-        q->image[i].finer   = q->image[i].fine / OXL_MAX(quality_median(q, near, n, offsetof(struct quality, fine)), 1e-9);
-        q->image[i].whiter  = q->image[i].white - quality_median(q, near, n, offsetof(struct quality, white));
+        const int n        = quality_nearest(scene, q->view, q->count, i, near);
+        q->sharp[i]        = vecmath_log((q->image[i].sharpness + QUALITY_TINY) /
+                                         (quality_median(q, near, n, offsetof(struct quality, sharpness)) + QUALITY_TINY));
+        q->light[i]        = vecmath_log((q->image[i].light + QUALITY_DARKEST) /
+                                         (quality_median(q, near, n, offsetof(struct quality, light)) + QUALITY_DARKEST));
+        q->image[i].finer  = q->image[i].fine / OXL_MAX(quality_median(q, near, n, offsetof(struct quality, fine)), QUALITY_TINY);
+        q->image[i].whiter = q->image[i].white - quality_median(q, near, n, offsetof(struct quality, white));
         q->image[i].blacker = q->image[i].black - quality_median(q, near, n, offsetof(struct quality, black));
     }
     sharp_limit = quality_limit(q, q->sharp, -vecmath_log(QUALITY_BLUR), &sharp_middle);

@@ -1,7 +1,8 @@
 /* scene.c - what other modules ask of a scene: views, points, depths, rays. It is made by scene_load.c. */
 #include "scene.h"
 
-#define SCENE_FARTHEST       1e15 /* farther points are dropped */
+#define SCENE_STEPS          1000 /* from a pixel to its direction, */
+#define SCENE_PIXEL_ERROR    1e-3 /* px, and how near they must come */
 #define SCENE_NEAR           0.2  /* x the 1 % quantile of the depths */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
 
@@ -126,11 +127,11 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
                         scene->view[view].name, x, y, width, height);
     if (camera) camera_intrinsics(camera, k);
     d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
-    for (int i = 0; i < 1000 && camera; i++) {
+    for (int i = 0; i < SCENE_STEPS && camera; i++) {
         camera_distort(camera, d, pixel);
         d[0] += (x - pixel[0]) / k[0], d[1] += (y - pixel[1]) / k[1];
     }
-    if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
+    if (camera && !(fabs(pixel[0] - x) < SCENE_PIXEL_ERROR && fabs(pixel[1] - y) < SCENE_PIXEL_ERROR))
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: pixel %g, %g is outside the range of the camera model\nfix: choose a pixel nearer to the image centre",

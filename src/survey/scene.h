@@ -4,7 +4,8 @@
 
 #include "survey.h"
 
-enum { SCENE_GREY = 128 }; /* of points without colour */
+enum { SCENE_GREY = 128 };  /* of points without colour */
+#define SCENE_FARTHEST 1e15 /* farther points are dropped, farther cameras an error */
 
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;

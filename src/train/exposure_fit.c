@@ -18,13 +18,14 @@
 #include "train_parts.h"
 #include "../core/vecmath.h"
 
-#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
-#define EXPOSURE_LAST   0.02 /* of that at the end of the run */
-#define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
-#define EXPOSURE_BETA2  0.95
-#define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_HOLD   0.1  /* of the run: the tracks' gains are kept */
-#define EXPOSURE_DIFFER 0.04 /* rms of the log */
+#define EXPOSURE_RATE    0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
+#define EXPOSURE_LAST    0.02 /* of that at the end of the run */
+#define EXPOSURE_BETA1   0.8  /* a mean over 5 visits: a short run has 30 */
+#define EXPOSURE_BETA2   0.95
+#define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
+#define EXPOSURE_SMOOTH  0.1   /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_HOLD    0.1   /* of the run: the tracks' gains are kept */
+#define EXPOSURE_DIFFER  0.04  /* rms of the log */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued)
 {
@@ -93,10 +94,10 @@ static void exposure_step(struct exposure *e, int view, double progress, const d
     for (int c = 0; c < 3; c++) {
         float       *m = &e->first[3 * view + c], *v = &e->second[3 * view + c];
         const double g = dlog_gain[c] + EXPOSURE_SMOOTH * (a[c] - between[c]);
-        if (!(fabs(g) <= 1e18)) continue;
+        if (!(fabs(g) <= SCALAR_ADAM_GRADIENT_MAX)) continue;
         *m = (float)(EXPOSURE_BETA1 * *m + (1 - EXPOSURE_BETA1) * g);
         *v = (float)(EXPOSURE_BETA2 * *v + (1 - EXPOSURE_BETA2) * g * g);
-        a[c] -= (float)(rate * (*m / correct1) / (sqrt(*v / correct2) + 1e-12));
+        a[c] -= (float)(rate * (*m / correct1) / (sqrt(*v / correct2) + EXPOSURE_EPSILON));
         a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_MIN), -vecmath_log(EXPOSURE_MIN));
     }
     imaging_centre(&e->of, e->mean);

@@ -19,6 +19,8 @@
 
 #define MEDIUM_FIT_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
 #define MEDIUM_FIT_FROM  0.3  /* of the run */
+#define MEDIUM_FIT_MIN   1e-6 /* of a parameter at the start: that of 0 would be minus infinity before the softplus */
+#define MEDIUM_FIT_MAX   1e6  /* of one before the softplus, in a checkpoint */
 #define MEDIUM_FIT_START 0.3  /* attenuation over the median range then */
 
 static double medium_fit_softplus(double x)
@@ -60,9 +62,9 @@ static void medium_fit_set(struct medium_fit *f, const float attenuation[3], con
                            const float veiling_light[3])
 {
     for (int c = 0; c < 3; c++) {
-        f->raw[c]     = medium_fit_inverse_softplus(OXL_MAX(attenuation[c] * f->range, 1e-6));
-        f->raw[3 + c] = medium_fit_inverse_softplus(OXL_MAX(backscatter[c] * f->range, 1e-6));
-        f->raw[6 + c] = medium_fit_inverse_softplus(OXL_MAX((double)veiling_light[c], 1e-6));
+        f->raw[c]     = medium_fit_inverse_softplus(OXL_MAX(attenuation[c] * f->range, MEDIUM_FIT_MIN));
+        f->raw[3 + c] = medium_fit_inverse_softplus(OXL_MAX(backscatter[c] * f->range, MEDIUM_FIT_MIN));
+        f->raw[6 + c] = medium_fit_inverse_softplus(OXL_MAX((double)veiling_light[c], MEDIUM_FIT_MIN));
     }
 }
 
@@ -152,6 +154,6 @@ OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, in
     archive_doubles(a, f->first, 9);
     archive_doubles(a, f->second, 9);
     for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
-        archive_expect(a, fabs(f->raw[k]) <= 1e6 && fabs(f->first[k]) <= DBL_MAX && f->second[k] >= 0);
+        archive_expect(a, fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->first[k]) <= DBL_MAX && f->second[k] >= 0);
     archive_expect(a, (f->on == 0 || f->on == 1) && (f->fixed == 0 || f->fixed == 1) && f->steps >= 0);
 }

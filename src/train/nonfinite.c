@@ -19,6 +19,7 @@
 
 enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the end */
 
+#define NONFINITE_COUNT_MAX 1e9    /* of a count in a file: it fits 32 bits */
 #define NONFINITE_OPACITY   -30.0f /* logit: far below 1/255 */
 #define NONFINITE_SCALE_MAX 87.0f  /* |log scale|: project.c clamps there */
 
@@ -159,6 +160,6 @@ OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n)
 {
     for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++) {
         const double count                               = oxl_json_number(text, NONFINITE_MEMBERS[i].name);
-        *(size_t *)((char *)n + NONFINITE_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, 1e9) : 0;
+        *(size_t *)((char *)n + NONFINITE_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, NONFINITE_COUNT_MAX) : 0;
     }
 }

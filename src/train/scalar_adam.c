@@ -5,8 +5,7 @@
 #include "train_parts.h"
 #include "../core/vecmath.h"
 
-#define SCALAR_ADAM_GRADIENT_MAX 1e18 /* a larger gradient, or one that is not finite, changes nothing */
-#define SCALAR_ADAM_EPSILON      1e-15
+#define SCALAR_ADAM_EPSILON 1e-15 /* against division by 0, as of the Gaussians (adam.c) */
 
 OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step)
 {

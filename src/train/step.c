@@ -4,8 +4,10 @@
 
 #define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
 #define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */
-#define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
-#define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_READ_AHEAD 64    /* views of the epoch looked at for images to read ahead: many may be in memory already */
+#define STEP_MSE_MIN    1e-10 /* 100 dB: PSNR of equal images in progress reports */
+#define STEP_ROUNDING   1e-6  /* intervals: the quotient of a whole number of them may come out a little less */
+#define STEP_SMOOTHING  0.02  /* of loss and PSNR in progress reports: about the last 50 views */
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
 static void step_shuffle(struct train *t, int epoch)
@@ -201,8 +203,8 @@ static oxl_result step_skip(struct train *t, int step, int view)
 static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
                               struct renderer_nonfinite skipped)
 {
-    const double                   psnr     = -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
-    const double                   k        = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
+    const double psnr = -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
+    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
     const struct exposure_gradient gradient = {.step      = of->step,
                                                .view      = of->view,
                                                .progress  = (double)of->step / t->options->iterations,
@@ -454,9 +456,10 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
 /* Raises the SH degree by one after each sh_degree_interval of the run, up to t->sh_degree. */
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 {
-    const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
-    int        moved  = 0;
-    oxl_result rc     = OXL_OK;
+    const int wanted =
+        OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + STEP_ROUNDING));
+    int        moved = 0;
+    oxl_result rc    = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);

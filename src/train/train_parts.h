@@ -182,6 +182,7 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 
 /* ---------------------------------------------------------------- scalar_adam.c: Adam for single numbers */
 
+#define SCALAR_ADAM_GRADIENT_MAX 1e18 /* a larger gradient, or one that is not finite, changes nothing: its square is no float */
 /* `at` and its moments; step: of this number, from 1. */
 OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step);
 
