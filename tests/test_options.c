@@ -91,6 +91,7 @@ TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fi
     options_test_refusal("dog-threshold", "9#0%", "T|SHARE%"); /* 1.#IND is not a number in files */
     options_test_refusal("ucd", "3,2", "MID,FAR");
     options_test_refusal("keep", "0", "FRACTION");
+    options_test_refusal("keep", "97350650T", "FRACTION"); /* more bytes than any option takes */
     options_test_refusal("background", "0,0,2", "R,G,B");
     options_test_refusal("seed", "99999999999999999999", "2^64");
 }

@@ -330,8 +330,10 @@ static int option_read_keep(const char *text, oxl_keep *out)
     double      value;
     if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, 1;
     if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, 1;
-    if (!parse_double(&at, end, &value) || !(value > 0 && value <= 1e15) || (*at && !(option_unit(at) > 0))) return 0;
-    if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
+    if (!parse_double(&at, end, &value) || (*at && !(option_unit(at) > 0))) return 0;
+    if (*at) value *= option_unit(at);
+    if (!(value > 0 && value <= OPTION_BYTES_MAX)) return 0;
+    if (*at) *out = (oxl_keep){OXL_KEEP_BYTES, value};
     else if (value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
     else if (value == 1) *out = (oxl_keep){OXL_KEEP_ALL, 0};
     else *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
