@@ -52,8 +52,8 @@ static oxl_result model_write_put(oxl_context *ctx, const struct os_writer *w, c
     return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", w->path);
 }
 
-static oxl_result model_write_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                           const struct model_file_column *column, int columns)
+static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+                                     const struct model_file_column *column, int columns)
 {
     struct text t  = {.ctx = ctx};
     oxl_result  rc = OXL_ERR_MEMORY;
@@ -73,8 +73,8 @@ static oxl_result model_write_write_header(oxl_context *ctx, const struct os_wri
     return rc;
 }
 
-static oxl_result model_write_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model, size_t from,
-                                         size_t end, int file_degree)
+static oxl_result model_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model, size_t from, size_t end,
+                                   int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
     const int                columns = model_file_columns(file_degree, model->sh_degree, column);
@@ -93,7 +93,7 @@ static oxl_result model_write_write_rows(oxl_context *ctx, const struct os_write
     return rc;
 }
 
-static oxl_result model_write_write_lobes(oxl_context *ctx, const struct os_writer *w, const oxl_model *model)
+static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w, const oxl_model *model)
 {
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
@@ -104,21 +104,21 @@ static oxl_result model_write_write_lobes(oxl_context *ctx, const struct os_writ
     return rc;
 }
 
-enum model_file_rows { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
+enum model_write_which { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
 
 /* Some rows of a model, page by page if they are in a file. */
-static oxl_result model_write_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                         enum model_file_rows which, int file_degree)
+static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+                                   enum model_write_which which, int file_degree)
 {
     const size_t pages = model->pages ? model_pages_count(model) : 1;
     oxl_result   rc    = OXL_OK;
     for (size_t k = 0; k < pages && rc == OXL_OK; k++) {
         oxl_model page = *model;
         if (model->pages) rc = model_pages_get(ctx, model, k, &page);
-        if (rc == OXL_OK && which == ROWS_LOBES) rc = model_write_write_lobes(ctx, w, &page);
+        if (rc == OXL_OK && which == ROWS_LOBES) rc = model_write_lobes(ctx, w, &page);
         else if (rc == OXL_OK)
-            rc = model_write_write_rows(ctx, w, &page, which == ROWS_WITHOUT ? page.lobes : 0,
-                                        which == ROWS_WITHOUT ? page.count : page.lobes, file_degree);
+            rc = model_write_rows(ctx, w, &page, which == ROWS_WITHOUT ? page.lobes : 0,
+                                  which == ROWS_WITHOUT ? page.count : page.lobes, file_degree);
         if (model->pages) oxl_model_free(ctx, &page);
     }
     return rc;
@@ -139,9 +139,9 @@ OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *pa
     }
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc != OXL_OK) return rc;
-    rc = model_write_write_header(ctx, &w, &all, column, columns);
+    rc = model_write_header(ctx, &w, &all, column, columns);
     for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
-        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_write_write_part(ctx, &w, &model[m], which, file_degree);
+        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_write_part(ctx, &w, &model[m], which, file_degree);
     return os_writer_close(ctx, &w, rc);
 }
 

@@ -4,7 +4,7 @@
 
 #include "render.h"
 
-/* Functions of a device; each does what the renderer function of the same name does. */
+/* Each does what the renderer function of the same name does; take_image what renderer_set_image does. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);

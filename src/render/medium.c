@@ -82,6 +82,6 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
             double row = 0;
             for (size_t i = (size_t)y * (size_t)width; i < (size_t)(y + 1) * (size_t)width; i++)
                 row += (double)transmittance[i] * drgb[(size_t)c * plane + i];
-            sum[MEDIUM_VEIL + c] += row;
+            sum[MEDIUM_VEILING_LIGHT + c] += row;
         }
 }

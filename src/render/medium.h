@@ -51,9 +51,9 @@ SIMD_INLINE void medium_row_sums(const struct medium *m, const struct medium_pac
         const double dc = (double)dcolour[c][l], direct = dc * (double)p->clear[c][l] * (double)p->through[c][l];
         direct_sum += direct;
         if (!m->on) continue;
-        sum[MEDIUM_DIRECT + c] += -((double)p->range[l] - (double)m->training_range) * direct;
-        sum[MEDIUM_SCATTER + c] += dc * (double)m->veiling_light[c] * (double)p->range[l] * (double)p->rest[c][l];
-        sum[MEDIUM_VEIL + c] += dc * (1 - (double)p->rest[c][l]);
+        sum[MEDIUM_ATTENUATION + c] += -((double)p->range[l] - (double)m->training_range) * direct;
+        sum[MEDIUM_BACKSCATTER + c] += dc * (double)m->veiling_light[c] * (double)p->range[l] * (double)p->rest[c][l];
+        sum[MEDIUM_VEILING_LIGHT + c] += dc * (1 - (double)p->rest[c][l]);
     }
     sum[MEDIUM_FALLOFF] += (double)p->log_near[l] * direct_sum;
 }

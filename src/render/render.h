@@ -170,12 +170,12 @@ OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
 
 /* ---------------------------------------------------------------- medium.c, exposure.c: medium and lamp; on the CPU */
 
-enum {                     /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
-       MEDIUM_DIRECT  = 0, /* three channels each */
-       MEDIUM_SCATTER = 3,
-       MEDIUM_VEIL    = 6,
-       MEDIUM_FALLOFF = 9,
-       MEDIUM_SUMS    = 10
+enum {                           /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
+       MEDIUM_ATTENUATION   = 0, /* three channels each */
+       MEDIUM_BACKSCATTER   = 3,
+       MEDIUM_VEILING_LIGHT = 6,
+       MEDIUM_FALLOFF       = 9,
+       MEDIUM_SUMS          = 10
 };
 
 /* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */

@@ -60,7 +60,7 @@ OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
 OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);   /* 0: end of file, or see r->rc */
 OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is not blank and not a comment */
 
-/* The error of the field at `token`: "seen ..., expected WHAT, KIND". */
+/* The error of the field at `token`: "found ..., expected WHAT, KIND". */
 OXL_INTERNAL oxl_result  colmap_fail_token(struct colmap_reader *r, const char *token, const char *what, const char *kind);
 OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_warning kind);
 OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]); /* a field, printable in a message */
