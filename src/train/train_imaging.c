@@ -33,7 +33,7 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
         most = OXL_MAX(most, fabs(colour[c] - 1));
     }
     if (most < TRAIN_IMAGING_COLOUR) return;
-    model_scale_colour(t->model, colour);
+    model_scale_colour(&t->trained.model, colour);
     oxl_log(t->ctx, OXL_LOG_INFO,
             "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points: Gaussians begin with "
             "the images'",
@@ -65,7 +65,7 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
     photometry_free(t->ctx, &p);
     if (t->medium_fit.on || t->lamp.on) {
         struct imaging m = step_imaging(t);
-        medium_bake(t->scene, &m, 1, t->model);
+        medium_bake(t->scene, &m, 1, &t->trained.model);
     }
     return OXL_OK;
 }
@@ -80,7 +80,7 @@ OXL_INTERNAL oxl_result train_imaging_start_medium(struct train *t)
     if (rc != OXL_OK) return rc;
     medium_fit_start(&t->medium_fit, t->scene);
     m = (struct imaging){.medium = medium_fit_value(&t->medium_fit)};
-    medium_bake(t->scene, &m, 1, t->model);
+    medium_bake(t->scene, &m, 1, &t->trained.model);
     return OXL_OK;
 }
 

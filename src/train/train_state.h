@@ -20,7 +20,7 @@ struct train {
     oxl_scene                 *scene;
     const oxl_train_options   *options;
     oxl_render_options         render;
-    oxl_model                 *model, first, second; /* the parameters and Adam's moments */
+    struct trained_model       trained;
     struct renderer           *renderer;
     struct train_deferred      deferred[2];
     int                        deferred_steps;
@@ -89,14 +89,14 @@ OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* th
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
 struct train_branch { /* the state that a step changes */
-    oxl_model         model, first, second;
-    struct density   *density;
-    int              *view, views, step;
-    double            loss, psnr;
-    struct exposure   exposure;
-    struct medium_fit medium_fit;
-    struct lamp_fit   lamp;
-    struct ucd        ucd;
+    struct trained_model trained;
+    struct density      *density;
+    int                 *view, views, step;
+    double               loss, psnr;
+    struct exposure      exposure;
+    struct medium_fit    medium_fit;
+    struct lamp_fit      lamp;
+    struct ucd           ucd;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
