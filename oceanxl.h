@@ -276,7 +276,7 @@ typedef struct oxl_render_options {
     float background[3]; /* red, green, blue, 0..1 (0,0,0) */
     int   sh_degree;     /* largest degree evaluated; -1: the model's */
     float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
-    float alpha_min;     /* smaller alpha values are skipped on the CPU; at least 1/255 (1/255) [Kerbl 2023] */
+    float alpha_min;     /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
 } oxl_render_options;
 
 OXL_API oxl_render_options oxl_render_options_default(void);

@@ -156,11 +156,11 @@ static const char *const BENCH_NAMES[STAGES] = {
     "project", "bin", "raster forward", "loss, there and back", "raster backward", "project back, Adam"};
 
 struct bench_input {
-    const char *name;
-    oxl_model   model, first, second;
-    oxl_camera  camera;
-    float      *target;
-    float       near_plane;
+    const char          *name;
+    struct trained_model trained;
+    oxl_camera           camera;
+    float               *target;
+    float                near_plane;
 };
 
 static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input *in, double seconds[STAGES])
@@ -171,7 +171,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     double                    t[STAGES + 1];
     o.near_plane = in->near_plane;
-    bench_check(ctx, render_begin(ctx, r, &in->model, &in->camera, &o));
+    bench_check(ctx, render_begin(ctx, r, &in->trained.model, &in->camera, &o));
     t[0] = os_seconds();
     render_project(ctx, r);
     t[1] = os_seconds();
@@ -183,22 +183,14 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     t[4] = os_seconds();
     bench_check(ctx, renderer_backward(ctx, r, NULL, NULL));
     t[5] = os_seconds();
-    bench_check(ctx, renderer_step(ctx, r, &in->model, NULL, &in->first, &in->second, &still, &skipped));
+    bench_check(ctx, renderer_step(ctx, r, &in->trained, NULL, &still, &skipped));
     t[6] = os_seconds();
     for (int s = 0; s < STAGES; s++) seconds[s] = t[s + 1] - t[s];
 }
 
-static void bench_input_begin(oxl_context *ctx, struct bench_input *in)
-{
-    bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->first));
-    bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->second));
-}
-
 static void bench_input_end(oxl_context *ctx, struct bench_input *in)
 {
-    oxl_model_free(ctx, &in->model);
-    oxl_model_free(ctx, &in->first);
-    oxl_model_free(ctx, &in->second);
+    model_trained_free(ctx, &in->trained);
     oxl_free(ctx, in->target);
 }
 
@@ -220,7 +212,7 @@ static void bench_table(oxl_context *ctx, struct bench_input *in, const struct b
         least += seconds[s][0];
     }
     printf("\n%s: %d x %d px, %zu Gaussians, SH degree %d, %d threads, %s\n", in->name, in->camera.width, in->camera.height,
-           in->model.count, in->model.sh_degree, ctx->threads, oxl_isa_name(ctx));
+           in->trained.model.count, in->trained.model.sh_degree, ctx->threads, oxl_isa_name(ctx));
     printf("  %zu visible, %zu (tile, splat) pairs, %.3f M alpha evaluations in %.3f M block lanes: %.1f a pixel\n", n.visible,
            n.pairs, n.pixels * 1e-6, n.subtiles * 16e-6, (double)n.pixels / in->camera.width / in->camera.height);
     for (int s = 0; s < STAGES; s++) {
@@ -252,14 +244,14 @@ static struct bench_input bench_synthetic(oxl_context *ctx, const char *name, si
             point[i].rgb[a]      = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
         }
     }
-    bench_check(ctx, oxl_model_from_points(ctx, point, count, 3, &in.model));
+    bench_check(ctx, oxl_model_from_points(ctx, point, count, 3, &in.trained.model));
     oxl_free(ctx, point);
     in.camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
                              {0, 0, 3}};
     in.target = oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, sizeof *in.target);
     if (!in.target) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
     for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) in.target[i] = (float)random_unit(random_bits(8, i, 0));
-    bench_input_begin(ctx, &in);
+    bench_check(ctx, model_trained_begin(ctx, &in.trained));
     return in;
 }
 
@@ -271,14 +263,15 @@ static struct bench_input bench_survey(oxl_context *ctx, const char *path, int m
     oxl_image          image;
     options.max_side = max_side;
     bench_check(ctx, oxl_scene_load(ctx, path, &options, &scene));
-    bench_check(ctx, oxl_model_from_points(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), degree, &in.model));
+    bench_check(ctx,
+                oxl_model_from_points(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), degree, &in.trained.model));
     in.camera     = oxl_scene_view(scene, 1)->camera;
     in.near_plane = (float)scene_near_plane(scene);
     bench_check(ctx, oxl_scene_image(ctx, scene, 1, &image));
     in.target = image.rgb;
     oxl_free(ctx, image.weight);
     oxl_scene_free(ctx, scene);
-    bench_input_begin(ctx, &in);
+    bench_check(ctx, model_trained_begin(ctx, &in.trained));
     return in;
 }
 

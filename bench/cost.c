@@ -26,7 +26,7 @@ static double cost_cpu(void)
 }
 
 /* Milliseconds of a step, the mean over some views. */
-static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, oxl_model *model, int views)
+static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trained_model *trained, int views)
 {
     struct time_probe r     = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
     const int         count = oxl_scene_view_count(scene);
@@ -34,20 +34,18 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, oxl_model *
     r.render.near_plane     = (float)scene_near_plane(scene);
     cost_check(ctx, predict_time_target(&r));
     cost_check(ctx, renderer_create(ctx, &r.renderer));
-    cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.first));
-    cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.second));
+    cost_check(ctx, model_trained_begin(ctx, trained));
     views = OXL_MIN(views, count);
     for (int k = 0; k < views; k++) {
         double least = HUGE_VAL;
         for (int round = 0; round <= COST_ROUNDS; round++) { /* the first makes room */
             const double begun = cost_cpu();
             cost_check(ctx,
-                       predict_time_step(&r, model, &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
+                       predict_time_step(&r, trained, &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
             if (round > 0) least = OXL_MIN(least, cost_cpu() - begun);
         }
         sum += least;
     }
-    predict_time_end_model(&r);
     renderer_free(ctx, r.renderer);
     oxl_free(ctx, r.target);
     return 1e3 * sum / views;
@@ -81,17 +79,17 @@ static oxl_model cost_model(oxl_context *ctx, const oxl_scene *scene, double tim
 
 static void cost_line(oxl_context *ctx, const char *path, const char *what, int side, double times, int degree, int views)
 {
-    oxl_scene        *scene  = cost_scene(ctx, path, side);
-    oxl_model         model  = cost_model(ctx, scene, times, degree);
-    double            value  = (double)model.count;
-    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
+    oxl_scene           *scene  = cost_scene(ctx, path, side);
+    struct trained_model t      = {.model = cost_model(ctx, scene, times, degree)};
+    double               value  = (double)t.model.count;
+    const oxl_camera    *camera = &oxl_scene_view(scene, 0)->camera;
     if (!strcmp(what, "pixels")) value = (double)camera->width * camera->height;
     if (!strcmp(what, "views")) value = OXL_MIN(views, oxl_scene_view_count(scene));
-    if (!strcmp(what, "planes")) value = oxl_model_planes(&model);
+    if (!strcmp(what, "planes")) value = oxl_model_planes(&t.model);
     if (!strcmp(what, "threads")) value = ctx->threads;
-    printf("%s\t%.0f\t%.3f\n", what, value, cost_of_step(ctx, scene, &model, views));
+    printf("%s\t%.0f\t%.3f\n", what, value, cost_of_step(ctx, scene, &t, views));
     fflush(stdout);
-    oxl_model_free(ctx, &model);
+    model_trained_free(ctx, &t);
     oxl_scene_free(ctx, scene);
 }
 

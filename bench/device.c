@@ -72,7 +72,8 @@ static void device_check(oxl_context *ctx, oxl_result rc)
 }
 
 struct device_run {
-    oxl_model             model, first, second, gradient;
+    struct trained_model  trained;
+    oxl_model             gradient;
     oxl_camera            camera;
     struct training_image image;
     float                *numbers;
@@ -89,10 +90,9 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
             point[i].position[a] = a == 0 ? 4 * u : a == 1 ? 4 * u * height / width : 0.3 * u;
             point[i].rgb[a]      = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
         }
-    device_check(ctx, oxl_model_from_points(ctx, point, count, 3, &r->model));
+    device_check(ctx, oxl_model_from_points(ctx, point, count, 3, &r->trained.model));
     oxl_free(ctx, point);
-    device_check(ctx, oxl_model_create(ctx, count, 3, &r->first));
-    device_check(ctx, oxl_model_create(ctx, count, 3, &r->second));
+    device_check(ctx, model_trained_begin(ctx, &r->trained));
     device_check(ctx, oxl_model_create(ctx, count, 3, &r->gradient));
     r->camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
                              {0, 0, 3}};
@@ -107,9 +107,7 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
 static void device_end(oxl_context *ctx, struct device_run *r)
 {
     renderer_free(ctx, r->renderer);
-    oxl_model_free(ctx, &r->model);
-    oxl_model_free(ctx, &r->first);
-    oxl_model_free(ctx, &r->second);
+    model_trained_free(ctx, &r->trained);
     oxl_model_free(ctx, &r->gradient);
     oxl_free(ctx, r->image.rgb);
     oxl_free(ctx, r->numbers);
@@ -122,13 +120,14 @@ static void device_step(oxl_context *ctx, struct device_run *r)
     oxl_render_options        options = oxl_render_options_default();
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
-    struct renderer_sums      sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
-    options.near_plane             = 0.01f;
-    device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
+    struct renderer_sums      sums = {
+             .count = r->trained.model.count, .gradient = r->numbers, .views = r->numbers + r->trained.model.count};
+    options.near_plane = 0.01f;
+    device_check(ctx, renderer_forward(ctx, r->renderer, &r->trained.model, &r->camera, &options));
     device_check(ctx, renderer_set_image(ctx, r->renderer, 0, &r->image, NULL, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
-    device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &skipped));
+    device_check(ctx, renderer_step(ctx, r->renderer, &r->trained, &r->gradient, &still, &skipped));
     device_check(ctx, renderer_observe(ctx, r->renderer, &sums));
 }
 
@@ -208,11 +207,12 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
 {
     const struct vulkan_renderer *d      = r->renderer->device;
     const double                  rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
-    const double                  touched = 4.0 * (double)r->model.count * oxl_model_planes(&r->model);
+    const double                  touched = 4.0 * (double)r->trained.model.count * oxl_model_planes(&r->trained.model);
     double                        all     = 0;
     for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
     printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel, batches of %u\n",
-           r->model.count, r->camera.width, r->camera.height, d->most_pairs, (double)most->evaluations / pixels, v->batch);
+           r->trained.model.count, r->camera.width, r->camera.height, d->most_pairs, (double)most->evaluations / pixels,
+           v->batch);
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;

@@ -299,10 +299,8 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     const oxl_train_options   options = fuzz_train_options();
     struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
     const struct train_output place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
-    oxl_model                 model = {0};
-    struct train              t     = {
-                         .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .output = &place, .decisions = {.ctx = ctx}};
-    oxl_result rc;
+    struct train t = {.ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .output = &place, .decisions = {.ctx = ctx}};
+    oxl_result   rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
     rc = train_resume(&t);
@@ -313,7 +311,6 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
         fuzz_explained(ctx, rc);
     }
     train_end(&t);
-    oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, t.scene);
     text_free(&log);
     text_free(&notes);

@@ -1,4 +1,7 @@
-/* scene.h - the scene of splat.c: a patch of sand with a coral, two boulders and two fish, and 13 cameras around it; and write_ply. */
+/* scene.h - the scene of splat.c: a patch of sand with a coral, two boulders and two fish, and 13 cameras around it; and the two
+ * files that splat.c writes. */
+
+enum { SCENE_WIDTH = 48, SCENE_HEIGHT = 36 };
 
 static const double SCENE_VIEW[][12] = {
     /* rotation, row by row, and place of a camera */
@@ -75,22 +78,39 @@ static const double SCENE_GAUSSIAN[][14] = {
     {-0.796, -0.77, 0.262, -4.017, -4.017, -2.996, 0.362, 0, 0.932, 0, 3.892, -1.595, -1.595, -1.595},
 };
 
-/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. */
-void write_ply(const char *path, const struct model *m) {
+enum { SCENE_VIEWS = sizeof SCENE_VIEW / sizeof *SCENE_VIEW, SCENE_GAUSSIANS = sizeof SCENE_GAUSSIAN / sizeof *SCENE_GAUSSIAN };
+
+struct camera scene_camera(int view) {
+    struct camera cam = {{SCENE_WIDTH, SCENE_HEIGHT}, {45, 45}, {SCENE_WIDTH / 2, SCENE_HEIGHT / 2}, .near_plane = 0.2};
+    memcpy(cam.rotation, SCENE_VIEW[view], 9 * sizeof(double));
+    memcpy(cam.origin, SCENE_VIEW[view] + 9, 3 * sizeof(double));
+    return cam;
+}
+
+/* Two images (H,W,3), one above the other. Returns 1 if the file cannot be written. */
+int write_ppm(const char *path, const double *above, const double *below) {
+    const int n = 3 * SCENE_WIDTH * SCENE_HEIGHT;
+    FILE *f = fopen(path, "wb");
+    if (!f) return perror(path), 1;
+    fprintf(f, "P6 %d %d 255\n", SCENE_WIDTH, 2 * SCENE_HEIGHT);
+    for (int i = 0; i < 2 * n; i++) fputc((int)(0.5 + 255 * fmax(0, fmin(1, i < n ? above[i] : below[i - n]))), f);
+    return fclose(f) != 0;
+}
+
+/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. Returns 1
+ * if the file cannot be written. */
+int write_ply(const char *path, const struct model *m) {
     const char *name[] = {"x",     "y",     "z",     "scale_0", "scale_1", "scale_2", "rot_0",
                           "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",  "f_dc_1",  "f_dc_2"};
     FILE *f = fopen(path, "wb");
-    if (!f) {
-        perror(path);
-        return;
-    }
+    if (!f) return perror(path), 1;
     fprintf(f, "ply\nformat binary_little_endian 1.0\nelement vertex %d\n", m->count);
     for (int k = 0; k < 14; k++) fprintf(f, "property float %s\n", name[k]);
     for (int k = 0; k < 45; k++) fprintf(f, "property float f_rest_%d\n", k % 3 * 15 + k / 3);
     fprintf(f, "end_header\n");
-    for (int i = 0; i < 64 * m->count; i++) {
+    for (int i = 0; i < PARAMETERS * m->count; i++) {
         const float x = (float)((const double *)m->row)[i];
-        if (i % 64 < 59) fwrite(&x, sizeof x, 1, f);
+        if (i % PARAMETERS < LOBE) fwrite(&x, sizeof x, 1, f);
     }
-    fclose(f);
+    return fclose(f) != 0;
 }

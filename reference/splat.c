@@ -331,8 +331,8 @@ double loss(const double *x, const double *y, int w, int h, double weight, doubl
 
 /* ---------------------------------------------------------------- training [K Alg. 1] */
 
-enum { LOG_SCALE = 3, ROTATION = 6, LOGIT = 10, SH_0 = 11, SH_REST = 14, LOBE = 59 }; /* first numbers in a struct gaussian */
-/* Of number k of a Gaussian [K*]; the mean's is in extents of the scene and falls to a hundredth as progress goes from 0 to 1. */
+enum { LOG_SCALE = 3, ROTATION = 6, LOGIT = 10, SH_0 = 11, SH_REST = 14, LOBE = 59, PARAMETERS = 64 }; /* in a struct gaussian */
+/* The rate of number k of a Gaussian [K*]; the mean's is in extents of the scene and falls to a hundredth over the run. */
 double learning_rate(int k, double extent, double progress) {
     if (k < LOG_SCALE) return 1.6e-4 * extent * pow(0.01, progress);
     if (k < SH_0) return k < ROTATION ? 0.005 : k < LOGIT ? 0.001 : 0.025;
@@ -381,13 +381,15 @@ struct trainer {
 double train_step(struct trainer *t, const struct camera *cam, const double *truth, int step, double progress) {
     const int w = cam->size[0], h = cam->size[1], count = render_forward(&t->model, cam, t->s, t->rgb);
     const double value = loss(t->rgb, truth, w, h, 0.2, t->drgb); /* [K] */
-    memset(t->ds, 0, sizeof t->ds), memset(t->d, 0, sizeof t->d);
+    memset(t->ds, 0, sizeof t->ds);
+    memset(t->d, 0, sizeof t->d);
     render_backward(&t->model, cam, t->s, count, t->rgb, t->drgb, t->ds, t->d);
     for (int i = 0; i < count; i++) {
         const int row = t->s[i].row;
         double *x = (double *)&t->x[row], *m = (double *)&t->m[row], *v = (double *)&t->v[row], *d = (double *)&t->d[row];
-        for (int k = 0; k < 64; k++) adam(x + k, d[k], learning_rate(k, t->extent, progress), step, m + k, v + k);
-        t->views[row]++, t->gradient_sum[row] += hypot(t->ds[i].centre[0] * w / 2, t->ds[i].centre[1] * h / 2);
+        for (int k = 0; k < PARAMETERS; k++) adam(x + k, d[k], learning_rate(k, t->extent, progress), step, m + k, v + k);
+        t->views[row]++;
+        t->gradient_sum[row] += hypot(t->ds[i].centre[0] * w / 2, t->ds[i].centre[1] * h / 2);
     }
     return value;
 }
@@ -396,55 +398,53 @@ void densify(struct trainer *t, int was_reset) {
     static const struct gaussian zero; /* moments of new rows */
     for (int i = t->model.count - 1; i >= 0; i--) {
         const enum verdict verdict = classify(&t->x[i], t->gradient_sum[i] / fmax(1, t->views[i]), t->extent, was_reset);
-        const int n = t->model.count;
-        if (verdict == REMOVE) t->x[i] = t->x[n - 1], t->m[i] = t->m[n - 1], t->v[i] = t->v[n - 1], t->model.count--;
-        if (verdict == REMOVE || verdict == KEEP || n == MOST) continue;
-        t->x[n] = t->x[i], t->model.count++;
-        t->m[i] = t->v[i] = t->m[n] = t->v[n] = zero;
-        split(&t->x[i], -1), split(&t->x[n], 1);
+        if (verdict == REMOVE) { /* the last row takes its place */
+            const int last = --t->model.count;
+            t->x[i] = t->x[last], t->m[i] = t->m[last], t->v[i] = t->v[last];
+        } else if (verdict == SPLIT && t->model.count < MOST) {
+            const int n = t->model.count++;
+            t->x[n] = t->x[i];
+            t->m[i] = t->v[i] = t->m[n] = t->v[n] = zero;
+            split(&t->x[i], -1);
+            split(&t->x[n], 1);
+        }
     }
-    memset(t->gradient_sum, 0, sizeof t->gradient_sum), memset(t->views, 0, sizeof t->views);
+    memset(t->gradient_sum, 0, sizeof t->gradient_sum);
+    memset(t->views, 0, sizeof t->views);
 }
 
 #ifndef SPLAT_NO_MAIN
-#include "scene.h" /* and write_ply */
+#include "scene.h" /* its sizes, Gaussians and cameras; write_ppm, write_ply */
 int main(void) {
-    enum { VIEWS = sizeof SCENE_VIEW / sizeof *SCENE_VIEW, COUNT = sizeof SCENE_GAUSSIAN / sizeof *SCENE_GAUSSIAN, STEPS = 600 };
-    static struct trainer t = {{COUNT, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5};
-    static double truth[VIEWS][3 * PIXELS];
-    struct camera cam[VIEWS];
+    enum { STEPS = 600, RESET = STEPS / 4, DENSIFY_UNTIL = STEPS / 2, ADD_LOBES = STEPS * 3 / 4 };
+    static struct trainer t = {{SCENE_GAUSSIANS, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5};
+    static double truth[SCENE_VIEWS][3 * PIXELS];
+    struct camera cam[SCENE_VIEWS];
     double mean = 0, square = 0;
-    FILE *f = fopen("splat.ppm", "wb");
-    if (!f) return perror("splat.ppm"), 1;
-    for (int i = 0; i < COUNT; i++) memcpy(&t.x[i], SCENE_GAUSSIAN[i], sizeof *SCENE_GAUSSIAN);
-    for (int i = 0; i < VIEWS; i++) {
-        cam[i] = (struct camera){{48, 36}, {45, 45}, {24, 18}, .near_plane = 0.2};
-        memcpy(cam[i].rotation, SCENE_VIEW[i], 9 * sizeof(double)), memcpy(cam[i].origin, SCENE_VIEW[i] + 9, 3 * sizeof(double));
-        render_forward(&t.model, &cam[i], t.s, truth[i]);
-    }
-    for (int i = 0; i < COUNT; i++) { /* known are the images and rough places; o = 0.1, o' = 0.1 o, s' = 1.6 s */
+    for (int i = 0; i < SCENE_GAUSSIANS; i++) memcpy(&t.x[i], SCENE_GAUSSIAN[i], sizeof *SCENE_GAUSSIAN);
+    for (int i = 0; i < SCENE_VIEWS; i++) cam[i] = scene_camera(i);
+    for (int i = 0; i < SCENE_VIEWS; i++) render_forward(&t.model, &cam[i], t.s, truth[i]);
+    for (int i = 0; i < SCENE_GAUSSIANS; i++) { /* training knows the images, and rough places; o = 0.1, o' = 0.1 o, s' = 1.6 s */
         struct gaussian start = {.log_scale = {-2, -2, -2}, .rotation = {1}, .logit = -2.2, .lobe = {-2.2, 0.5, 0.5, 0.5}};
         for (int a = 0; a < 3; a++) start.mean[a] = rint(4 * t.x[i].mean[a]) / 4;
         t.x[i] = start;
     }
-    for (int step = 1, v = 0; step <= STEPS; step++) { /* view 0 is held out */
-        v = v % (VIEWS - 1) + 1, mean += train_step(&t, &cam[v], truth[v], step, (double)step / STEPS) / 50;
+    for (int step = 1; step <= STEPS; step++) {
+        const int v = 1 + (step - 1) % (SCENE_VIEWS - 1); /* view 0 is held out */
+        mean += train_step(&t, &cam[v], truth[v], step, (double)step / STEPS) / 50;
         if (step % 50) continue;
-        printf("step %4d  loss %.4f  %d Gaussians\n", step, mean, t.model.count), mean = 0;
+        printf("step %4d  loss %.4f  %d Gaussians\n", step, mean, t.model.count);
+        mean = 0;
         t.model.degree = 4 * step / (STEPS + 1);
-        if (step <= STEPS / 2) densify(&t, step > STEPS / 4);
+        if (step <= DENSIFY_UNTIL) densify(&t, step > RESET);
         for (int i = 0; i < t.model.count; i++) {
-            if (step == STEPS / 4) t.x[i].logit = fmin(t.x[i].logit, -4.6), t.m[i].logit = t.v[i].logit = 0; /* o = .01 [K*] */
-            if (step == STEPS * 3 / 4) t.x[i].lobed = t.gradient_sum[i] > 2e-4 * t.views[i];                 /* [O eq. 4] */
+            if (step == RESET) t.x[i].logit = fmin(t.x[i].logit, -4.6), t.m[i].logit = t.v[i].logit = 0; /* o = .01 [K*] */
+            if (step == ADD_LOBES) t.x[i].lobed = t.gradient_sum[i] > 2e-4 * t.views[i];                 /* [O eq. 4] */
         }
     }
     render_forward(&t.model, &cam[0], t.s, t.rgb);
-    fprintf(f, "P6 48 72 255\n");
-    for (int i = 0; i < 6 * PIXELS; i++)
-        fputc((int)(0.5 + 255 * fmax(0, fmin(1, i < 3 * PIXELS ? truth[0][i] : t.rgb[i - 3 * PIXELS]))), f);
     for (int i = 0; i < 3 * PIXELS; i++) square += pow(t.rgb[i] - truth[0][i], 2) / (3 * PIXELS);
     printf("view that was held out: %.2f dB\n", -10 * log10(square));
-    write_ply("splat.ply", &t.model);
-    return fclose(f);
+    return write_ppm("splat.ppm", truth[0], t.rgb) || write_ply("splat.ply", &t.model);
 }
 #endif

@@ -80,8 +80,8 @@ static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extr
                                                .beta1     = (float)0.9,
                                                .beta2     = (float)0.999,
                                                .parameter = {value[0]},
-                                               .first     = {value[1]},
-                                               .second    = {value[2]},
+                                               .mean      = {value[1]},
+                                               .square    = {value[2]},
                                                .gradient  = {gradient}};
     struct extreme_error error              = {0, 0, 1};
     for (int step = 1; step <= e->steps; step++) {

@@ -70,11 +70,11 @@ const char *test_write(const char *name, const char *text);
 const char *test_shared(const char *name);
 
 /* What a step of density control does. */
-static inline oxl_result test_density(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+static inline oxl_result test_density(oxl_context *ctx, struct density *d, struct trained_model *trained,
                                       const struct density_rules *rules, struct density_change *out)
 {
-    const oxl_result rc = density_decide(ctx, d, model, rules, out);
-    return rc == OXL_OK ? density_apply(ctx, d, model, first, second, out, 0) : rc;
+    const oxl_result rc = density_decide(ctx, d, &trained->model, rules, out);
+    return rc == OXL_OK ? density_apply(ctx, d, trained, out, 0) : rc;
 }
 
 #endif

@@ -3,7 +3,7 @@
 enum { ADAM_ROWS = 2 * PACK };
 
 struct adam_state {
-    float parameter[ADAM_ROWS], first[ADAM_ROWS], second[ADAM_ROWS], gradient[ADAM_ROWS];
+    float parameter[ADAM_ROWS], mean[ADAM_ROWS], square[ADAM_ROWS], gradient[ADAM_ROWS];
 };
 
 static void adam_take_step(struct adam_state *s, int step, float rate, uint16_t visible[2])
@@ -12,8 +12,8 @@ static void adam_take_step(struct adam_state *s, int step, float rate, uint16_t 
                            .visible            = visible,
                            .planes             = 1,
                            .parameter          = {s->parameter},
-                           .first              = {s->first},
-                           .second             = {s->second},
+                           .mean               = {s->mean},
+                           .square             = {s->square},
                            .gradient           = {s->gradient},
                            .rate               = {(float)(rate / (1 - pow(0.9, step)))},
                            .beta1              = 0.9f,
@@ -43,13 +43,13 @@ TEST(adam_does_not_change_rows_out_of_view)
 {
     uint16_t          some[2] = {0x00F0, 0};
     struct adam_state s;
-    for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.first[i] = s.second[i] = 0.5f;
+    for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.mean[i] = s.square[i] = 0.5f;
     adam_take_step(&s, 1, 0.01f, some);
     for (int i = 0; i < ADAM_ROWS; i++) {
         const int seen = i >= 4 && i < 8;
         CHECK((s.parameter[i] != 1) == seen);
-        CHECK((s.first[i] != 0.5f) == seen);
-        CHECK((s.second[i] != 0.5f) == seen);
+        CHECK((s.mean[i] != 0.5f) == seen);
+        CHECK((s.square[i] != 0.5f) == seen);
     }
 }
 
@@ -60,7 +60,7 @@ TEST(adam_handles_zero_and_very_large_gradients)
     for (int i = 0; i < ADAM_ROWS; i++) s.gradient[i] = i % 2 ? 1e20f : 0;
     for (int step = 1; step <= 50; step++) adam_take_step(&s, step, 0.01f, all);
     for (int i = 0; i < ADAM_ROWS; i++) {
-        CHECK(isfinite(s.parameter[i]) && isfinite(s.first[i]) && isfinite(s.second[i]));
+        CHECK(isfinite(s.parameter[i]) && isfinite(s.mean[i]) && isfinite(s.square[i]));
         CHECK_CLOSE(s.parameter[i], i % 2 ? -0.5 : 0, 0.01);
     }
 }
@@ -69,7 +69,7 @@ TEST(adam_skips_nonfinite_rows_and_steps_their_neighbours)
 {
     uint16_t          all[2] = {0xFFFF, 0xFFFF};
     struct adam_state s;
-    for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.first[i] = s.second[i] = 0.5f;
+    for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.mean[i] = s.square[i] = 0.5f;
     s.gradient[3]   = NAN;
     s.gradient[20]  = -INFINITY;
     s.parameter[21] = NAN;
@@ -78,8 +78,8 @@ TEST(adam_skips_nonfinite_rows_and_steps_their_neighbours)
     CHECK(all[1] == (uint16_t) ~(3u << 4));
     for (int i = 0; i < ADAM_ROWS; i++) {
         const int aside = i == 3 || i == 20 || i == 21;
-        CHECK((s.first[i] == 0.5f) == aside);
-        CHECK((s.second[i] == 0.5f) == aside);
+        CHECK((s.mean[i] == 0.5f) == aside);
+        CHECK((s.square[i] == 0.5f) == aside);
         if (i != 21) CHECK((s.parameter[i] == 1) == aside);
     }
 }

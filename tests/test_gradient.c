@@ -254,42 +254,37 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
     struct wide               r;
     struct renderer          *renderer;
-    oxl_model                 m, first, second, gradient, old;
+    oxl_model                 gradient, old;
+    struct trained_model      m;
     struct renderer_nonfinite aside;
     gradient_lobed_scene(&r, 40, 19, 0);
     r.plane[OXL_MEAN + 2][3] = -50; /* out of view */
-    gradient_to_model(&r, &m);
+    gradient_to_model(&r, &m.model);
     gradient_to_model(&r, &old);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = k == OXL_LOBE ? 0.025f : 0.005f;
-    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &first));
-    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &second));
+    CHECK_OK(model_trained_begin(test_ctx, &m));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
-    for (int k = 0; k < 4; k++) first.plane[OXL_ROTATION + k][0] = second.plane[OXL_ROTATION + k][0] = 0;
-    CHECK_OK(model_set_lobes(test_ctx, &first, 19));
-    CHECK_OK(model_set_lobes(test_ctx, &second, 19));
     CHECK_OK(renderer_create(test_ctx, &renderer));
-    CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
+    CHECK_OK(renderer_forward(test_ctx, renderer, &m.model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &gradient));
     CHECK(gradient.lobes == 19);
-    CHECK_OK(renderer_step(test_ctx, renderer, &m, &gradient, &first, &second, &adam, &aside));
+    CHECK_OK(renderer_step(test_ctx, renderer, &m, &gradient, &adam, &aside));
     for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
         for (int i = 0; i < 19; i++)
-            CHECK_CLOSE(fabs(m.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : adam.rate[k], 1e-4 * adam.rate[k]);
-        for (int i = 19; i < 32; i++) CHECK(m.plane[k][i] == 0);
+            CHECK_CLOSE(fabs(m.model.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : adam.rate[k], 1e-4 * adam.rate[k]);
+        for (int i = 19; i < 32; i++) CHECK(m.model.plane[k][i] == 0);
     }
-    CHECK(m.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);
+    CHECK(m.model.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);
     renderer_free(test_ctx, renderer);
-    oxl_model_free(test_ctx, &m);
+    model_trained_free(test_ctx, &m);
     oxl_model_free(test_ctx, &old);
-    oxl_model_free(test_ctx, &first);
-    oxl_model_free(test_ctx, &second);
     oxl_model_free(test_ctx, &gradient);
     wide_free(&r);
 }
 
 /* The model after a step, whose gradient comes from the backward pass (late 0) or from the step itself. */
-static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
+static void gradient_stepped(const struct wide *r, int late, struct trained_model *m)
 {
     const oxl_camera         camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     const oxl_render_options options = oxl_render_options_default();
@@ -297,38 +292,33 @@ static void gradient_stepped(const struct wide *r, int late, oxl_model *m)
                .on = 1, .attenuation = {0.1f, 0.2f, 0.3f}, .backscatter = {0.1f, 0.1f, 0.1f}, .veiling_light = {0.2f, 0.3f, 0.4f}};
     float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
-    oxl_model                 first, second, gradient;
+    oxl_model                 gradient;
     struct renderer          *renderer;
     struct renderer_nonfinite aside;
-    gradient_to_model(r, m);
+    gradient_to_model(r, &m->model);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.005f;
-    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &first));
-    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &second));
+    CHECK_OK(model_trained_begin(test_ctx, m));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
-    CHECK_OK(model_set_lobes(test_ctx, &first, 19));
-    CHECK_OK(model_set_lobes(test_ctx, &second, 19));
     CHECK_OK(renderer_create(test_ctx, &renderer));
     renderer_set_medium(renderer, &murky, 1);
-    CHECK_OK(renderer_forward(test_ctx, renderer, m, &camera, &options));
+    CHECK_OK(renderer_forward(test_ctx, renderer, &m->model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, late ? NULL : &gradient));
-    CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &first, &second, &adam, &aside));
+    CHECK_OK(renderer_step(test_ctx, renderer, m, late ? NULL : &gradient, &adam, &aside));
     renderer_free(test_ctx, renderer);
-    oxl_model_free(test_ctx, &first);
-    oxl_model_free(test_ctx, &second);
     oxl_model_free(test_ctx, &gradient);
 }
 
 TEST(a_step_that_ends_the_backward_pass_itself_gives_the_same_bytes)
 {
-    struct wide r;
-    oxl_model   m[2];
+    struct wide          r;
+    struct trained_model m[2];
     gradient_lobed_scene(&r, 40, 19, 0);
     for (int late = 0; late < 2; late++) gradient_stepped(&r, late, &m[late]);
     for (int k = 0; k < OXL_PLANES; k++)
-        if (m[0].plane[k]) CHECK(memcmp(m[0].plane[k], m[1].plane[k], (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
-    CHECK(m[0].plane[OXL_MEAN][0] != (float)r.plane[OXL_MEAN][0]);
-    oxl_model_free(test_ctx, &m[0]);
-    oxl_model_free(test_ctx, &m[1]);
+        if (m[0].model.plane[k])
+            CHECK(memcmp(m[0].model.plane[k], m[1].model.plane[k], (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
+    CHECK(m[0].model.plane[OXL_MEAN][0] != (float)r.plane[OXL_MEAN][0]);
+    for (int k = 0; k < 2; k++) model_trained_free(test_ctx, &m[k]);
     wide_free(&r);
 }

@@ -178,32 +178,33 @@ TEST(model_keep_rows_keeps_order_and_lobes)
 TEST(model_activation_brings_active_rows_to_the_front_and_keeps_each_rows_numbers)
 {
     enum { N = 70 };
-    oxl_model m[3], old[3];
-    uint8_t   active[N];
-    size_t    front = 0, back = 0;
+    struct trained_model t;
+    oxl_model            old[3];
+    uint8_t              active[N];
+    size_t               front = 0, back = 0;
     for (int n = 0; n < 3; n++) {
-        m[n] = model_test_random(N, n % 2 ? 1 : 2);
-        for (size_t i = 0; i < N; i++) m[n].plane[OXL_MEAN][i] = (float)(1000 * n) + (float)i;
-        CHECK_OK(model_copy(test_ctx, &m[n], &old[n]));
+        oxl_model *m = model_trained_part(&t, n);
+        *m           = model_test_random(N, n % 2 ? 1 : 2);
+        for (size_t i = 0; i < N; i++) m->plane[OXL_MEAN][i] = (float)(1000 * n) + (float)i;
+        CHECK_OK(model_copy(test_ctx, m, &old[n]));
     }
     for (size_t i = 0; i < N; i++) back += active[i] = (uint8_t)(random_bits(5, i, 0) % 3 == 0);
-    CHECK(model_activate_lobes(test_ctx, &m[0], &m[1], &m[2], active, 1, 1.6f) == OXL_ERR_USAGE && m[0].lobes == 0);
-    CHECK_OK(model_activate_lobes(test_ctx, &m[0], &m[1], &m[2], active, 0.25f, 1.6f));
-    CHECK(m[0].lobes == back && m[1].lobes == back && m[2].lobes == back && back > 10);
+    CHECK(model_trained_make_lobes(test_ctx, &t, active, 1, 1.6f) == OXL_ERR_USAGE && t.model.lobes == 0);
+    CHECK_OK(model_trained_make_lobes(test_ctx, &t, active, 0.25f, 1.6f));
+    CHECK(t.model.lobes == back && t.mean.lobes == back && t.square.lobes == back && back > 10);
     for (size_t i = 0; i < N; i++) {
         const size_t at = active[i] ? front++ : back++;
         for (int n = 0; n < 3; n++)
-            for (int p = 0; p < oxl_model_planes(&m[n]); p++) CHECK(m[n].plane[p][at] == old[n].plane[p][i]);
+            for (int p = 0; p < oxl_model_planes(&old[n]); p++)
+                CHECK(model_trained_part(&t, n)->plane[p][at] == old[n].plane[p][i]);
         for (int p = OXL_LOBE; active[i] && p < OXL_PLANES; p++) {
-            CHECK_CLOSE(m[0].plane[p][at], p == OXL_LOBE ? log(0.25 / 0.75) : log(1.6), 1e-6);
-            CHECK(m[1].plane[p][at] == 0 && m[2].plane[p][at] == 0);
+            CHECK_CLOSE(t.model.plane[p][at], p == OXL_LOBE ? log(0.25 / 0.75) : log(1.6), 1e-6);
+            CHECK(t.mean.plane[p][at] == 0 && t.square.plane[p][at] == 0);
         }
     }
-    CHECK(model_activate_lobes(test_ctx, &m[0], &m[1], &m[2], active, 0.25f, 1.6f) == OXL_ERR_USAGE);
-    for (int n = 0; n < 3; n++) {
-        oxl_model_free(test_ctx, &m[n]);
-        oxl_model_free(test_ctx, &old[n]);
-    }
+    CHECK(model_trained_make_lobes(test_ctx, &t, active, 0.25f, 1.6f) == OXL_ERR_USAGE);
+    model_trained_free(test_ctx, &t);
+    for (int n = 0; n < 3; n++) oxl_model_free(test_ctx, &old[n]);
 }
 
 TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)

@@ -462,7 +462,7 @@ TEST(partition_joins_a_block_without_views_to_its_neighbours)
     scene = partition_test_load(partition_test_survey("half", &t));
     partition_test_listen();
     CHECK_OK(partition_make(test_ctx, scene, &o, &q));
-    CHECK_TEXT(partition_test_log, "splits undone: less than 25 points or 3 views");
+    CHECK_TEXT(partition_test_log, "cuts undone: less than 25 points or 3 views");
     CHECK_TEXT(partition_test_log, "more than --block-points 100");
     CHECK(q.block_count > 3);
     for (int i = 0; i < q.block_count; i++) CHECK(q.block[i].base_views + q.block[i].border_views >= 3); /* of 31: one in ten */

@@ -172,26 +172,26 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 
 /* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they share nothing. */
 struct prune_case {
-    oxl_scene *scene;
-    oxl_model  model, first, second;
+    oxl_scene           *scene;
+    struct trained_model trained;
 };
 
 static struct prune_case prune_two_patches(int many, int few, float low)
 {
     enum { SIDE = 32 };
-    struct prune_case c         = {NULL, {0}, {0}, {0}};
+    struct prune_case c         = {NULL, {{0}, {0}, {0}}};
     oxl_view          view[16]  = {{0}};
     oxl_image         image[16] = {{0}};
     static char       names[16][16];
-    CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.model));
+    CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.trained.model));
     for (int i = 0; i < 128; i++) {
-        c.model.plane[OXL_MEAN][i]     = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
-        c.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
-        c.model.plane[OXL_OPACITY][i]  = i % 2 ? 2.0f : low; /* every second one is fainter */
-        for (int a = 0; a < 3; a++) c.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.model.plane[OXL_SH + a][i] = 1;
+        c.trained.model.plane[OXL_MEAN][i]     = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
+        c.trained.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
+        c.trained.model.plane[OXL_OPACITY][i]  = i % 2 ? 2.0f : low; /* every second one is fainter */
+        for (int a = 0; a < 3; a++) c.trained.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.trained.model.plane[OXL_SH + a][i] = 1;
     }
-    CHECK_OK(model_copy(test_ctx, &c.model, &c.first));
-    CHECK_OK(model_copy(test_ctx, &c.model, &c.second));
+    CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.mean));
+    CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.square));
     for (int v = 0; v < many + few; v++) {
         snprintf(names[v], sizeof names[v], "v%02d.png", v);
         view[v] = (oxl_view){names[v],
@@ -215,9 +215,7 @@ static struct prune_case prune_two_patches(int many, int few, float low)
 static void prune_case_free(struct prune_case *c)
 {
     oxl_scene_free(test_ctx, c->scene);
-    oxl_model_free(test_ctx, &c->model);
-    oxl_model_free(test_ctx, &c->first);
-    oxl_model_free(test_ctx, &c->second);
+    model_trained_free(test_ctx, &c->trained);
 }
 
 /* Drops 64 of the 128; returns how many stay of the patch that few views see. */
@@ -228,17 +226,15 @@ static int prune_run_case(struct prune_case *c, const struct prune *p)
     uint8_t                  keep[128];
     int                      right = 0;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(prune_choose(test_ctx, p, 64, r, c->scene, &options, &c->model, keep));
+    CHECK_OK(prune_choose(test_ctx, p, 64, r, c->scene, &options, &c->trained.model, keep));
     renderer_free(test_ctx, r);
-    model_keep_rows(&c->model, keep);
-    model_keep_rows(&c->first, keep);
-    model_keep_rows(&c->second, keep);
-    CHECK(c->model.count == 64 && c->first.count == 64 && c->second.count == 64);
+    for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&c->trained, k), keep);
+    CHECK(c->trained.model.count == 64 && c->trained.mean.count == 64 && c->trained.square.count == 64);
     for (int i = 0; i < 64; i++) {
-        right += c->model.plane[OXL_MEAN][i] > 0;
-        CHECK(c->first.plane[OXL_MEAN][i] == c->model.plane[OXL_MEAN][i]); /* moments go with their rows */
-        CHECK(i == 0 || c->model.plane[OXL_MEAN][i] >= c->model.plane[OXL_MEAN][i - 1] ||
-              c->model.plane[OXL_MEAN + 1][i] > c->model.plane[OXL_MEAN + 1][i - 1]); /* in their order */
+        right += c->trained.model.plane[OXL_MEAN][i] > 0;
+        CHECK(c->trained.mean.plane[OXL_MEAN][i] == c->trained.model.plane[OXL_MEAN][i]); /* moments go with their rows */
+        CHECK(i == 0 || c->trained.model.plane[OXL_MEAN][i] >= c->trained.model.plane[OXL_MEAN][i - 1] ||
+              c->trained.model.plane[OXL_MEAN + 1][i] > c->trained.model.plane[OXL_MEAN + 1][i - 1]); /* in their order */
     }
     return right;
 }
@@ -250,7 +246,7 @@ TEST(prune_drops_the_faint_before_the_opaque)
     int               faint = 0;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 8, 248);
     prune_run_case(&c, &p);
-    for (int i = 0; i < 64; i++) faint += c.model.plane[OXL_OPACITY][i] < 0;
+    for (int i = 0; i < 64; i++) faint += c.trained.model.plane[OXL_OPACITY][i] < 0;
     CHECK(faint == 0);
     prune_case_free(&c);
 }
@@ -279,7 +275,7 @@ TEST(prune_scores_are_the_same_with_any_threads)
         struct renderer *r;
         test_ctx->threads = i ? 5 : 1;
         CHECK_OK(renderer_create(test_ctx, &r));
-        CHECK_OK(prune_score(test_ctx, &p, r, c.scene, &c.model, &options, score[i]));
+        CHECK_OK(prune_score(test_ctx, &p, r, c.scene, &c.trained.model, &options, score[i]));
         renderer_free(test_ctx, r);
     }
     test_ctx->threads = threads;

@@ -527,19 +527,19 @@ TEST(reference_steps_of_adam_agree)
     struct renderer_nonfinite    aside;
     struct renderer             *r;
     struct reference_case        c;
-    oxl_model                    gradient, first, second;
+    oxl_model                    gradient;
+    struct trained_model         t;
     static double                x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
     reference_open(&scene, &c);
     reference_to_model(&c.w, &gradient);
-    reference_to_model(&c.w, &first);
-    reference_to_model(&c.w, &second);
+    reference_to_model(&c.w, &t.model);
+    CHECK_OK(model_trained_begin(test_ctx, &t));
     memset(mean, 0, sizeof mean), memset(square, 0, sizeof square);
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
+    CHECK_OK(renderer_forward(test_ctx, r, &t.model, &c.w.camera, &c.options));
     for (int k = 0; k < OXL_PLANES; k++) {
         adam.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
-        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
-            x[k][i] = c.w.plane[k][i], first.plane[k][i] = second.plane[k][i] = 0;
+        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) x[k][i] = c.w.plane[k][i];
     }
     for (adam.step = 1; adam.step <= STEPS; adam.step++) {
         for (int k = 0; k < OXL_PLANES; k++)
@@ -549,15 +549,14 @@ TEST(reference_steps_of_adam_agree)
                 if (renderer_row_visible(r, i))
                     splat_adam(&x[k][i], gradient.plane[k][i], adam.rate[k], adam.step, &mean[k][i], &square[k][i]);
             }
-        CHECK_OK(renderer_step(test_ctx, r, &c.m, &gradient, &first, &second, &adam, &aside));
+        CHECK_OK(renderer_step(test_ctx, r, &t, &gradient, &adam, &aside));
     }
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
-            CHECK_CLOSE(c.m.plane[k][i], x[k][i], 1e-4 * STEPS * adam.rate[k] + 1e-5 * fabs(x[k][i]));
+            CHECK_CLOSE(t.model.plane[k][i], x[k][i], 1e-4 * STEPS * adam.rate[k] + 1e-5 * fabs(x[k][i]));
     renderer_free(test_ctx, r);
     oxl_model_free(test_ctx, &gradient);
-    oxl_model_free(test_ctx, &first);
-    oxl_model_free(test_ctx, &second);
+    model_trained_free(test_ctx, &t);
     reference_close(&c);
 }
 
@@ -600,7 +599,7 @@ static void reference_density_rows(oxl_model *m, double extent, double *gradient
 }
 
 /* Rows after density control, as the reference has it: children stand next to each other. */
-static void reference_check_children(const oxl_model *was, const oxl_model *is, const oxl_model *first, const double *gradient,
+static void reference_check_children(const oxl_model *was, const oxl_model *is, const oxl_model *mean, const double *gradient,
                                      double extent, int was_reset)
 {
     size_t at = 0;
@@ -614,7 +613,7 @@ static void reference_check_children(const oxl_model *was, const oxl_model *is, 
             for (int k = 0; k < OXL_SH; k++) row[k] = was->plane[k][i];
             if (verdict == SPLAT_SPLIT) splat_split(row, child ? 1 : -1);
             for (int k = 0; k < OXL_SH; k++) CHECK_CLOSE(is->plane[k][at], row[k], 2e-5 * (1 + fabs(row[k])));
-            CHECK(first->plane[OXL_OPACITY][at] == (verdict == SPLAT_KEEP));
+            CHECK(mean->plane[OXL_OPACITY][at] == (verdict == SPLAT_KEEP));
         }
     }
     CHECK(at == is->count);
@@ -627,25 +626,23 @@ TEST(reference_density_control_removes_keeps_and_splits_the_same_rows)
         const struct density_rules rules = {
             .gradient = oxl_train_options_default(OXL_PRESET_PAPER).densify_gradient, .extent = extent, .split_large = was_reset};
         double                gradient[REFERENCE_ROWS];
-        oxl_model             was, is, first, second;
+        oxl_model             was;
+        struct trained_model  is;
         struct density       *d;
         struct density_change change;
         reference_density_rows(&was, extent, gradient);
-        reference_density_rows(&is, extent, gradient);
-        CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, &first));
-        CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, &second));
-        for (int i = 0; i < REFERENCE_ROWS; i++) first.plane[OXL_OPACITY][i] = 1;
+        reference_density_rows(&is.model, extent, gradient);
+        CHECK_OK(model_trained_begin(test_ctx, &is));
+        for (int i = 0; i < REFERENCE_ROWS; i++) is.mean.plane[OXL_OPACITY][i] = 1;
         CHECK_OK(density_create(test_ctx, &d));
         CHECK_OK(density_clear(test_ctx, d, REFERENCE_ROWS));
         for (int i = 0; i < REFERENCE_ROWS; i++) d->gradient[i] = (float)(3 * gradient[i]), d->views[i] = 3;
-        CHECK_OK(test_density(test_ctx, d, &is, &first, &second, &rules, &change));
+        CHECK_OK(test_density(test_ctx, d, &is, &rules, &change));
         CHECK(change.removed == 20 && change.split == (was_reset ? 24 : 20));
-        reference_check_children(&was, &is, &first, gradient, extent, was_reset);
+        reference_check_children(&was, &is.model, &is.mean, gradient, extent, was_reset);
         density_free(test_ctx, d);
         oxl_model_free(test_ctx, &was);
-        oxl_model_free(test_ctx, &is);
-        oxl_model_free(test_ctx, &first);
-        oxl_model_free(test_ctx, &second);
+        model_trained_free(test_ctx, &is);
     }
 }
 
@@ -653,36 +650,30 @@ TEST(reference_density_control_removes_keeps_and_splits_the_same_rows)
 TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
 {
     const struct density_rules rules = {.gradient = 1e-9f, .extent = 1};
-    oxl_model                  m, first, second;
+    struct trained_model       m;
     struct density            *d;
     struct density_change      change;
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m));
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &first));
-    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &second));
-    m.plane[OXL_OPACITY][0] = 60;
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m.model));
+    CHECK_OK(model_trained_begin(test_ctx, &m));
+    m.model.plane[OXL_OPACITY][0] = 60;
     CHECK_OK(density_create(test_ctx, &d));
     CHECK_OK(density_clear(test_ctx, d, 1));
     d->gradient[0] = 1, d->views[0] = 1;
-    CHECK_OK(test_density(test_ctx, d, &m, &first, &second, &rules, &change));
-    CHECK(m.count == 2);
-    for (size_t i = 0; i < m.count; i++) CHECK_CLOSE(m.plane[OXL_OPACITY][i], log((1 - 1e-6) / 1e-6), 1e-4);
+    CHECK_OK(test_density(test_ctx, d, &m, &rules, &change));
+    CHECK(m.model.count == 2);
+    for (size_t i = 0; i < m.model.count; i++) CHECK_CLOSE(m.model.plane[OXL_OPACITY][i], log((1 - 1e-6) / 1e-6), 1e-4);
     density_free(test_ctx, d);
-    oxl_model_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &first);
-    oxl_model_free(test_ctx, &second);
+    model_trained_free(test_ctx, &m);
 }
 
 TEST(reference_opacities_are_reset_to_a_hundredth)
 {
-    oxl_model m, first, second;
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &first));
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &second));
-    m.plane[OXL_OPACITY][0] = 3, m.plane[OXL_OPACITY][1] = -5;
-    density_reset_opacity(&m, &first, &second, 1.0f / 255);
-    CHECK_CLOSE(m.plane[OXL_OPACITY][0], log(0.01 / 0.99), 1e-5); /* Kerbl 2023's code */
-    CHECK(m.plane[OXL_OPACITY][1] == -5);
-    oxl_model_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &first);
-    oxl_model_free(test_ctx, &second);
+    struct trained_model m;
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m.model));
+    CHECK_OK(model_trained_begin(test_ctx, &m));
+    m.model.plane[OXL_OPACITY][0] = 3, m.model.plane[OXL_OPACITY][1] = -5;
+    density_reset_opacity(&m, 1.0f / 255);
+    CHECK_CLOSE(m.model.plane[OXL_OPACITY][0], log(0.01 / 0.99), 1e-5); /* Kerbl 2023's code */
+    CHECK(m.model.plane[OXL_OPACITY][1] == -5);
+    model_trained_free(test_ctx, &m);
 }

@@ -4,40 +4,38 @@
 
 /* Four Gaussians 1 apart; statistics as if each had been seen once with the given gradient. */
 struct density_case {
-    oxl_model       model, first, second;
-    struct density *density;
+    struct trained_model trained;
+    struct density      *density;
 };
 
 static struct density_case density_case(const float gradient[4])
 {
     struct density_case c;
-    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.model));
-    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.first));
-    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.second));
+    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.trained.model));
+    CHECK_OK(model_trained_begin(test_ctx, &c.trained));
     CHECK_OK(density_create(test_ctx, &c.density));
     CHECK_OK(density_clear(test_ctx, c.density, 4));
     for (int i = 0; i < 4; i++) {
-        for (int k = 0; k < oxl_model_planes(&c.model); k++) c.first.plane[k][i] = c.second.plane[k][i] = 7;
-        c.model.plane[OXL_MEAN][i] = (float)i;
-        c.density->gradient[i]     = gradient[i];
-        c.density->views[i]        = 1;
-        for (int a = 0; a < 3; a++) c.model.plane[OXL_LOG_SCALE + a][i] = i % 2 ? -1.0f : -7.0f; /* odd ones are large */
+        for (int k = 0; k < oxl_model_planes(&c.trained.model); k++)
+            c.trained.mean.plane[k][i] = c.trained.square.plane[k][i] = 7;
+        c.trained.model.plane[OXL_MEAN][i] = (float)i;
+        c.density->gradient[i]             = gradient[i];
+        c.density->views[i]                = 1;
+        for (int a = 0; a < 3; a++) c.trained.model.plane[OXL_LOG_SCALE + a][i] = i % 2 ? -1.0f : -7.0f; /* odd ones are large */
     }
     return c;
 }
 
 static void density_case_free(struct density_case *c)
 {
-    oxl_model_free(test_ctx, &c->model);
-    oxl_model_free(test_ctx, &c->first);
-    oxl_model_free(test_ctx, &c->second);
+    model_trained_free(test_ctx, &c->trained);
     density_free(test_ctx, c->density);
 }
 
 static struct density_change density_run(struct density_case *c, struct density_rules rules)
 {
     struct density_change change;
-    CHECK_OK(test_density(test_ctx, c->density, &c->model, &c->first, &c->second, &rules, &change));
+    CHECK_OK(test_density(test_ctx, c->density, &c->trained, &rules, &change));
     return change;
 }
 
@@ -67,14 +65,15 @@ TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_mom
 {
     struct density_case         c = density_case((float[]){1, 1, 0, 0});
     const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
-    const float                *x = c.model.plane[OXL_MEAN];
-    CHECK(d.split == 2 && d.removed == 0 && c.model.count == 6 && c.first.count == 6);
+    const float                *x = c.trained.model.plane[OXL_MEAN];
+    CHECK(d.split == 2 && d.removed == 0 && c.trained.model.count == 6 && c.trained.mean.count == 6);
     for (int i = 0; i < 4; i += 2) {
         CHECK(x[i] != x[i + 1]);
         CHECK_CLOSE(x[i] + x[i + 1], i, 1e-6); /* the mean stays */
     }
     CHECK(x[4] == 2 && x[5] == 3);
-    for (int i = 0; i < 6; i++) CHECK(c.first.plane[0][i] == (i < 4 ? 0 : 7) && c.second.plane[5][i] == (i < 4 ? 0 : 7));
+    for (int i = 0; i < 6; i++)
+        CHECK(c.trained.mean.plane[0][i] == (i < 4 ? 0 : 7) && c.trained.square.plane[5][i] == (i < 4 ? 0 : 7));
     density_case_free(&c);
 }
 
@@ -84,25 +83,26 @@ TEST(density_control_needs_memory_for_the_new_rows_alone)
     struct density       *density;
     struct density_change change;
     struct density_rules  rules = {.gradient = 0.5, .extent = 1};
-    oxl_model             m[3];
+    struct trained_model  t;
     size_t                before;
     memory_weigh_start();
     CHECK_OK(density_create(test_ctx, &density));
-    for (int k = 0; k < 3; k++) CHECK_OK(oxl_model_create(test_ctx, ROWS, 3, &m[k]));
+    CHECK_OK(oxl_model_create(test_ctx, ROWS, 3, &t.model));
+    CHECK_OK(model_trained_begin(test_ctx, &t));
     CHECK_OK(density_clear(test_ctx, density, ROWS));
     for (int i = 0; i < ROWS; i++) {
-        for (int a = 0; a < 3; a++) m[0].plane[OXL_LOG_SCALE + a][i] = -3;
-        m[0].plane[OXL_MEAN][i] = (float)i;
+        for (int a = 0; a < 3; a++) t.model.plane[OXL_LOG_SCALE + a][i] = -3;
+        t.model.plane[OXL_MEAN][i] = (float)i;
         if (i % 10 == 0) density->gradient[i] = density->views[i] = 1;
-        if (i % 40 == 1) m[0].plane[OXL_OPACITY][i] = -9;
+        if (i % 40 == 1) t.model.plane[OXL_OPACITY][i] = -9;
     }
     before = memory_weighed.most = memory_weighed.held;
-    CHECK_OK(test_density(test_ctx, density, &m[0], &m[1], &m[2], &rules, &change));
-    CHECK(m[0].count == GROWN);
+    CHECK_OK(test_density(test_ctx, density, &t, &rules, &change));
+    CHECK(t.model.count == GROWN);
     CHECK(memory_weighed.most - before <
           (size_t)4 * OXL_PLANES * 2 * 3 * (GROWN - ROWS)); /* a copy of one of the three has 5 times as much */
-    for (size_t i = 1; i < GROWN; i++) CHECK(m[0].plane[OXL_MEAN][i] > m[0].plane[OXL_MEAN][i - 1]);
-    for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &m[k]);
+    for (size_t i = 1; i < GROWN; i++) CHECK(t.model.plane[OXL_MEAN][i] > t.model.plane[OXL_MEAN][i - 1]);
+    model_trained_free(test_ctx, &t);
     density_free(test_ctx, density);
     memory_weigh_end();
 }
@@ -116,9 +116,11 @@ static void density_render_needle(float opacity, int with_children, float red[32
     oxl_image           image;
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < OXL_SH + 3; k++)
-            c.model.plane[k][i] = k == OXL_OPACITY ? (i ? -20 : logf(opacity / (1 - opacity))) : k < OXL_OPACITY ? row[k] : 1;
+            c.trained.model.plane[k][i] = k == OXL_OPACITY  ? (i ? -20 : logf(opacity / (1 - opacity)))
+                                          : k < OXL_OPACITY ? row[k]
+                                                            : 1;
     if (with_children) CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
-    CHECK_OK(oxl_render(test_ctx, &c.model, &camera, NULL, &image, NULL));
+    CHECK_OK(oxl_render(test_ctx, &c.trained.model, &camera, NULL, &image, NULL));
     memcpy(red, image.rgb, 32 * 48 * sizeof *red);
     oxl_image_free(test_ctx, &image);
     density_case_free(&c);
@@ -151,19 +153,19 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
 {
     struct density_case   c = density_case((float[]){0, 0, 0, 0});
     struct density_change d;
-    oxl_model            *all[3] = {&c.model, &c.first, &c.second};
-    struct density_rules  rules  = {.gradient = 0.5, .extent = 1};
-    for (int n = 0; n < 3; n++) CHECK_OK(model_set_lobes(test_ctx, all[n], 3));
-    for (int i = 0; i < 3; i++) c.model.plane[OXL_LOBE][i] = c.first.plane[OXL_LOBE][i] = (float)(10 + i);
-    c.model.plane[OXL_OPACITY][0]  = -9;
-    c.model.plane[OXL_LOBE + 1][2] = NAN;
-    d                              = density_run(&c, rules);
-    CHECK(d.removed == 2 && c.model.count == 2 && c.model.lobes == 1 && c.first.lobes == 1 && c.second.lobes == 1);
-    CHECK(c.model.plane[OXL_MEAN][0] == 1 && c.model.plane[OXL_MEAN][1] == 3);
-    CHECK(c.model.plane[OXL_LOBE][0] == 11 && c.first.plane[OXL_LOBE][0] == 11);
+    struct density_rules  rules = {.gradient = 0.5, .extent = 1};
+    for (int k = 0; k < TRAINED_PARTS; k++) CHECK_OK(model_set_lobes(test_ctx, model_trained_part(&c.trained, k), 3));
+    for (int i = 0; i < 3; i++) c.trained.model.plane[OXL_LOBE][i] = c.trained.mean.plane[OXL_LOBE][i] = (float)(10 + i);
+    c.trained.model.plane[OXL_OPACITY][0]  = -9;
+    c.trained.model.plane[OXL_LOBE + 1][2] = NAN;
+    d                                      = density_run(&c, rules);
+    CHECK(d.removed == 2 && c.trained.model.count == 2 && c.trained.model.lobes == 1 && c.trained.mean.lobes == 1 &&
+          c.trained.square.lobes == 1);
+    CHECK(c.trained.model.plane[OXL_MEAN][0] == 1 && c.trained.model.plane[OXL_MEAN][1] == 3);
+    CHECK(c.trained.model.plane[OXL_LOBE][0] == 11 && c.trained.mean.plane[OXL_LOBE][0] == 11);
     c.density->gradient[1] = 1, c.density->views[1] = 1;
-    CHECK(test_density(test_ctx, c.density, &c.model, &c.first, &c.second, &rules, &d) == OXL_ERR_USAGE);
-    CHECK(c.model.count == 2);
+    CHECK(test_density(test_ctx, c.density, &c.trained, &rules, &d) == OXL_ERR_USAGE);
+    CHECK(c.trained.model.count == 2);
     density_case_free(&c);
 }
 
@@ -171,11 +173,11 @@ TEST(density_removes_faint_and_nonfinite_rows)
 {
     struct density_case   c = density_case((float[]){0, 0, 0, 1});
     struct density_change d;
-    c.model.plane[OXL_OPACITY][0]  = -6; /* 0.0025 */
-    c.model.plane[OXL_MEAN + 1][1] = INFINITY;
-    c.model.plane[OXL_SH + 11][3]  = NAN; /* although its gradient would have it grow */
-    d                              = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
-    CHECK(d.removed == 3 && c.model.count == 1 && c.model.plane[OXL_MEAN][0] == 2);
+    c.trained.model.plane[OXL_OPACITY][0]  = -6; /* 0.0025 */
+    c.trained.model.plane[OXL_MEAN + 1][1] = INFINITY;
+    c.trained.model.plane[OXL_SH + 11][3]  = NAN; /* although its gradient would have it grow */
+    d                                      = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
+    CHECK(d.removed == 3 && c.trained.model.count == 1 && c.trained.model.plane[OXL_MEAN][0] == 2);
     density_case_free(&c);
 }
 
@@ -188,7 +190,7 @@ TEST(density_splits_large_rows_whatever_their_gradient_but_only_after_a_reset)
     CHECK(d.removed == 0 && d.split == 0);
     rules.split_large = 1;
     d                 = density_run(&c, rules);
-    CHECK(d.removed == 0 && d.split == 2 && c.model.count == 6);
+    CHECK(d.removed == 0 && d.split == 2 && c.trained.model.count == 6);
     density_case_free(&c);
 }
 
@@ -196,20 +198,21 @@ TEST(density_cap_splits_the_largest_gradients)
 {
     struct density_case         c = density_case((float[]){1, 4, 2, 3});
     const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6});
-    CHECK(c.model.count == 6 && d.split == 2);
+    CHECK(c.trained.model.count == 6 && d.split == 2);
     density_case_free(&c);
 }
 
 TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
 {
-    struct density_case c         = density_case((float[]){0, 0, 0, 0});
-    c.model.plane[OXL_OPACITY][1] = -5.5f;
-    density_reset_opacity(&c.model, &c.first, &c.second, 0);
-    CHECK_CLOSE(1 / (1 + exp(-c.model.plane[OXL_OPACITY][0])), 0.01, 1e-6);
-    c.model.plane[OXL_OPACITY][3] = 5;
-    density_reset_opacity(&c.model, &c.first, &c.second, 0.04f);
-    CHECK_CLOSE(1 / (1 + exp(-c.model.plane[OXL_OPACITY][3])), 0.102, 1e-6); /* still seen */
-    CHECK(c.model.plane[OXL_OPACITY][1] == -5.5f && c.first.plane[OXL_OPACITY][2] == 0 && c.first.plane[OXL_MEAN][2] == 7);
+    struct density_case c                 = density_case((float[]){0, 0, 0, 0});
+    c.trained.model.plane[OXL_OPACITY][1] = -5.5f;
+    density_reset_opacity(&c.trained, 0);
+    CHECK_CLOSE(1 / (1 + exp(-c.trained.model.plane[OXL_OPACITY][0])), 0.01, 1e-6);
+    c.trained.model.plane[OXL_OPACITY][3] = 5;
+    density_reset_opacity(&c.trained, 0.04f);
+    CHECK_CLOSE(1 / (1 + exp(-c.trained.model.plane[OXL_OPACITY][3])), 0.102, 1e-6); /* still seen */
+    CHECK(c.trained.model.plane[OXL_OPACITY][1] == -5.5f && c.trained.mean.plane[OXL_OPACITY][2] == 0 &&
+          c.trained.mean.plane[OXL_MEAN][2] == 7);
     density_case_free(&c);
 }
 

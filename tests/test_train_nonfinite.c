@@ -11,7 +11,7 @@ static void nonfinite_listen(void *user, oxl_log_level level, const char *text)
 
 struct nonfinite_test_case {
     oxl_train_options options;
-    oxl_model         model, before;
+    oxl_model         before;
     struct train      t;
 };
 
@@ -23,21 +23,19 @@ static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
     test_ctx->options.log = nonfinite_listen;
     c->options            = train_options(200);
     c->options.exposure   = OXL_OFF; /* else the target is on the host, not in the renderer */
-    c->t                  = (struct train){
-                         .ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .model = &c->model, .decisions = {.ctx = test_ctx}};
+    c->t = (struct train){.ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .decisions = {.ctx = test_ctx}};
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;
         CHECK_OK(train_step(&c->t));
     }
-    CHECK_OK(model_copy(test_ctx, &c->model, &c->before));
+    CHECK_OK(model_copy(test_ctx, &c->t.trained.model, &c->before));
 }
 
 static void nonfinite_test_free(struct nonfinite_test_case *c)
 {
     oxl_scene *scene = c->t.scene;
     train_end(&c->t);
-    oxl_model_free(test_ctx, &c->model);
     oxl_model_free(test_ctx, &c->before);
     oxl_scene_free(test_ctx, scene);
 }
@@ -65,12 +63,13 @@ TEST(nonfinite_pixel_skips_one_step_only)
     for (int steps = 0; steps < 2; steps++) { /* the first step has nothing of an earlier one to fall back on */
         nonfinite_test_begin(&c, steps);
         nonfinite_test_step_with_pixel(&c, steps ? INFINITY : NAN);
-        CHECK(train_same(&c.model, &c.before));
+        CHECK(train_same(&c.t.trained.model, &c.before));
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
         CHECK_TEXT(nonfinite_log, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
         CHECK_OK(train_step(&c.t));
-        CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
+        CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.t.trained.model) &&
+              !train_same(&c.t.trained.model, &c.before));
         nonfinite_test_free(&c);
     }
 }
@@ -82,18 +81,18 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
         struct nonfinite_test_case c;
         size_t                     bad = 0;
         nonfinite_test_begin(&c, 10);
-        c.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
+        c.t.trained.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
         while (c.t.step < 25) {
             c.t.step++;
             CHECK_OK(train_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
         if (k == 0) CHECK_TEXT(nonfinite_log, "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
-        for (size_t i = 0; i < c.model.count; i++) bad += !model_row_is_finite(&c.model, i);
+        for (size_t i = 0; i < c.t.trained.model.count; i++) bad += !model_row_is_finite(&c.t.trained.model, i);
         CHECK(bad == (c.t.nonfinite.cleared == 0)); /* one that no view can see harms none, and goes at the end */
-        CHECK(c.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
-        CHECK_OK(nonfinite_end(test_ctx, &c.t.nonfinite, &c.model));
-        CHECK(nonfinite_test_model_is_finite(&c.model) && c.t.nonfinite.cleared == 1);
+        CHECK(c.t.trained.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
+        CHECK_OK(nonfinite_end(test_ctx, &c.t.nonfinite, &c.t.trained.model));
+        CHECK(nonfinite_test_model_is_finite(&c.t.trained.model) && c.t.nonfinite.cleared == 1);
         nonfinite_test_free(&c);
     }
 }
@@ -106,7 +105,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     struct adam_params         adam = {.beta = RENDERER_BETAS};
     oxl_model                  gradient;
     nonfinite_test_begin(&c, 3);
-    CHECK_OK(oxl_model_create(test_ctx, c.model.count, c.model.sh_degree, &gradient));
+    CHECK_OK(oxl_model_create(test_ctx, c.t.trained.model.count, c.t.trained.model.sh_degree, &gradient));
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
     adam.step = ++c.t.step;
     CHECK_OK(step_load_image(&c.t, 2));
@@ -114,16 +113,17 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &gradient));
     gradient.plane[OXL_ROTATION + 1][40] = NAN;
     gradient.plane[OXL_SH + 2][41]       = -INFINITY;
-    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &gradient, &c.t.first, &c.t.second, &adam, &aside));
+    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.t.trained, &gradient, &adam, &aside));
     CHECK(aside.rows == 2 && aside.first == 40 && !renderer_row_visible(c.t.renderer, 40) &&
           renderer_row_visible(c.t.renderer, 42));
-    for (int k = 0; k < oxl_model_planes(&c.model); k++)
-        for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
-    CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
-    nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
+    for (int k = 0; k < oxl_model_planes(&c.t.trained.model); k++)
+        for (int i = 40; i < 42; i++) CHECK(c.t.trained.model.plane[k][i] == c.before.plane[k][i]);
+    CHECK(c.t.trained.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] &&
+          c.t.trained.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
+    nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.t.trained);
     CHECK_TEXT(nonfinite_log, "step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
-    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && nonfinite_test_model_is_finite(&c.model) &&
-          nonfinite_test_model_is_finite(&c.t.first));
+    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && nonfinite_test_model_is_finite(&c.t.trained.model) &&
+          nonfinite_test_model_is_finite(&c.t.trained.mean));
     oxl_model_free(test_ctx, &gradient);
     nonfinite_test_free(&c);
 }
@@ -169,11 +169,11 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         c.t.output = &place;
         if (fault == 1) c.t.view[3] = 7;
         if (fault == 2) c.t.step = 201;
-        if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.first, 1));
-        if (fault == 4) c.t.second.count--;
-        if (fault == 5) c.t.model->plane[OXL_SH][3] = NAN;
+        if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.trained.mean, 1));
+        if (fault == 4) c.t.trained.square.count--;
+        if (fault == 5) c.t.trained.model.plane[OXL_SH][3] = NAN;
         if (fault == 6) c.t.prune.drops = -1;
-        if (fault == 7) c.t.second.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
+        if (fault == 7) c.t.trained.square.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
         nonfinite_test_begin(&again, 0);
         again.t.output = &place;

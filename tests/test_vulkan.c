@@ -772,7 +772,8 @@ static void vulkan_check_score(oxl_context *device)
 }
 
 struct vulkan_run { /* a model that is stepped, and what it takes */
-    oxl_model            model, first, second, gradient;
+    struct trained_model trained;
+    oxl_model            gradient;
     struct renderer_sums sums;
     float               *numbers; /* of the sums */
 };
@@ -780,8 +781,8 @@ struct vulkan_run { /* a model that is stepped, and what it takes */
 static struct vulkan_run vulkan_run_begin(size_t count, int degree, size_t lobes)
 {
     struct vulkan_run r;
-    oxl_model *const  rest[] = {&r.first, &r.second, &r.gradient};
-    vulkan_scene(count, degree, lobes, &r.model);
+    oxl_model *const  rest[] = {&r.trained.mean, &r.trained.square, &r.gradient};
+    vulkan_scene(count, degree, lobes, &r.trained.model);
     for (size_t k = 0; k < OXL_COUNT(rest); k++) {
         CHECK_OK(oxl_model_create(test_ctx, count, degree, rest[k]));
         CHECK_OK(model_set_lobes(test_ctx, rest[k], lobes));
@@ -795,9 +796,7 @@ static struct vulkan_run vulkan_run_begin(size_t count, int degree, size_t lobes
 
 static void vulkan_run_free(struct vulkan_run *r)
 {
-    oxl_model_free(test_ctx, &r->model);
-    oxl_model_free(test_ctx, &r->first);
-    oxl_model_free(test_ctx, &r->second);
+    model_trained_free(test_ctx, &r->trained);
     oxl_model_free(test_ctx, &r->gradient);
     oxl_free(test_ctx, r->numbers);
 }
@@ -811,9 +810,9 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
     struct adam_params        adam = {.beta = {0.7, 0.9995}};
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
     for (adam.step = from; adam.step <= to; adam.step++) {
-        CHECK_OK(renderer_forward(ctx, r, &run->model, camera, &options));
+        CHECK_OK(renderer_forward(ctx, r, &run->trained.model, camera, &options));
         CHECK_OK(renderer_backward(ctx, r, drgb, &run->gradient));
-        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, &adam, &skipped));
+        CHECK_OK(renderer_step(ctx, r, &run->trained, &run->gradient, &adam, &skipped));
         CHECK(skipped.rows == skipped_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
@@ -840,9 +839,9 @@ static void vulkan_check_steps(oxl_context *device)
             run[k] = vulkan_run_begin(600, 1, lobes);
             vulkan_run_steps(t.ctx[k], t.r[k], &t.camera, &run[k], drgb, 1, 3, 0);
         }
-        vulkan_compare_models(&run[0].model, &run[1].model, 1e-3);
-        vulkan_compare_models(&run[0].first, &run[1].first, 5e-3);
-        vulkan_compare_models(&run[0].second, &run[1].second, 5e-3);
+        vulkan_compare_models(&run[0].trained.model, &run[1].trained.model, 1e-3);
+        vulkan_compare_models(&run[0].trained.mean, &run[1].trained.mean, 5e-3);
+        vulkan_compare_models(&run[0].trained.square, &run[1].trained.square, 5e-3);
         for (int k = 0; k < 3; k++)
             CHECK_CLOSE(vulkan_distance(run[0].numbers + 600 * k, run[1].numbers + 600 * k, 600).relative, 0, 5e-3);
         CHECK_CLOSE(vulkan_distance(run[0].sums.views, run[1].sums.views, 600).most, 0, 3);
@@ -866,9 +865,9 @@ static void vulkan_check_downloads(oxl_context *device)
         for (int step = 1; k == 1 && step <= 4; step++) vulkan_run_steps(device, r, &camera, &run[k], drgb, step, step, 0);
         renderer_free(device, r);
     }
-    for (int k = 0; k < oxl_model_planes(&run[0].model); k++) {
-        CHECK(memcmp(run[0].model.plane[k], run[1].model.plane[k], 300 * sizeof(float)) == 0);
-        CHECK(memcmp(run[0].second.plane[k], run[1].second.plane[k], 300 * sizeof(float)) == 0);
+    for (int k = 0; k < oxl_model_planes(&run[0].trained.model); k++) {
+        CHECK(memcmp(run[0].trained.model.plane[k], run[1].trained.model.plane[k], 300 * sizeof(float)) == 0);
+        CHECK(memcmp(run[0].trained.square.plane[k], run[1].trained.square.plane[k], 300 * sizeof(float)) == 0);
     }
     CHECK(memcmp(run[0].numbers, run[1].numbers, 4 * 300 * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
@@ -895,30 +894,30 @@ static void vulkan_check_cleared(oxl_context *device)
     device->backend->vulkan->slab_rows = 256;
     for (int k = 0; k < 2; k++) {
         run[k] = vulkan_run_begin(600, 1, 300);
-        for (int i = 0; i < 3; i++) run[k].model.plane[OXL_MEAN + i][400] = i == 2 ? 2.6f : -1.5f;
-        for (int i = 0; i < 3; i++) run[k].model.plane[OXL_LOG_SCALE + i][400] = 0;
+        for (int i = 0; i < 3; i++) run[k].trained.model.plane[OXL_MEAN + i][400] = i == 2 ? 2.6f : -1.5f;
+        for (int i = 0; i < 3; i++) run[k].trained.model.plane[OXL_LOG_SCALE + i][400] = 0;
         for (int i = 0; i < 4; i++)
-            run[k].model.plane[OXL_SH + 3 * i + 2][400] = 3.4e38f; /* each fits a float, their sum does not */
-        run[k].model.plane[OXL_MEAN + 2][500]  = -50;
-        run[k].model.plane[OXL_SH + 5][500]    = NAN;
-        run[k].model.plane[OXL_LOBE + 1][200]  = INFINITY;
-        run[k].first.plane[OXL_LOG_SCALE][500] = 1;
-        run[k].second.plane[OXL_LOBE + 1][200] = 1;
-        run[k].second.plane[OXL_OPACITY][201]  = 1;
+            run[k].trained.model.plane[OXL_SH + 3 * i + 2][400] = 3.4e38f; /* each fits a float, their sum does not */
+        run[k].trained.model.plane[OXL_MEAN + 2][500]  = -50;
+        run[k].trained.model.plane[OXL_SH + 5][500]    = NAN;
+        run[k].trained.model.plane[OXL_LOBE + 1][200]  = INFINITY;
+        run[k].trained.mean.plane[OXL_LOG_SCALE][500]  = 1;
+        run[k].trained.square.plane[OXL_LOBE + 1][200] = 1;
+        run[k].trained.square.plane[OXL_OPACITY][201]  = 1;
     }
     for (int k = 0; k < 2; k++) {
         const oxl_render_options options = oxl_render_options_default();
-        CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &run[k].model, &t.camera, &options));
+        CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &run[k].trained.model, &t.camera, &options));
     }
-    cleared[0] = nonfinite_clear(t.r[0], &run[0].model, &run[0].first, &run[0].second);
+    cleared[0] = nonfinite_clear(t.r[0], &run[0].trained);
     read       = device->backend->vulkan->read_bytes;
-    CHECK_OK(renderer_clear_nonfinite(device, t.r[1], &run[1].model, &run[1].first, &run[1].second, &cleared[1]));
+    CHECK_OK(renderer_clear_nonfinite(device, t.r[1], &run[1].trained, &cleared[1]));
     CHECK(device->backend->vulkan->read_bytes - read == 12);
     for (int k = 0; k < 2; k++) CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
     CHECK_OK(renderer_download(device, t.r[1], DOWNLOAD_TO_READ));
-    vulkan_check_same_model(&run[0].model, &run[1].model);
-    vulkan_check_same_model(&run[0].first, &run[1].first);
-    vulkan_check_same_model(&run[0].second, &run[1].second);
+    vulkan_check_same_model(&run[0].trained.model, &run[1].trained.model);
+    vulkan_check_same_model(&run[0].trained.mean, &run[1].trained.mean);
+    vulkan_check_same_model(&run[0].trained.square, &run[1].trained.square);
     for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
     vulkan_twins_free(&t);
 }
@@ -929,10 +928,10 @@ static void vulkan_check_aside(oxl_context *device)
     float              *drgb = vulkan_noise(3 * t.pixels, 52);
     for (int k = 0; k < 2; k++) {
         struct vulkan_run run = vulkan_run_begin(64, 1, 0);
-        for (int i = 0; i < 3; i++) run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
-        run.model.plane[OXL_SH + 5][40] = NAN;
+        for (int i = 0; i < 3; i++) run.trained.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+        run.trained.model.plane[OXL_SH + 5][40] = NAN;
         vulkan_run_steps(t.ctx[k], t.r[k], &t.camera, &run, drgb, 1, 1, 1);
-        CHECK(run.first.plane[OXL_OPACITY][40] == 0 && run.sums.views[40] == 0);
+        CHECK(run.trained.mean.plane[OXL_OPACITY][40] == 0 && run.sums.views[40] == 0);
         vulkan_run_free(&run);
     }
     oxl_free(test_ctx, drgb);
@@ -970,18 +969,18 @@ static void vulkan_step_of(oxl_context *device, struct vulkan_deferral *d, int s
     struct renderer_nonfinite   skipped;
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
     CHECK_OK(renderer_set_image(device, d->r, 0, &image, NULL, 0));
-    CHECK_OK(renderer_forward(device, d->r, &d->run.model, &d->camera, &options));
+    CHECK_OK(renderer_forward(device, d->r, &d->run.trained.model, &d->camera, &options));
     CHECK_OK(renderer_loss(device, d->r, NULL, NULL, 0.2f, loss));
     CHECK_OK(renderer_backward(device, d->r, NULL, &d->run.gradient));
-    CHECK_OK(renderer_step(device, d->r, &d->run.model, &d->run.gradient, &d->run.first, &d->run.second, &adam, &skipped));
+    CHECK_OK(renderer_step(device, d->r, &d->run.trained, &d->run.gradient, &adam, &skipped));
     CHECK_OK(renderer_observe(device, d->r, &d->run.sums));
 }
 
 static void vulkan_check_same_run(const struct vulkan_deferral *a, const struct vulkan_deferral *b)
 {
-    for (int k = 0; k < oxl_model_planes(&a->run.model); k++) {
-        CHECK(memcmp(a->run.model.plane[k], b->run.model.plane[k], 300 * sizeof(float)) == 0);
-        CHECK(memcmp(a->run.second.plane[k], b->run.second.plane[k], 300 * sizeof(float)) == 0);
+    for (int k = 0; k < oxl_model_planes(&a->run.trained.model); k++) {
+        CHECK(memcmp(a->run.trained.model.plane[k], b->run.trained.model.plane[k], 300 * sizeof(float)) == 0);
+        CHECK(memcmp(a->run.trained.square.plane[k], b->run.trained.square.plane[k], 300 * sizeof(float)) == 0);
     }
     CHECK(memcmp(a->run.numbers, b->run.numbers, 4 * 300 * sizeof(float)) == 0);
 }
@@ -1028,12 +1027,12 @@ static void vulkan_check_halt(oxl_context *device)
             vulkan_deferral_begin(device, &d[k]);
             for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d[k], step, &none);
             CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_CHANGE));
-            for (int i = 0; i < 3; i++) d[k].run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
-            if (halt == HALT_LOSS) d[k].run.model.plane[OXL_SH][40] = INFINITY;
+            for (int i = 0; i < 3; i++) d[k].run.trained.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+            if (halt == HALT_LOSS) d[k].run.trained.model.plane[OXL_SH][40] = INFINITY;
         }
         r = d[1].r->device;
         CHECK(renderer_defer(d[1].r, 1));
-        vulkan_take_model(r, &d[1].run.model);
+        vulkan_take_model(r, &d[1].run.trained.model);
         r->room = room = 2 * r->pairs;
         if (halt == HALT_PAIRS) r->room = 100;
         vulkan_step_of(device, &d[1], 3, &none);
@@ -1054,7 +1053,8 @@ static void vulkan_check_halt(oxl_context *device)
         vulkan_step_of(device, &d[1], 3, &none); /* the next one does */
         CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         if (halt == HALT_PAIRS)
-            CHECK(memcmp(d[0].run.model.plane[OXL_MEAN], d[1].run.model.plane[OXL_MEAN], 300 * sizeof(float)) != 0);
+            CHECK(memcmp(d[0].run.trained.model.plane[OXL_MEAN], d[1].run.trained.model.plane[OXL_MEAN], 300 * sizeof(float)) !=
+                  0);
         for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
     }
 }
@@ -1072,7 +1072,7 @@ static void vulkan_check_no_halt_stays(oxl_context *device)
         if (k) {
             CHECK(renderer_defer(d[k].r, 1));
             ((struct vulkan_renderer *)d[k].r->device)->room = 100;
-            CHECK_OK(renderer_forward(device, d[k].r, &d[k].run.model, &d[k].camera, &options));
+            CHECK_OK(renderer_forward(device, d[k].r, &d[k].run.trained.model, &d[k].camera, &options));
             renderer_defer(d[k].r, 0);
         }
         vulkan_step_of(device, &d[k], 2, &none);
@@ -1098,16 +1098,16 @@ static void vulkan_check_transfers(oxl_context *device)
     vulkan_step_of(device, &d, 3, &loss);
     CHECK(v->read_bytes - read == counts && v->sent == sent);
     CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_CHANGE));
-    for (int i = 0; i < 3; i++) d.run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
-    d.run.first.plane[OXL_SH][40]     = NAN;
-    d.run.model.plane[OXL_SH + 5][40] = NAN;
+    for (int i = 0; i < 3; i++) d.run.trained.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+    d.run.trained.mean.plane[OXL_SH][40]      = NAN;
+    d.run.trained.model.plane[OXL_SH + 5][40] = NAN;
     vulkan_step_of(device, &d, 4, &loss);
     read = v->read_bytes, sent = v->sent;
     vulkan_step_of(device, &d, 5, &loss);
     CHECK(v->read_bytes - read == counts && v->sent == sent);
     CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_READ));
-    CHECK(d.run.model.plane[OXL_SH + 5][40] == 0 && d.run.model.plane[OXL_ROTATION][40] == 1);
-    CHECK(d.run.model.plane[OXL_OPACITY][40] == -30 && d.run.first.plane[OXL_SH][40] == 0);
+    CHECK(d.run.trained.model.plane[OXL_SH + 5][40] == 0 && d.run.trained.model.plane[OXL_ROTATION][40] == 1);
+    CHECK(d.run.trained.model.plane[OXL_OPACITY][40] == -30 && d.run.trained.mean.plane[OXL_SH][40] == 0);
     vulkan_deferral_end(device, &d);
 }
 
@@ -1149,22 +1149,22 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
 {
     const oxl_camera         camera  = vulkan_camera(64, 48);
     const oxl_render_options options = oxl_render_options_default();
-    float                   *before  = oxl_alloc(test_ctx, run->model.count, sizeof *before);
+    float                   *before  = oxl_alloc(test_ctx, run->trained.model.count, sizeof *before);
     const float             *image;
     int                      listens;
-    memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
+    memcpy(before, run->trained.model.plane[OXL_MEAN], run->trained.model.count * sizeof *before);
     vulkan_lost_calls = 0;
     CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
-    CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
+    CHECK(memcmp(before, run->trained.model.plane[OXL_MEAN], run->trained.model.count * sizeof *before) == 0);
     device->backend->vulkan->QueueSubmit         = vulkan_play_loss;
     device->backend->vulkan->DestroyDevice       = vulkan_play_destroy;
     listens                                      = device->backend->vulkan->messenger != VK_NULL_HANDLE;
     vulkan_real_lookup                           = device->backend->vulkan->GetInstanceProcAddr;
     vulkan_stopped_listening                     = 0;
     device->backend->vulkan->GetInstanceProcAddr = vulkan_note_lookup;
-    CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
+    CHECK(renderer_forward(device, r, &run->trained.model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
     renderer_free(device, r);
     CHECK(device->backend->vulkan->validation_messages == 0);
@@ -1201,9 +1201,9 @@ static void vulkan_check_loss_of_device(oxl_context *device, enum vulkan_fault f
     struct renderer          *r;
     CHECK_OK(renderer_create(device, &r));
     vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
-    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
-    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped));
+    CHECK_OK(renderer_step(device, r, &run.trained, &run.gradient, &adam, &skipped));
     if (fault == FAULT_TIMEOUT) device->backend->vulkan->WaitForFences = vulkan_play_timeout;
     else device->backend->vulkan->QueueSubmit = fault == FAULT_LOST ? vulkan_play_loss : vulkan_play_nothing;
     if (fault == FAULT_NOTHING_DONE) device->backend->vulkan->WaitForFences = vulkan_play_end;
@@ -1263,12 +1263,11 @@ static void vulkan_check_short_submit(oxl_context *device)
     vulkan_run_free(&d[0].run);
     r     = d[1].r->device;
     steps = r->steps;
-    CHECK_OK(renderer_forward(device, d[1].r, &d[1].run.model, &d[1].camera, &options));
+    CHECK_OK(renderer_forward(device, d[1].r, &d[1].run.trained.model, &d[1].camera, &options));
     CHECK_OK(renderer_loss(device, d[1].r, NULL, NULL, 0.2f, &none));
     CHECK_OK(renderer_backward(device, d[1].r, NULL, &d[1].run.gradient));
     vulkan_submits_short = 3;
-    CHECK(renderer_step(device, d[1].r, &d[1].run.model, &d[1].run.gradient, &d[1].run.first, &d[1].run.second, &adam,
-                        &skipped) == OXL_ERR_FAILED);
+    CHECK(renderer_step(device, d[1].r, &d[1].run.trained, &d[1].run.gradient, &adam, &skipped) == OXL_ERR_FAILED);
     CHECK(r->steps == steps && v->lost);
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
@@ -1384,26 +1383,26 @@ static void vulkan_check_short_end(oxl_context *device)
     const float              *image;
     vulkan_real_end = v->EndCommandBuffer;
     CHECK_OK(renderer_create(device, &r));
-    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
     CHECK_OK(renderer_image(device, r, &image));
     memcpy(rgb, image, 3 * 64 * 48 * sizeof *rgb);
     for (size_t part = 0; part <= 500; part += 500) {
         v->part = 0;
-        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
         v->EndCommandBuffer = vulkan_play_short_end;
         vulkan_ends_short   = 1;
         v->part             = part; /* the image's commands are several submissions then */
         CHECK(renderer_image(device, r, &image) == OXL_ERR_MEMORY && !v->lost);
         CHECK_TEXT(oxl_error_text(device), "recording: no host memory");
         v->EndCommandBuffer = vulkan_real_end;
-        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
         CHECK_OK(renderer_image(device, r, &image));
         CHECK(memcmp(rgb, image, 3 * 64 * 48 * sizeof *rgb) == 0);
     }
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
     v->EndCommandBuffer = vulkan_play_short_end;
     vulkan_ends_short   = 1;
-    CHECK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped) == OXL_ERR_FAILED);
+    CHECK(renderer_step(device, r, &run.trained, &run.gradient, &adam, &skipped) == OXL_ERR_FAILED);
     CHECK(v->lost);
     renderer_free(device, r);
     vulkan_run_free(&run);
@@ -1484,19 +1483,19 @@ static void vulkan_check_uploads(oxl_context *device)
         vulkan_deferral_begin(device, &d[k]);
         vulkan_step_of(device, &d[k], 1, &loss[k]);
         CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
-        for (int i = 0; i < 300; i++) d[k].run.model.plane[OXL_OPACITY][i] -= 1;
-        CHECK_OK(renderer_send_shape(device, d[k].r, &d[k].run.model, 1));
+        for (int i = 0; i < 300; i++) d[k].run.trained.model.plane[OXL_OPACITY][i] -= 1;
+        CHECK_OK(renderer_send_shape(device, d[k].r, &d[k].run.trained.model, 1));
         CHECK_OK(renderer_set_image(device, d[k].r, 1, &image, NULL, 0));
         if (k) {
             const oxl_camera larger = vulkan_camera(640, 480);
             v->range                = 64 * 48 * 16;
-            CHECK(renderer_forward(device, d[k].r, &d[k].run.model, &larger, &options) == OXL_ERR_MEMORY);
+            CHECK(renderer_forward(device, d[k].r, &d[k].run.trained.model, &larger, &options) == OXL_ERR_MEMORY);
             CHECK_TEXT(oxl_error_text(device), "in one array");
             v->range = range;
         }
         CHECK(renderer_has_image(d[k].r, 1));
         CHECK_OK(renderer_set_image(device, d[k].r, 1, NULL, NULL, 0));
-        CHECK_OK(renderer_forward(device, d[k].r, &d[k].run.model, &d[k].camera, &options));
+        CHECK_OK(renderer_forward(device, d[k].r, &d[k].run.trained.model, &d[k].camera, &options));
         CHECK_OK(renderer_loss(device, d[k].r, NULL, NULL, 0.2f, &loss[k]));
         vulkan_step_of(device, &d[k], 2, &loss[k]);
         CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
@@ -1557,7 +1556,7 @@ static void vulkan_check_hang(oxl_context *device)
     const oxl_render_options options = oxl_render_options_default();
     struct renderer         *r;
     CHECK_OK(renderer_create(device, &r));
-    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
     device->backend->vulkan->WaitForFences = vulkan_play_timeout;
     device->backend->vulkan->rc            = OXL_ERR_MEMORY;
     vulkan_check_given_up(device, r, &run, "did not answer in time");
@@ -1593,13 +1592,12 @@ static void vulkan_check_half_step(oxl_context *device)
     vulkan_real_sets = v->AllocateDescriptorSets;
     CHECK_OK(renderer_create(device, &r));
     for (int sets = 0; sets < 2; sets++) {
-        CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+        CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
         CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
         CHECK(((struct vulkan_renderer *)r->device)->slabs == 3);
         v->AllocateDescriptorSets = vulkan_play_sets;
         vulkan_sets_left          = sets;
-        CHECK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped) ==
-              (sets ? OXL_ERR_FAILED : OXL_ERR_MEMORY));
+        CHECK(renderer_step(device, r, &run.trained, &run.gradient, &adam, &skipped) == (sets ? OXL_ERR_FAILED : OXL_ERR_MEMORY));
         CHECK((v->lost != 0) == sets);
         v->AllocateDescriptorSets = vulkan_real_sets;
     }
@@ -2000,7 +1998,7 @@ static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral 
     struct vulkan_renderer  *r       = d->r->device;
     const oxl_render_options options = oxl_render_options_default();
     uint32_t                 from[300];
-    struct renderer_move     move  = {.from = from, .count = 299, .sh_degree = d->run.model.sh_degree};
+    struct renderer_move     move  = {.from = from, .count = 299, .sh_degree = d->run.trained.model.sh_degree};
     int                      moved = 0;
     oxl_model                m;
     for (uint32_t i = 0; i < 299; i++) from[i] = i;
@@ -2222,8 +2220,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     size_t                     sent, read;
     int                        moved = 0;
     vulkan_deferral_begin(device, d);
-    if (!lobes) model_drop_lobes(&d->run.model), model_drop_lobes(&d->run.first), model_drop_lobes(&d->run.second);
-    for (size_t i = 0; i < 300; i += 7) d->run.model.plane[OXL_OPACITY][i] = -9; /* to be removed */
+    if (!lobes)
+        model_drop_lobes(&d->run.trained.model), model_drop_lobes(&d->run.trained.mean), model_drop_lobes(&d->run.trained.square);
+    for (size_t i = 0; i < 300; i += 7) d->run.trained.model.plane[OXL_OPACITY][i] = -9; /* to be removed */
     CHECK_OK(density_create(test_ctx, &density));
     CHECK_OK(density_clear(test_ctx, density, 300));
     for (int step = 1; step <= 2; step++) vulkan_step_of(device, d, step, &loss);
@@ -2231,8 +2230,8 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     read = v->read_bytes, sent = v->sent;
     CHECK_OK(renderer_download(device, d->r, moves ? DOWNLOAD_SHAPE : DOWNLOAD_TO_CHANGE));
     if (moves) CHECK(v->read_bytes - read == 300 * (OXL_SH * 4 + 16));
-    CHECK_OK(density_decide(test_ctx, density, &d->run.model, &rules, &change));
-    move.lobes     = density_sources(density, &d->run.model, from);
+    CHECK_OK(density_decide(test_ctx, density, &d->run.trained.model, &rules, &change));
+    move.lobes     = density_sources(density, &d->run.trained.model, from);
     move.sh_degree = 1;
     move.count     = 300 - change.removed + change.split;
     CHECK(change.removed > 40 && (change.split > 100) == !lobes && move.lobes == (lobes ? 85 : 0));
@@ -2240,12 +2239,12 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     if (moves) CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
     if (moves == 2) device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     CHECK(moved == (moves == 1));
-    CHECK_OK(density_apply(test_ctx, density, &d->run.model, &d->run.first, &d->run.second, &change, moved));
-    if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 0));
+    CHECK_OK(density_apply(test_ctx, density, &d->run.trained, &change, moved));
+    if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.trained.model, 0));
     if (moved) CHECK(v->sent - sent == move.count * (4 + OXL_SH * 4));
     if (moved) CHECK_OK(renderer_download(device, d->r, DOWNLOAD_SHAPE));
-    density_reset_opacity(&d->run.model, &d->run.first, &d->run.second, 0);
-    if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 1));
+    density_reset_opacity(&d->run.trained, 0);
+    if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.trained.model, 1));
     d->run.sums.count = 0; /* nothing more is observed */
     for (int step = 3; step <= 4; step++) vulkan_step_of(device, d, step, &loss);
     CHECK_OK(renderer_download(device, d->r, DOWNLOAD_TO_READ));
@@ -2259,9 +2258,9 @@ static void vulkan_check_moves(oxl_context *device)
     for (size_t lobes = 0; lobes <= 100; lobes += 100) {
         for (int moves = 0; moves < 3; moves++) vulkan_densify(device, &d[moves], lobes, moves);
         for (int k = 1; k < 3; k++) {
-            vulkan_check_same_model(&d[0].run.model, &d[k].run.model);
-            vulkan_check_same_model(&d[0].run.first, &d[k].run.first);
-            vulkan_check_same_model(&d[0].run.second, &d[k].run.second);
+            vulkan_check_same_model(&d[0].run.trained.model, &d[k].run.trained.model);
+            vulkan_check_same_model(&d[0].run.trained.mean, &d[k].run.trained.mean);
+            vulkan_check_same_model(&d[0].run.trained.square, &d[k].run.trained.square);
         }
         for (int k = 0; k < 3; k++) vulkan_deferral_end(device, &d[k]);
     }
@@ -2698,18 +2697,18 @@ static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[12
     size_t                  bytes, wrong = 0, from = 0;
     vulkan_two_steps(t);
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ)); /* a checkpoint */
-    memcpy(x, t->model->plane[OXL_MEAN], sizeof x);
+    memcpy(x, t->trained.model.plane[OXL_MEAN], sizeof x);
     memcpy(gradient, t->density->gradient, sizeof gradient);
     if (!moves) d->moments_here = 0;
     CHECK_OK(step_remove_rows(t, 80));
-    for (size_t i = 0; i < t->model->count; i++, from++) {
-        while (from < 199 && x[from] != t->model->plane[OXL_MEAN][i]) from++;
+    for (size_t i = 0; i < t->trained.model.count; i++, from++) {
+        while (from < 199 && x[from] != t->trained.model.plane[OXL_MEAN][i]) from++;
         wrong += gradient[from] != t->density->gradient[i];
     }
     CHECK(wrong == 0);
-    if (moves) memset(t->first.plane[OXL_OPACITY], 0, 120 * sizeof *moment);
+    if (moves) memset(t->trained.mean.plane[OXL_OPACITY], 0, 120 * sizeof *moment);
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
-    memcpy(moment, t->first.plane[OXL_OPACITY], 120 * sizeof *moment);
+    memcpy(moment, t->trained.mean.plane[OXL_OPACITY], 120 * sizeof *moment);
     vulkan_two_steps(t);
     CHECK_OK(step_flush(t));
     if (!moves) d->moments_here = 0;
@@ -2719,42 +2718,38 @@ static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[12
     CHECK_OK(step_flush(t));
     bytes = d->v->sent + d->v->read_bytes - bytes;
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ));
-    CHECK(t->model->count == 120 && t->model->lobes > 20 && t->model->lobes < 60 && t->model->sh_degree == 1);
+    CHECK(t->trained.model.count == 120 && t->trained.model.lobes > 20 && t->trained.model.lobes < 60 &&
+          t->trained.model.sh_degree == 1);
     return bytes;
 }
 
 static void vulkan_check_kept_rows(oxl_context *device)
 {
     oxl_train_options options = train_options(60);
-    oxl_model         model[2];
     struct train      t[2];
     size_t            bytes[2];
     float             moment[2][120];
     options.sh_degree_interval         = 0.001;
     device->backend->vulkan->slab_rows = 64; /* several slabs */
     for (int k = 0; k < 2; k++) {
-        t[k] = (struct train){.ctx       = device,
-                              .scene     = vulkan_survey(device, 0),
-                              .options   = &options,
-                              .model     = &model[k],
-                              .decisions = {.ctx = device}};
+        t[k] =
+            (struct train){.ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
         CHECK_OK(train_begin(&t[k]));
-        CHECK_OK(model_set_lobes(device, &model[k], 60));
-        CHECK_OK(model_set_lobes(device, &t[k].first, 60));
-        CHECK_OK(model_set_lobes(device, &t[k].second, 60));
-        for (int i = 0; i < 60; i++) model[k].plane[OXL_LOBE][i] = -1;
+        CHECK_OK(model_set_lobes(device, &t[k].trained.model, 60));
+        CHECK_OK(model_set_lobes(device, &t[k].trained.mean, 60));
+        CHECK_OK(model_set_lobes(device, &t[k].trained.square, 60));
+        for (int i = 0; i < 60; i++) t[k].trained.model.plane[OXL_LOBE][i] = -1;
         bytes[k] = vulkan_prune_and_raise(&t[k], k, moment[k]);
     }
     CHECK(bytes[1] < bytes[0] / 2);
     CHECK(memcmp(moment[0], moment[1], sizeof moment[0]) == 0 && moment[0][0] != 0);
-    vulkan_check_same_model(&model[0], &model[1]);
-    vulkan_check_same_model(&t[0].first, &t[1].first);
-    vulkan_check_same_model(&t[0].second, &t[1].second);
+    vulkan_check_same_model(&t[0].trained.model, &t[1].trained.model);
+    vulkan_check_same_model(&t[0].trained.mean, &t[1].trained.mean);
+    vulkan_check_same_model(&t[0].trained.square, &t[1].trained.square);
     CHECK(memcmp(t[0].density->gradient, t[1].density->gradient, 120 * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) {
         oxl_scene *scene = t[k].scene;
         train_end(&t[k]);
-        oxl_model_free(device, &model[k]);
         oxl_scene_free(device, scene);
     }
 }
@@ -2764,11 +2759,9 @@ static void vulkan_check_run_falls_back(oxl_context *device)
 {
     oxl_train_options       options = train_options(60);
     struct vulkan          *v       = device->backend->vulkan;
-    oxl_model               model;
     struct vulkan_renderer *d;
-    struct train            t = {
-                   .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .model = &model, .decisions = {.ctx = device}};
-    oxl_scene *scene = t.scene;
+    struct train t     = {.ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+    oxl_scene   *scene = t.scene;
     CHECK_OK(train_begin(&t));
     for (int k = 0; k < t.views; k += 2) vulkan_two_steps(&t);
     d = t.renderer->device;
@@ -2786,7 +2779,6 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     CHECK_TEXT(v->name_and_cpu, " and cpu");
     v->AllocateMemory = vulkan_real_allocate;
     train_end(&t);
-    oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
 }
 
@@ -2848,10 +2840,8 @@ static void vulkan_check_lost_trial(oxl_context *device)
 {
     oxl_train_options options = train_options(60);
     struct vulkan    *v       = device->backend->vulkan;
-    oxl_model         model;
-    struct train      t = {
-             .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .model = &model, .decisions = {.ctx = device}};
-    oxl_scene *scene = t.scene;
+    struct train      t = {.ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+    oxl_scene        *scene = t.scene;
     CHECK_OK(train_begin(&t));
     vulkan_two_steps(&t);
     t.trial_is_next     = TRAIN_TRIES_SH_DEGREE;
@@ -2861,7 +2851,6 @@ static void vulkan_check_lost_trial(oxl_context *device)
     CHECK(selection_trial(&t) == OXL_ERR_FAILED && vulkan_submits_left < 0);
     CHECK_TEXT(oxl_error_text(device), "the device is lost");
     train_end(&t);
-    oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
     vulkan_close(v);
     device->backend->vulkan = NULL;
@@ -2911,10 +2900,8 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
 {
     oxl_train_options options = train_options(60);
     oxl_scene        *scene   = transients_test_scene(9);
-    oxl_model         model;
-    struct train      t = {
-             .ctx = device, .scene = scene, .options = &options, .model = &model, .decisions = {.ctx = device}, .step = 1};
-    options.mask_transients = 1;
+    struct train      t       = {.ctx = device, .scene = scene, .options = &options, .decisions = {.ctx = device}, .step = 1};
+    options.mask_transients   = 1;
     CHECK_OK(train_begin(&t));
     vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(step_on_next_view(&t));
@@ -2922,7 +2909,6 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
     CHECK(t.transients.points > 0 && t.last_loss > 0 && t.last_loss < 1);
     CHECK(renderer_has_device(t.renderer) == !falls_back);
     train_end(&t);
-    oxl_model_free(device, &model);
     oxl_scene_free(device, scene);
     return allocations - vulkan_allocations_left;
 }
@@ -2947,7 +2933,7 @@ static void vulkan_check_refused_shader(oxl_context *device)
     vulkan_deferral_begin(device, &d);
     r = d.r->device;
     renderer_expect_steps(d.r);
-    CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
+    CHECK_OK(renderer_forward(device, d.r, &d.run.trained.model, &d.camera, &options));
     CHECK(r->pair_key[0].handle && r->sums_a.handle && vulkan_finish(v) == OXL_OK);
     vulkan_refused       = &v->pipeline[PASS_STEP].layout;
     vulkan_refusals_made = 0;
@@ -2955,10 +2941,10 @@ static void vulkan_check_refused_shader(oxl_context *device)
     v->pipeline[PASS_STEP].variant[0] = VK_NULL_HANDLE;
     vulkan_real_compile               = v->CreateComputePipelines;
     v->CreateComputePipelines         = vulkan_note_refusal;
-    CHECK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options) == OXL_ERR_MEMORY);
+    CHECK(renderer_forward(device, d.r, &d.run.trained.model, &d.camera, &options) == OXL_ERR_MEMORY);
     CHECK(vulkan_refusals_made == 1 && !r->low_memory && !r->pair_key[0].handle && !r->sums_a.handle);
     v->CreateComputePipelines = vulkan_real_compile;
-    CHECK_OK(renderer_forward(device, d.r, &d.run.model, &d.camera, &options));
+    CHECK_OK(renderer_forward(device, d.r, &d.run.trained.model, &d.camera, &options));
     vulkan_deferral_end(device, &d);
 }
 
@@ -3110,17 +3096,24 @@ static void vulkan_check_lamp_and_medium(oxl_context *device)
     struct text               decisions = {.ctx = device};
     const struct train_output place     = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
     oxl_scene                *scene     = vulkan_survey(device, 0);
-    oxl_train_options         options   = train_options(2);
+    oxl_job_options           options   = {.train = train_options(2)};
     oxl_model                 model;
     device->options.log = vulkan_hear;
     vulkan_said         = 0;
-    options.lamp = options.medium = OXL_AUTO;
-    CHECK_OK(train_run(device, scene, &options, NULL, &place, &model));
+    for (int i = 0; i < oxl_option_count(); i++)
+        if (oxl_option_at(i)->use & OXL_OPTION_CPU_ONLY) CHECK_OK(oxl_option_set(oxl_option_at(i), &options, "auto", NULL, 0));
+    CHECK_OK(train_run(device, scene, &options.train, NULL, &place, &model));
     CHECK(vulkan_said == 2);
-    CHECK_TEXT(decisions.data, "a device renders: it is fitted on the CPU alone");
+    for (int i = 0; i < oxl_option_count(); i++) {
+        const oxl_option *row = oxl_option_at(i);
+        char              off[160];
+        snprintf(off, sizeof off, "\"%s\": {\"chosen\": \"%s\", \"evidence\": \"a device renders", row->name,
+                 row->kind == OXL_OPTION_CHOICE ? "off" : "0");
+        CHECK((strstr(decisions.data, off) != NULL) == ((row->use & OXL_OPTION_CPU_ONLY) != 0));
+    }
     oxl_model_free(device, &model);
-    options.medium = OXL_ON;
-    CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
+    options.train.medium = OXL_ON;
+    CHECK(oxl_train(device, scene, &options.train, NULL, &model) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(device), "not rendered on a device\nfix: --backend cpu");
     text_free(&decisions);
     oxl_scene_free(device, scene);
@@ -3502,7 +3495,7 @@ TEST(vulkan_refuses_a_dropout_and_leaves_out_that_of_auto)
     ON_DEVICE(vulkan_check_dropout);
 }
 
-TEST(vulkan_leaves_lamp_and_medium_to_the_cpu_and_says_so)
+TEST(vulkan_leaves_what_is_for_the_cpu_only_to_it_and_says_so)
 {
     ON_DEVICE(vulkan_check_lamp_and_medium);
 }

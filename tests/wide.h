@@ -52,8 +52,8 @@ struct wide_loss kernels_loss(int width, int height, double weight, const double
                               double *dx);
 
 /* Steps count from 1; the kernels take a pack of 16. */
-void splat_adam(double *x, double gradient, double rate, int step, double *first, double *second);
-void kernels_adam(double x[16], const double gradient[16], double rate, int step, double first[16], double second[16]);
+void splat_adam(double *x, double gradient, double rate, int step, double *mean, double *square);
+void kernels_adam(double x[16], const double gradient[16], double rate, int step, double mean[16], double square[16]);
 
 double splat_learning_rate(int plane, double extent, double progress);
 

@@ -212,15 +212,15 @@ struct wide_loss kernels_loss(int width, int height, double weight, const double
     return (struct wide_loss){value.total, value.l1, value.ssim, value.mse};
 }
 
-void kernels_adam(double x[16], const double gradient[16], double rate, int step, double first[16], double second[16])
+void kernels_adam(double x[16], const double gradient[16], double rate, int step, double mean[16], double square[16])
 {
     uint16_t        all = 0xFFFF;
     struct adam_job job = {.end_pack           = 1,
                            .visible            = &all,
                            .planes             = 1,
                            .parameter          = {x},
-                           .first              = {first},
-                           .second             = {second},
+                           .mean               = {mean},
+                           .square             = {square},
                            .gradient           = {gradient},
                            .rate               = {rate / (1 - pow(0.9, step))},
                            .beta1              = 0.9,

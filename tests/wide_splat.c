@@ -237,9 +237,9 @@ double splat_loss(int width, int height, double weight, const double *x, const d
     return value;
 }
 
-void splat_adam(double *x, double gradient, double rate, int step, double *first, double *second)
+void splat_adam(double *x, double gradient, double rate, int step, double *mean, double *square)
 {
-    adam(x, gradient, rate, step, first, second);
+    adam(x, gradient, rate, step, mean, square);
 }
 
 double splat_learning_rate(int plane, double extent, double progress)

@@ -449,11 +449,6 @@ static oxl_result vulkan_read_nonfinite(struct vulkan_renderer *r, struct render
     return r->v->rc;
 }
 
-static oxl_result vulkan_fail_other_model(struct vulkan_renderer *r)
-{
-    return oxl_fail(r->v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
-}
-
 /* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. Where a slab
  * was stepped and the next one cannot be, the device is given up: who repeated the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
@@ -468,8 +463,8 @@ static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const u
                    VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], numbers[0], numbers[1], numbers[2]),
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots,
                                   variant ? &r->splat_a : &r->sums_a, variant ? &r->splat_b : &r->sums_b, &r->sums_c,
-                                  variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first,
-                                  &r->slab[s].second, &r->counts, &r->rates));
+                                  variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].mean,
+                                  &r->slab[s].square, &r->counts, &r->rates));
     }
     if (r->v->rc != OXL_OK && !r->v->lost && r->v->dispatches > before) vulkan_give_up(r->v, VK_ERROR_OUT_OF_HOST_MEMORY);
 }
@@ -485,7 +480,7 @@ static oxl_result vulkan_end_step(struct vulkan_renderer *r)
     return v->rc;
 }
 
-static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
+static oxl_result vulkan_step(void *device, struct trained_model *trained, const struct adam_params *adam,
                               struct renderer_nonfinite *out)
 {
     struct vulkan_renderer *r          = device;
@@ -497,8 +492,7 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     vulkan_enter(v);
     for (uint32_t k = 0; k < r->planes; k++)
         rate[k] = (float)(adam->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
-    if (r->model != model) v->rc = vulkan_fail_other_model(r);
-    vulkan_take_moments(r, first, second);
+    vulkan_take_moments(r, trained);
     vulkan_reserve(v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
     vulkan_run_step(r, 0, numbers);
@@ -507,13 +501,11 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     return vulkan_read_nonfinite(r, out);
 }
 
-static oxl_result vulkan_clear_nonfinite(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
-                                         struct renderer_nonfinite *out)
+static oxl_result vulkan_clear_nonfinite(void *device, struct trained_model *trained, struct renderer_nonfinite *out)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
-    if (r->model != model) r->v->rc = vulkan_fail_other_model(r);
-    vulkan_take_moments(r, first, second);
+    vulkan_take_moments(r, trained);
     vulkan_run_step(r, 1, (const uint32_t[3]){0, 0, 0});
     if (r->v->rc == OXL_OK) r->stepped = 1;
     return vulkan_read_nonfinite(r, out);

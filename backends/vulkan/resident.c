@@ -13,8 +13,8 @@ static void vulkan_release_slabs(struct vulkan *v, struct vulkan_slab *slab, siz
     for (size_t i = 0; i < slabs; i++) {
         vulkan_release(v, &slab[i].parameter);
         vulkan_release(v, &slab[i].gradient);
-        vulkan_release(v, &slab[i].first);
-        vulkan_release(v, &slab[i].second);
+        vulkan_release(v, &slab[i].mean);
+        vulkan_release(v, &slab[i].square);
     }
     oxl_free(v->ctx, slab);
 }
@@ -74,7 +74,8 @@ OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t sla
 
 static struct vulkan_buffer *vulkan_slab_part(struct vulkan_slab *slab, const struct vulkan_renderer *r, const oxl_model *m)
 {
-    return m == r->first ? &slab->first : m == r->second ? &slab->second : &slab->parameter;
+    if (!r->trained || m == r->model) return &slab->parameter;
+    return m == &r->trained->mean ? &slab->mean : &slab->square;
 }
 
 OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane)
@@ -83,7 +84,7 @@ OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_re
 }
 
 /* The first planes of a model or of its moments, slab by slab. */
-static void vulkan_copy_model(struct vulkan_renderer *r, oxl_model *m, uint32_t planes, int up)
+static void vulkan_copy_model(struct vulkan_renderer *r, const oxl_model *m, uint32_t planes, int up)
 {
     for (size_t s = 0; s < r->slabs; s++)
         for (uint32_t k = 0; k < planes; k++) {
@@ -148,9 +149,9 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
         vulkan_reserve_rows(r); /* rows may have been moved: vulkan_move_rows */
         return;
     }
-    r->model = (oxl_model *)m; /* written in vulkan_download_model alone, when vulkan_step was given it as its own to write */
-    r->first = r->second = NULL;
-    r->plane             = m->plane[0];
+    r->model   = m;
+    r->trained = NULL;
+    r->plane   = m->plane[0];
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
     r->model_here = r->moments_here = r->stepped = 0;
     r->room                                      = 0;
@@ -164,19 +165,21 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
 OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r)
 {
     for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_reserve(r->v, &r->slab[s].first, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
-        vulkan_reserve(r->v, &r->slab[s].second, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].mean, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].square, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
     }
 }
 
-OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second)
+OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained)
 {
-    if (r->moments_here && r->first == first && r->second == second) return;
-    r->first  = first;
-    r->second = second;
+    if (r->moments_here && r->trained == trained) return;
+    if (r->model != &trained->model)
+        r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
+    if (r->v->rc != OXL_OK) return;
+    r->trained = trained;
     vulkan_reserve_moments(r);
-    vulkan_copy_model(r, first, r->planes, 1);
-    vulkan_copy_model(r, second, r->planes, 1);
+    vulkan_copy_model(r, &trained->mean, r->planes, 1);
+    vulkan_copy_model(r, &trained->square, r->planes, 1);
     r->moments_here = r->v->rc == OXL_OK;
 }
 
@@ -205,11 +208,8 @@ OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_downlo
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
     if (r->stepped && what == DOWNLOAD_SHAPE) vulkan_copy_model(r, r->model, OXL_SH, 0);
-    else if (r->stepped) {
-        vulkan_copy_model(r, r->model, r->planes, 0);
-        vulkan_copy_model(r, r->first, r->planes, 0);
-        vulkan_copy_model(r, r->second, r->planes, 0);
-    }
+    for (int k = 0; r->stepped && what != DOWNLOAD_SHAPE && k < TRAINED_PARTS; k++)
+        vulkan_copy_model(r, model_trained_part(r->trained, k), r->planes, 0);
     if (r->observed) vulkan_copy_sums(r, 0);
     if (r->v->rc != OXL_OK) return r->v->rc; /* the device still has what the host has not */
     if (what != DOWNLOAD_SHAPE) r->stepped = 0;
@@ -234,8 +234,8 @@ static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_ren
             VULKAN_RUN(r->v, MOVE, 0, vulkan_groups(rows),
                        VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first, (uint32_t)old_rows,
                                    old->stride, old->lobe_plane, r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
-                       VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].first, &old->slab[o].second,
-                                      &r->slab[s].parameter, &r->slab[s].first, &r->slab[s].second));
+                       VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].mean, &old->slab[o].square,
+                                      &r->slab[s].parameter, &r->slab[s].mean, &r->slab[s].square));
         }
 }
 
@@ -281,8 +281,8 @@ OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int re
     r->plane = model->plane[0];
     vulkan_copy_model(r, model, OXL_SH, 1);
     for (size_t s = 0; s < r->slabs && reset_opacity && r->moments_here; s++) {
-        vulkan_fill(r->v, &r->slab[s].first, opacity, size, 0);
-        vulkan_fill(r->v, &r->slab[s].second, opacity, size, 0);
+        vulkan_fill(r->v, &r->slab[s].mean, opacity, size, 0);
+        vulkan_fill(r->v, &r->slab[s].square, opacity, size, 0);
     }
     return r->v->rc;
 }

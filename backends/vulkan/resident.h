@@ -5,7 +5,7 @@
 #include "state.h"
 
 struct vulkan_slab {
-    struct vulkan_buffer parameter, gradient, first, second; /* (planes, stride) */
+    struct vulkan_buffer parameter, gradient, mean, square; /* (planes, stride) */
 };
 
 /* As shaders/view.glsl has it. */
@@ -46,8 +46,9 @@ struct vulkan_renderer {
     struct vulkan                *v;
     struct vulkan_renderer       *next; /* of v->renderers */
     /* whose model this is, and what of it is here */
-    oxl_model                    *model, *first, *second; /* the host's; the last two since a step */
-    const float                  *plane;                  /* the host's first one: another is another model */
+    const oxl_model              *model;   /* the host's */
+    struct trained_model         *trained; /* its, since a step; or NULL */
+    const float                  *plane;   /* the host's first one: another is another model */
     size_t                        count, lobes;
     int                           sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
     int                           model_here, moments_here, stepped;
@@ -94,7 +95,7 @@ OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_re
 /* Sends the model, or its moments, unless they are there already. */
 OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
 OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
-OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
 OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v,
                                        uint32_t       but); /* of every renderer, but the one that is in use: vulkan.evict */

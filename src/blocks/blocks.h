@@ -34,7 +34,7 @@ struct partition {
 };
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
 
-/* Splits a scene from files into blocks; the scene must outlive the partition. It stays one block if it is small enough, if the options
+/* Cuts a scene from files into blocks; the scene must outlive the partition. It stays one block if it is small enough, if the options
  * say so, or if it has no tracks, which tell the points of a view. The log states the reason, and the evidence for 2D or 3D. */
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
                                        struct partition *out);

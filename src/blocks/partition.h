@@ -42,7 +42,7 @@ struct partition_plan {
     uint32_t                    *member;       /* points in the block's expanded box, ascending */
     uint8_t                     *role;         /* (blocks, views) enum partition_role */
 };
-/* The same scene in the same frame, split otherwise, without log lines. Shares the visibility of `of`, which must outlive `out`. */
+/* The same scene in the same frame, cut otherwise, without log lines. Shares the visibility of `of`, which must outlive `out`. */
 OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
                                           struct partition *out);
 /* Sets bits (points) of a block's initial points; returns their number. bits: zero, (points + 63) / 64 words. */

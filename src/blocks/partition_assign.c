@@ -1,7 +1,7 @@
 /* partition_assign.c - the boxes of the blocks, the points in them and in their margins, and the views each block is trained on
  * (OceanXL Alg. 1; shares of BlockGaussian).
  *
- * Invariant: the boxes of the leaves tile space, also after splits are undone.
+ * Invariant: the boxes of the leaves tile space, also after cuts are undone.
  */
 #include "partition_build.h"
 
@@ -47,7 +47,7 @@ static void partition_hull(struct partition_box *hull, const struct partition_bo
     }
 }
 
-/* Boxes of the leaves from the splits. A child follows its parent in the array, also after undone splits. */
+/* Boxes of the leaves from the cuts. A child follows its parent in the array, also after undone cuts. */
 static oxl_result partition_set_boxes(struct partition_build *b)
 {
     for (int k = 0; k < 3; k++) {
@@ -222,7 +222,7 @@ static oxl_result partition_assign_more_views(struct partition_build *b)
     return partition_assign_views(b);
 }
 
-/* ---------------------------------------------------------------- splits that are undone */
+/* ---------------------------------------------------------------- cuts that are undone */
 
 /* The leaf'other place is divided among the blocks of its sibling, which moves up into the parent. */
 static void partition_undo_split(struct partition_build *b, int leaf)
@@ -255,7 +255,7 @@ static int partition_undo_small(struct partition_build *b)
     return taken;
 }
 
-/* Assigns points and views to the leaves; splits that leave a block too small are undone. largest: points of the largest block. */
+/* Assigns points and views to the leaves; cuts that leave a block too small are undone. largest: points of the largest block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest)
 {
     oxl_result rc    = OXL_OK;

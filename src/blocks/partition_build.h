@@ -14,11 +14,11 @@ struct partition_node {
     int                  axis;     /* of the cut */
     double               cut;
     int                  depth, shrinks;
-    int                  removed;  /* its split was undone */
+    int                  removed;  /* its cut was undone */
     int                  in_batch; /* its place in the batch of boxes that are searched; -1: not in it */
     int                  block;    /* of a leaf */
     size_t               points;   /* of a leaf, at owner */
-    int                  leaves;   /* leaves that it is to have; 0: it is split while it has more than N_p points */
+    int                  leaves;   /* leaves that it is to have; 0: it is cut while it has more than N_p points */
 };
 
 struct partition_build {
@@ -47,18 +47,18 @@ struct partition_build {
     size_t                      *inside;    /* (blocks) points in the expanded box */
     uint8_t                     *role;      /* (blocks, views) */
     uint8_t                     *few_views; /* (blocks) has few views; NULL: not yet known */
-    int                          undone;    /* splits */
+    int                          undone;    /* cuts */
 };
 
 /* The first point of a task of PARTITION_TASKS. */
 OXL_INTERNAL size_t     partition_task_begin(size_t count, int task);
-/* partition_cut.c: grows a tree of `leaves` leaves; 0: splits until no leaf has more than N_p points. */
+/* partition_cut.c: grows a tree of `leaves` leaves; 0: cuts until no leaf has more than N_p points. */
 OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves);
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels);
 OXL_INTERNAL int        partition_depth(size_t count, size_t block_points);
 /* Points whose node was cut move into its children; those whose node is gone start again from the root. */
 OXL_INTERNAL void       partition_update_leaves(const struct partition_build *b);
-/* partition_assign.c: points and views to the leaves; splits that leave a block too small are undone. largest: points of the largest
+/* partition_assign.c: points and views to the leaves; cuts that leave a block too small are undone. largest: points of the largest
  * block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest);
 OXL_INTERNAL oxl_result partition_assign_to_one(struct partition_build *b);

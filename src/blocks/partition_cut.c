@@ -13,7 +13,7 @@ enum {
     PARTITION_SHRINKS      = 48,   /* of a box, at most: all points in one place would never end */
     PARTITION_LOAD         = 256,  /* mean load of a point */
     PARTITION_DEPTH_MIN    = 10,
-    PARTITION_SPARE_LEVELS = 4 /* for uneven splits */
+    PARTITION_SPARE_LEVELS = 4 /* for uneven cuts */
 };
 #define PARTITION_LOAD_MAX 1e9 /* of a point, which is kept in 32 bits */
 
@@ -74,7 +74,7 @@ static int partition_gather(struct partition_build *b, struct partition_search *
     return count;
 }
 
-/* Points and their load between two candidate splits of a box: those at or above k of them are counted at k. */
+/* Points and their load between two candidate cuts of a box: those at or above k of them are counted at k. */
 struct partition_bin {
     uint64_t points, load;
 };
@@ -104,7 +104,7 @@ struct partition_candidate { /* a ratio, and the leaves on each side */
     int    ratio;            /* -1: none leaves both sides enough points for a block */
     size_t points[2];        /* of the sides */
     int    leaves[2];
-    int    fits; /* both sides can be split further into blocks of at most N_p points */
+    int    fits; /* both sides can be cut further into blocks of at most N_p points */
     double off;  /* by how much the load of a side misses its share */
 };
 
@@ -121,7 +121,7 @@ static struct partition_candidate partition_rate(const struct partition_build *b
     return s;
 }
 
-/* Whether a is the better split: it fits, then its load is nearer to the wanted shares, then its ratio nearer to 0.5. */
+/* Whether a is the better cut: it fits, then its load is nearer to the wanted shares, then its ratio nearer to 0.5. */
 static int partition_is_better(const struct partition_build *b, const struct partition_candidate *a,
                                const struct partition_candidate *than)
 {
@@ -153,15 +153,15 @@ static struct partition_candidate partition_choose(const struct partition_build 
 }
 
 static oxl_result partition_add_children(struct partition_build *b, int parent, int axis, double cut,
-                                         const struct partition_candidate *split)
+                                         const struct partition_candidate *chosen)
 {
     oxl_result rc = oxl_reserve(b->ctx, &b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
     if (rc != OXL_OK) return rc;
     for (int side = 0; side < 2; side++) {
         const struct partition_node *from  = &b->node[parent];
         struct partition_node        child = {.finite = from->finite, .parent = parent, .depth = from->depth + 1, .in_batch = -1};
-        child.points                       = split->points[side];
-        child.leaves                       = from->leaves > 0 ? split->leaves[side] : 0;
+        child.points                       = chosen->points[side];
+        child.leaves                       = from->leaves > 0 ? chosen->leaves[side] : 0;
         (side ? child.finite.low : child.finite.high)[axis] = cut;
         b->node[parent].child[side]                         = b->node_count;
         b->node[b->node_count++]                            = child;
@@ -182,7 +182,7 @@ static void partition_shrink(const struct partition_build *b, const struct parti
     n->shrinks++;
 }
 
-/* Splits each box of the batch: counts points and load between its candidate cuts, and cuts it in two at the best one
+/* Cuts each box of the batch: counts points and load between its candidate cuts, and cuts it in two at the best one
  * (partition_choose); a box without an allowed cut is shrunk. bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
 static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search, int count,
                                       struct partition_bin *bins)
@@ -198,10 +198,10 @@ static oxl_result partition_cut_batch(struct partition_build *b, const struct pa
             bins[k].load += bins[(size_t)task * part + k].load;
         }
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        const struct partition_bin      *its   = bins + (size_t)i * stride;
-        const struct partition_candidate split = partition_choose(b, &b->node[search[i].node], its);
-        if (split.ratio < 0) partition_shrink(b, &search[i], its);
-        else rc = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[split.ratio], &split);
+        const struct partition_bin      *its    = bins + (size_t)i * stride;
+        const struct partition_candidate chosen = partition_choose(b, &b->node[search[i].node], its);
+        if (chosen.ratio < 0) partition_shrink(b, &search[i], its);
+        else rc = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[chosen.ratio], &chosen);
     }
     return rc;
 }
@@ -238,7 +238,7 @@ static oxl_result partition_grow(struct partition_build *b)
 {
     struct partition_search *search = oxl_alloc(b->ctx, PARTITION_BATCH, sizeof *search);
     struct partition_bin    *bins   = oxl_alloc(b->ctx, PARTITION_BATCH * (PARTITION_RATIOS + 1) * PARTITION_TASKS, sizeof *bins);
-    oxl_result               rc = search && bins ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to search for splits");
+    oxl_result               rc     = search && bins ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to search for cuts");
     int                      count;
     while (rc == OXL_OK && (count = partition_gather(b, search)) > 0) {
         rc = partition_cut_batch(b, search, count, bins);
@@ -248,7 +248,7 @@ static oxl_result partition_grow(struct partition_build *b)
     return rc;
 }
 
-/* Grows a tree from the root; leaves 0: splits until no leaf has more than N_p points. */
+/* Grows a tree from the root; leaves 0: cuts until no leaf has more than N_p points. */
 OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
 {
     b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .leaves = leaves, .in_batch = -1};

@@ -1,6 +1,6 @@
-/* partition_make.c - split the survey into blocks (OceanXL sec. 3.1, Alg. 1).
+/* partition_make.c - cuts a survey into blocks (OceanXL sec. 3.1, Alg. 1).
  *
- *     a box of k blocks is split across its longest axis at the ratio r of 0.30, 0.32 ... 0.70 whose sides come nearest to
+ *     a box of k blocks is cut across its longest axis at the ratio r of 0.30, 0.32 ... 0.70 whose sides come nearest to
  *     k1/k and k2/k of its load, k1 + k2 = k; the survey has k = ceil(N / N_p) blocks, or the fewest above that of at most
  *     N_p points each. A view belongs to a block that holds more than 0.3 of the points it sees (base), or of whose points
  *     it sees more than 0.1 (border) [BlockGaussian]. A block starts from the points in its box, made 5 % wider on each side,
@@ -8,11 +8,11 @@
  *
  * Deviations from Alg. 1, which halves by points while a box holds more than N_p: halving ends at a power of two of blocks, up to
  * twice as many as N_p requires; and points alone balance memory, not work. The load is half points, half training pixels: each view
- * distributes its pixels evenly over the points it sees. There are never more blocks than splits at the midpoint would give.
+ * distributes its pixels evenly over the points it sees. There are never more blocks than cuts at the midpoint would give.
  *
- * The paper discards blocks of too few points or views, and leaves holes. Here a split that would make a block of too few points is
- * not made: the box that is searched shrinks to its fuller half instead. Where a block has too few views, the split that made it is
- * undone, and its sibling's blocks extend into its box: they remain boxes, however often they were split themselves.
+ * The paper discards blocks of too few points or views, and leaves holes. Here a cut that would make a block of too few points is
+ * not made: the box that is searched shrinks to its fuller half instead. Where a block has too few views, the cut that made it is
+ * undone, and its sibling's blocks extend into its box: they remain boxes, however often they were cut themselves.
  *
  * Invariant: every place, and so every point and every Gaussian, belongs to exactly one block.
  */
@@ -31,7 +31,7 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 
 /* ---------------------------------------------------------------- so many blocks */
 
-/* Partitions into `leaves` blocks (0: until none has more than N_p points), then undoes splits that leave a block too small. */
+/* Partitions into `leaves` blocks (0: until none has more than N_p points), then undoes cuts that leave a block too small. */
 static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leaves, size_t *largest)
 {
     oxl_result rc;
@@ -40,7 +40,7 @@ static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leav
     return rc == OXL_OK ? partition_assign(b, largest) : rc;
 }
 
-/* The fewest blocks of at most N_p points, but never more than splits at the midpoint give. Where a balanced load leaves
+/* The fewest blocks of at most N_p points, but never more than cuts at the midpoint give. Where a balanced load leaves
  * blocks too small, points alone are balanced, as in the paper. */
 static oxl_result partition_balance(struct partition_build *b)
 {
@@ -233,7 +233,7 @@ static void partition_log_blocks(const struct partition_build *b, const struct p
         idle += !used;
     }
     if (b->undone > 0)
-        oxl_log(b->ctx, b->level, "%d split%s undone: less than %zu points or %d views on a side", b->undone,
+        oxl_log(b->ctx, b->level, "%d cut%s undone: less than %zu points or %d views on a side", b->undone,
                 b->undone == 1 ? "" : "s", b->min_points, b->min_views);
     oxl_log(b->ctx, b->level, "%d block%s of %zu to %zu points", p->block_count, p->block_count == 1 ? "" : "s", least, most);
     if (p->block_count > 1 && most > (size_t)b->options.block_points)

@@ -156,9 +156,10 @@ OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);       
 OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 #define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
 
-/* ---------------------------------------------------------------- options.c: the table of options; its functions are public */
+/* ---------------------------------------------------------------- options.c: the table of options; other functions are public */
 
-#define UCD_CAP 5.0 /* largest depth weight of UCD */
+#define UCD_CAP 5.0                                                      /* largest depth weight of UCD */
+OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag); /* sets the options with this flag of `use` to off */
 
 /* ---------------------------------------------------------------- random.c */
 

@@ -4,7 +4,7 @@
  * to, on the group's views. Moments are stored with the Gaussians and each group has several turns, so the result is close to that of
  * training on all views in random order (docs/SCALE.md).
  *
- * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.first.V.ply and KKK.second.V.ply; V is the number
+ * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and KKK.square.V.ply; V is the number
  * of the task that wrote them. Invariant: a task writes files with its own number, then groups.txt; if it is stopped, it is repeated and
  * gives the same bytes.
  */
@@ -43,40 +43,40 @@ static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, in
 }
 #define GROUPS_PATH(...) groups_path((char[PATH_LENGTH]){0}, __VA_ARGS__)
 
-static const char *const GROUPS_PART[] = {"model", "first", "second"};
+static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
 
 /* Parameters and moments of a block. */
-static oxl_result groups_read(const struct groups *g, int block, oxl_model m[3])
+static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
 {
     oxl_context *ctx     = g->job->ctx;
     const int    version = g->version[block];
     oxl_result   rc      = OXL_OK;
-    for (int k = 0; k < 3; k++) m[k] = (oxl_model){0};
-    for (int k = 0; k < 3 && rc == OXL_OK; k++) {
-        const char *path  = GROUPS_PATH(g, block, GROUPS_PART[k], version);
-        const int   there = k == 0 || version > 0;
-        rc                = there ? oxl_model_read(ctx, path, &m[k]) : oxl_model_create(ctx, m[0].count, m[0].sh_degree, &m[k]);
-        if (rc == OXL_OK && !there) rc = model_set_lobes(ctx, &m[k], m[0].lobes);
-        if (rc == OXL_OK && !there) memset(m[k].plane[OXL_ROTATION], 0, m[k].capacity * sizeof(float));
-        memcpy(m[k].origin, m[0].origin, sizeof m[k].origin);
-        if (rc == OXL_OK && m[k].count != m[0].count)
+    *m                   = (struct trained_model){0};
+    for (int k = 0; k < (version > 0 ? TRAINED_PARTS : 1) && rc == OXL_OK; k++) {
+        const char *path = GROUPS_PATH(g, block, GROUPS_PART[k], version);
+        rc               = oxl_model_read(ctx, path, model_trained_part(m, k));
+        if (rc == OXL_OK && model_trained_part(m, k)->count != m->model.count)
             rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: its rows differ from those of its model", path);
     }
-    for (int k = 0; k < 3 && rc != OXL_OK; k++) oxl_model_free(ctx, &m[k]);
+    if (rc == OXL_OK && version == 0) rc = model_trained_begin(ctx, m);
+    memcpy(m->mean.origin, m->model.origin, sizeof m->mean.origin);
+    memcpy(m->square.origin, m->model.origin, sizeof m->square.origin);
+    if (rc != OXL_OK) model_trained_free(ctx, m);
     return rc;
 }
 
-static oxl_result groups_write(const struct groups *g, int block, int version, const oxl_model m[3])
+static oxl_result groups_write(const struct groups *g, int block, int version, struct trained_model *m)
 {
     oxl_result rc = OXL_OK;
-    for (int k = 0; k < 3 && rc == OXL_OK; k++)
-        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version), &m[k], m[k].sh_degree);
+    for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
+        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version), model_trained_part(m, k),
+                                  m->model.sh_degree);
     return rc;
 }
 
 static void groups_remove(const struct groups *g, int block, int version)
 {
-    for (int k = 0; k < (block < 0 ? 1 : 3) && version > 0; k++)
+    for (int k = 0; k < (block < 0 ? 1 : TRAINED_PARTS) && version > 0; k++)
         os_remove(GROUPS_PATH(g, block, block < 0 ? "imaging" : GROUPS_PART[k], version));
 }
 
@@ -243,23 +243,25 @@ static int groups_last_step(const struct groups *g, int task, int steps)
     return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_PASSES + 0.5);
 }
 
-static oxl_result groups_load(struct groups *g, const int *view, int views, oxl_model all[3])
+static oxl_result groups_load(struct groups *g, const int *view, int views, struct trained_model *all)
 {
     oxl_context *ctx = g->job->ctx;
     oxl_result   rc  = OXL_OK;
-    for (int k = 0; k < 3 && rc == OXL_OK; k++) {
-        rc = oxl_model_create(ctx, 0, 0, &all[k]);
-        memcpy(all[k].origin, g->job->origin, sizeof all[k].origin);
+    for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++) {
+        oxl_model *to = model_trained_part(all, k);
+        rc            = oxl_model_create(ctx, 0, 0, to);
+        memcpy(to->origin, g->job->origin, sizeof to->origin);
     }
     for (int b = 0; b < g->job->partition.block_count && rc == OXL_OK; b++) {
-        oxl_model m[3];
-        rc = groups_read(g, b, m);
+        struct trained_model m;
+        rc = groups_read(g, b, &m);
         oxl_free(ctx, g->keep[b]);
-        g->keep[b] = rc == OXL_OK ? oxl_alloc(ctx, m[0].count + 1, 1) : NULL;
+        g->keep[b] = rc == OXL_OK ? oxl_alloc(ctx, m.model.count + 1, 1) : NULL;
         if (rc == OXL_OK && !g->keep[b]) rc = job_no_memory(g->job);
-        if (rc == OXL_OK) groups_mark_visible(g, view, views, &m[0], g->keep[b]);
-        for (int k = 0; k < 3 && rc == OXL_OK; k++) rc = merge_rows(ctx, &m[k], g->keep[b], &all[k]);
-        for (int k = 0; k < 3; k++) oxl_model_free(ctx, &m[k]);
+        if (rc == OXL_OK) groups_mark_visible(g, view, views, &m.model, g->keep[b]);
+        for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
+            rc = merge_rows(ctx, model_trained_part(&m, k), g->keep[b], model_trained_part(all, k));
+        model_trained_free(ctx, &m);
     }
     return rc;
 }
@@ -272,29 +274,30 @@ static void groups_copy_row(const oxl_model *all, size_t from, oxl_model *m, siz
 }
 
 /* The rows of a block from the task's model, in which those with lobes come first. A row that is not finite stays as it was. */
-static oxl_result groups_store_block(struct groups *g, int block, int version, const oxl_model all[3], size_t at[2])
+static oxl_result groups_store_block(struct groups *g, int block, int version, struct trained_model *all, size_t at[2])
 {
-    const uint8_t *keep = g->keep[block];
-    size_t         kept = 0;
-    oxl_model      m[3];
-    oxl_result     rc = groups_read(g, block, m);
-    for (int k = 0; k < 3 && rc == OXL_OK; k++) rc = model_set_degree(g->job->ctx, &m[k], all[k].sh_degree);
-    for (size_t i = 0; i < m[0].count && rc == OXL_OK; i++) {
-        const size_t from = keep[i] ? at[i >= m[0].lobes]++ : 0;
+    const uint8_t       *keep = g->keep[block];
+    size_t               kept = 0;
+    struct trained_model m;
+    oxl_result           rc = groups_read(g, block, &m);
+    if (rc == OXL_OK) rc = model_trained_set_degree(g->job->ctx, &m, all->model.sh_degree);
+    for (size_t i = 0; i < m.model.count && rc == OXL_OK; i++) {
+        const size_t from = keep[i] ? at[i >= m.model.lobes]++ : 0;
         kept += keep[i];
-        for (int k = 0; k < 3 && keep[i] && model_row_is_finite(&all[0], from); k++) groups_copy_row(&all[k], from, &m[k], i);
+        for (int k = 0; k < TRAINED_PARTS && keep[i] && model_row_is_finite(&all->model, from); k++)
+            groups_copy_row(model_trained_part(all, k), from, model_trained_part(&m, k), i);
     }
-    if (rc == OXL_OK && kept > 0) rc = groups_write(g, block, version, m);
+    if (rc == OXL_OK && kept > 0) rc = groups_write(g, block, version, &m);
     if (rc == OXL_OK && kept > 0) g->version[block] = version;
-    for (int k = 0; k < 3; k++) oxl_model_free(g->job->ctx, &m[k]);
+    model_trained_free(g->job->ctx, &m);
     return rc;
 }
 
-static oxl_result groups_store(struct groups *g, const oxl_model all[3])
+static oxl_result groups_store(struct groups *g, struct trained_model *all)
 {
     const int  blocks = g->job->partition.block_count, version = g->done + 1;
     const int  gains = g->gains;
-    size_t     at[2] = {0, all[0].lobes};
+    size_t     at[2] = {0, all->model.lobes};
     int       *old   = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
     oxl_result rc    = old ? OXL_OK : job_no_memory(g->job);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
@@ -322,18 +325,19 @@ static int groups_progress(void *user, const oxl_progress *progress)
     return job_progress(g->job, progress);
 }
 
-static oxl_result groups_train(struct groups *g, const struct image_window *window, oxl_model all[3], int from, int until)
+static oxl_result groups_train(struct groups *g, const struct image_window *window, struct trained_model *all, int from,
+                               int until)
 {
     struct job         *job   = g->job;
     const int           steps = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
-    oxl_train_options   o     = block_refinement(&job->options.train, all[0].sh_degree, steps);
+    oxl_train_options   o     = block_refinement(&job->options.train, all->model.sh_degree, steps);
     struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model           out     = {0};
     struct train_output place   = {.folder  = g->folder,
                                    .log     = &log,
                                    .notes   = &notes,
-                                   .start   = &all[0],
-                                   .moments = &all[1],
+                                   .start   = &all->model,
+                                   .moments = all,
                                    .window  = window,
                                    .first   = from,
                                    .until   = until};
@@ -344,7 +348,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     rc        = key.failed ? job_no_memory(job) : OXL_OK;
     job_limit_time(job, &o);
     if (rc == OXL_OK) rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
-    if (rc == OXL_OK) oxl_model_free(job->ctx, &all[0]), all[0] = out;
+    if (rc == OXL_OK) oxl_model_free(job->ctx, &all->model), all->model = out;
     else oxl_model_free(job->ctx, &out);
     g->seconds += os_seconds() - started;
     text_free(&key);
@@ -358,19 +362,19 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     oxl_context         *ctx    = g->job->ctx;
     struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
     int                 *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
-    oxl_model            all[3] = {{0}};
-    oxl_result           rc     = window && view ? OXL_OK : job_no_memory(g->job);
+    struct trained_model all = {{0}, {0}, {0}};
+    oxl_result           rc  = window && view ? OXL_OK : job_no_memory(g->job);
     for (int i = 0; i < g->views && rc == OXL_OK; i++) {
         const oxl_camera *c = &oxl_scene_view(g->job->scene, i)->camera;
         if (g->of[i] != g->done % g->count) continue;
         window[i]     = (struct image_window){0, 0, c->width, c->height};
         view[views++] = i;
     }
-    if (rc == OXL_OK) rc = groups_load(g, view, views, all);
-    if (rc == OXL_OK) rc = groups_train(g, window, all, from, until);
-    if (rc == OXL_OK && g->step >= until) rc = groups_store(g, all);
+    if (rc == OXL_OK) rc = groups_load(g, view, views, &all);
+    if (rc == OXL_OK) rc = groups_train(g, window, &all, from, until);
+    if (rc == OXL_OK && g->step >= until) rc = groups_store(g, &all);
     else if (rc == OXL_OK) g->job->unfinished++; /* the time allowed is over */
-    for (int k = 0; k < 3; k++) oxl_model_free(ctx, &all[k]);
+    model_trained_free(ctx, &all);
     OXL_FREE(ctx, window, view);
     return rc;
 }

@@ -1,7 +1,7 @@
 /* partition_balance.c - balance of the blocks, predicted cost of each, and the command `partition`.
  *
  * Measures: largest / mean, the relative run time with one machine per block, and the coefficient of variation. Both kinds of
- * split are measured, balanced and midpoint.
+ * cut are measured, balanced and midpoint.
  */
 #include "../blocks/partition.h"
 #include "job.h"

@@ -28,9 +28,8 @@ struct time_probe {
     const oxl_scene   *scene;
     oxl_render_options render;
     struct renderer   *renderer;
-    oxl_model          first, second; /* Adam's moments of the timed model */
-    float             *target;        /* (3,H,W) of the largest view; grey */
-    int                steps;         /* timed per model */
+    float             *target; /* (3,H,W) of the largest view; grey */
+    int                steps;  /* timed per model */
 };
 
 static oxl_result predict_time_target(struct time_probe *p)
@@ -46,15 +45,15 @@ static oxl_result predict_time_target(struct time_probe *p)
     return OXL_OK;
 }
 
-static oxl_result predict_time_step(struct time_probe *p, oxl_model *model, const oxl_camera *camera)
+static oxl_result predict_time_step(struct time_probe *p, struct trained_model *trained, const oxl_camera *camera)
 {
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss      loss;
     struct renderer_nonfinite skipped;
-    oxl_result                rc = renderer_forward(p->ctx, p->renderer, model, camera, &p->render);
+    oxl_result                rc = renderer_forward(p->ctx, p->renderer, &trained->model, camera, &p->render);
     if (rc == OXL_OK) rc = renderer_loss(p->ctx, p->renderer, p->target, NULL, 0.2f, &loss);
     if (rc == OXL_OK) rc = renderer_backward(p->ctx, p->renderer, NULL, NULL);
-    if (rc == OXL_OK) rc = renderer_step(p->ctx, p->renderer, model, NULL, &p->first, &p->second, &still, &skipped);
+    if (rc == OXL_OK) rc = renderer_step(p->ctx, p->renderer, trained, NULL, &still, &skipped);
     return rc;
 }
 
@@ -65,32 +64,25 @@ static const oxl_camera *predict_time_camera(const struct time_probe *p, int k)
     return &oxl_scene_view(p->scene, (int)((along - floor(along)) * oxl_scene_view_count(p->scene)))->camera;
 }
 
-static void predict_time_end_model(struct time_probe *p)
-{
-    oxl_model_free(p->ctx, &p->first);
-    oxl_model_free(p->ctx, &p->second);
-}
-
-/* Median seconds of a step of the model; halved: at half the images' sides. */
-static oxl_result predict_time_model(struct time_probe *p, oxl_model *model, int halved, double *seconds)
+/* Median seconds of a step of the model, which has no moments; halved: at half the images' sides. */
+static oxl_result predict_time_model(struct time_probe *p, struct trained_model *trained, int halved, double *seconds)
 {
     double     took[PREDICT_TIME_STEPS], spent = 0;
     int        steps = 0;
-    oxl_result rc    = oxl_model_create(p->ctx, model->count, model->sh_degree, &p->first);
-    if (rc == OXL_OK) rc = oxl_model_create(p->ctx, model->count, model->sh_degree, &p->second);
+    oxl_result rc    = model_trained_begin(p->ctx, trained);
     for (int k = 0; rc == OXL_OK && steps < p->steps && spent < PREDICT_TIME_SECONDS; k++) {
         const oxl_camera *whole   = predict_time_camera(p, k);
         const oxl_camera  camera  = halved ? camera_halve(whole) : *whole;
         const double      started = os_seconds();
         rc                        = context_stopped(p->ctx);
-        if (rc == OXL_OK) rc = predict_time_step(p, model, &camera);
+        if (rc == OXL_OK) rc = predict_time_step(p, trained, &camera);
         if (k < PREDICT_TIME_WARM) continue;
         took[steps] = os_seconds() - started;
         spent += took[steps++];
     }
     if (rc == OXL_OK) rc = renderer_download(p->ctx, p->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) *seconds = stats_select(took, (size_t)steps, 0.5);
-    predict_time_end_model(p);
+    for (int k = 1; k < TRAINED_PARTS; k++) oxl_model_free(p->ctx, model_trained_part(trained, k));
     return rc;
 }
 
@@ -130,19 +122,19 @@ static double predict_time_grown(const oxl_train_options *o, double points, doub
 /* step[0..2]: seconds of a step of the starting model, of the same at half the sides (when the run has such steps), of the grown one. */
 static oxl_result predict_time_all(struct time_probe *p, const oxl_train_options *o, double coarse, size_t count, double step[3])
 {
-    const int  degree = o->sh_degree < 0 ? 3 : o->sh_degree;
-    oxl_model  model = {0}, grown = {0};
-    oxl_result rc = predict_time_target(p);
+    const int            degree = o->sh_degree < 0 ? 3 : o->sh_degree;
+    struct trained_model start = {{0}, {0}, {0}}, grown = {{0}, {0}, {0}};
+    oxl_result           rc = predict_time_target(p);
     if (rc == OXL_OK) rc = renderer_create(p->ctx, &p->renderer);
     if (rc == OXL_OK) renderer_expect_steps(p->renderer);
     if (rc == OXL_OK)
-        rc = oxl_model_from_points(p->ctx, oxl_scene_points(p->scene), oxl_scene_point_count(p->scene), degree, &model);
-    if (rc == OXL_OK) rc = predict_time_model(p, &model, 0, &step[0]);
-    if (rc == OXL_OK && coarse > 0) rc = predict_time_model(p, &model, 1, &step[1]);
-    if (rc == OXL_OK) rc = predict_time_grow(p->ctx, &model, count, &grown);
+        rc = oxl_model_from_points(p->ctx, oxl_scene_points(p->scene), oxl_scene_point_count(p->scene), degree, &start.model);
+    if (rc == OXL_OK) rc = predict_time_model(p, &start, 0, &step[0]);
+    if (rc == OXL_OK && coarse > 0) rc = predict_time_model(p, &start, 1, &step[1]);
+    if (rc == OXL_OK) rc = predict_time_grow(p->ctx, &start.model, count, &grown.model);
     if (rc == OXL_OK) rc = predict_time_model(p, &grown, 0, &step[2]);
-    oxl_model_free(p->ctx, &model);
-    oxl_model_free(p->ctx, &grown);
+    model_trained_free(p->ctx, &start);
+    model_trained_free(p->ctx, &grown);
     renderer_free(p->ctx, p->renderer);
     oxl_free(p->ctx, p->target);
     return rc;

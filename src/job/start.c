@@ -103,7 +103,7 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks)
 {
     if (start->model.count == 0 || blocks == 1) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "--from starts a single block, and the survey is split into %d\nfix: --partition none",
+    return oxl_fail(ctx, OXL_ERR_USAGE, "--from starts a single block, and the survey is cut into %d\nfix: --partition none",
                     blocks);
 }
 

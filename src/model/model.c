@@ -242,30 +242,63 @@ static void model_active_first(oxl_model *model, const uint8_t *active, float *o
     }
 }
 
-OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
-                                             const uint8_t *active, float opacity_factor, float scale_factor)
+OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active)
 {
-    oxl_model *all[3] = {model, first, second};
-    const int  models = first && second ? 3 : 1;
-    size_t     lobes  = 0;
-    float     *other  = NULL;
-    oxl_result rc     = OXL_OK;
+    size_t     lobes = 0;
+    float     *other;
+    oxl_result rc;
     if (model->lobes > 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
+    for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
+    other = oxl_alloc(ctx, model->count + 1, sizeof *other);
+    if (!other) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu Gaussians", model->count);
+    rc = model_set_lobes(ctx, model, lobes);
+    if (rc == OXL_OK) model_active_first(model, active, other);
+    oxl_free(ctx, other);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- with Adam's moments */
+
+OXL_INTERNAL oxl_model *model_trained_part(struct trained_model *t, int k)
+{
+    return k == 0 ? &t->model : k == 1 ? &t->mean : &t->square;
+}
+
+OXL_INTERNAL oxl_result model_trained_begin(oxl_context *ctx, struct trained_model *t)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 1; rc == OXL_OK && k < TRAINED_PARTS; k++) {
+        oxl_model *moment = model_trained_part(t, k);
+        rc                = oxl_model_create(ctx, t->model.count, t->model.sh_degree, moment);
+        if (rc == OXL_OK) rc = model_set_lobes(ctx, moment, t->model.lobes);
+        if (rc == OXL_OK) memset(moment->plane[OXL_ROTATION], 0, moment->capacity * sizeof(float));
+    }
+    return rc;
+}
+
+OXL_INTERNAL void model_trained_free(oxl_context *ctx, struct trained_model *t)
+{
+    for (int k = 0; k < TRAINED_PARTS; k++) oxl_model_free(ctx, model_trained_part(t, k));
+}
+
+OXL_INTERNAL oxl_result model_trained_set_degree(oxl_context *ctx, struct trained_model *t, int sh_degree)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++) rc = model_set_degree(ctx, model_trained_part(t, k), sh_degree);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t, const uint8_t *active,
+                                                 float opacity_factor, float scale_factor)
+{
+    oxl_result rc = OXL_OK;
     if (!(opacity_factor > 0 && opacity_factor < 1 && scale_factor > 0 && scale_factor <= FLT_MAX))
         return oxl_fail(ctx, OXL_ERR_USAGE, "second lobes of opacity x %g and scale x %g, expected factors in (0, 1) and above 0",
                         (double)opacity_factor, (double)scale_factor);
-    for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
-    other = oxl_alloc(ctx, model->count, sizeof *other);
-    if (!other && model->count) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu Gaussians", model->count);
-    for (int m = 0; rc == OXL_OK && m < models; m++) rc = model_set_lobes(ctx, all[m], lobes);
-    for (int m = 0; m < models; m++) {
-        if (rc == OXL_OK) model_active_first(all[m], active, other);
-        else model_drop_lobes(all[m]);
-    }
-    for (size_t i = 0; rc == OXL_OK && i < lobes; i++)
+    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++) rc = model_make_lobes(ctx, model_trained_part(t, k), active);
+    for (size_t i = 0; rc == OXL_OK && i < t->model.lobes; i++)
         for (int k = 0; k < MODEL_LOBE_PLANES; k++)
-            model->plane[OXL_LOBE + k][i] = (float)(k == 0 ? vecmath_logit(opacity_factor) : vecmath_log(scale_factor));
-    oxl_free(ctx, other);
+            t->model.plane[OXL_LOBE + k][i] = (float)(k == 0 ? vecmath_logit(opacity_factor) : vecmath_log(scale_factor));
     return rc;
 }
 

@@ -37,10 +37,22 @@ enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
 /* Rows 0..lobes-1 get a lobe; new ones are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
 OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
-/* Moves the rows with active (count) not 0 to the front of all three, each part in its order, and gives them lobes with these factors and
- * zero moments. first, second: the moments, or both NULL. The model must have no lobes. */
-OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
-                                             const uint8_t *active, float opacity_factor, float scale_factor);
+/* Moves the rows with active (count) not 0 to the front, each part in its order, and gives them lobes of zeros. The model must have no
+ * lobes. */
+OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active);
+
+/* A model in training, with Adam's first and second moments: running means of the gradient and of its square, in the same planes. */
+struct trained_model {
+    oxl_model model, mean, square;
+};
+enum { TRAINED_PARTS = 3 };
+OXL_INTERNAL oxl_model *model_trained_part(struct trained_model *t, int k);             /* model, mean, square */
+OXL_INTERNAL oxl_result model_trained_begin(oxl_context *ctx, struct trained_model *t); /* moments of 0 for its model */
+OXL_INTERNAL void       model_trained_free(oxl_context *ctx, struct trained_model *t);
+OXL_INTERNAL oxl_result model_trained_set_degree(oxl_context *ctx, struct trained_model *t, int sh_degree);
+/* The model's lobes get these factors. On failure rows may be in another order. */
+OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t, const uint8_t *active,
+                                                 float opacity_factor, float scale_factor);
 
 /* Multiplies colours by a factor per channel: all SH coefficients, and the offset 0.5. */
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);

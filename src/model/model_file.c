@@ -263,7 +263,7 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
                       ply->path, (unsigned long long)declared, vertices);
     if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
     if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
-    if (rc == OXL_OK) rc = model_activate_lobes(ctx, model, NULL, NULL, active, 0.5f, 1);
+    if (rc == OXL_OK) rc = model_make_lobes(ctx, model, active);
     for (size_t i = 0, lobe = 0; rc == OXL_OK && i < vertices; i++) {
         row[i] = lobe;
         lobe += active[i];

@@ -17,18 +17,21 @@
 #define ADAM_GRADIENT_MAX ((real)1e18) /* its square is a finite float */
 
 /* One pack of one plane (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a NaN. */
-SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate, real *restrict parameter,
-                           real *restrict first, real *restrict second, const real *restrict gradient)
+SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, int plane, size_t at)
 {
+    const real rate          = job->rate[plane];
+    real *restrict parameter = job->parameter[plane] + at, *restrict mean = job->mean[plane] + at;
+    real *restrict square         = job->square[plane] + at;
+    const real *restrict gradient = job->gradient[plane] + (at - job->gradient_row);
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const int  on = seen >> l & 1;
         const real g = gradient[l], limited = OXL_CLAMP(g, -ADAM_GRADIENT_MAX, ADAM_GRADIENT_MAX);
-        const real m = muladd(fused, job->beta1, first[l], (1 - job->beta1) * limited);
-        const real v = muladd(fused, job->beta2, second[l], (1 - job->beta2) * limited * limited);
+        const real m = muladd(fused, job->beta1, mean[l], (1 - job->beta1) * limited);
+        const real v = muladd(fused, job->beta2, square[l], (1 - job->beta2) * limited * limited);
         const real p = parameter[l] - rate * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));
-        first[l]     = on ? m : first[l];
-        second[l]    = on ? v : second[l];
+        mean[l]      = on ? m : mean[l];
+        square[l]    = on ? v : square[l];
         parameter[l] = on ? p : parameter[l];
     }
 }
@@ -54,8 +57,8 @@ SIMD_INLINE void adam_prefetch(const struct adam_job *job, int planes, size_t at
     for (int k = 0; k < planes; k++) {
         simd_prefetch(job->parameter[k] + at);
         simd_prefetch(job->gradient[k] + (at - job->gradient_row));
-        simd_prefetch(job->first[k] + at);
-        simd_prefetch(job->second[k] + at);
+        simd_prefetch(job->mean[k] + at);
+        simd_prefetch(job->square[k] + at);
     }
 }
 
@@ -69,9 +72,7 @@ SIMD_BODY void adam_step_body(const int fused, const struct adam_job *job)
         if (pack + 1 < job->end_pack && job->visible[pack + 1]) adam_prefetch(job, job->planes, at + PACK);
         seen &= adam_finite(job, planes, at);
         job->visible[pack] = (uint16_t)seen;
-        for (int k = 0; k < planes; k++)
-            adam_pack(fused, job, seen, job->rate[k], job->parameter[k] + at, job->first[k] + at, job->second[k] + at,
-                      job->gradient[k] + (at - job->gradient_row));
+        for (int k = 0; k < planes; k++) adam_pack(fused, job, seen, k, at);
     }
 }
 

@@ -21,7 +21,7 @@ struct renderer_device {
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     oxl_result (*score)(void *device, const float *drgb, float *score);
-    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
+    oxl_result (*step)(void *device, struct trained_model *trained, const struct adam_params *adam,
                        struct renderer_nonfinite *out);
     int (*defer)(void *device, int on);
     oxl_result (*report)(void *device, int wait, struct renderer_report *out);
@@ -30,8 +30,7 @@ struct renderer_device {
     oxl_result (*move_rows)(void *device, const struct renderer_move *move, int *moved);
     oxl_result (*send_shape)(void *device, oxl_model *model, int reset_opacity);
     oxl_result (*clear_visible)(void *device);
-    oxl_result (*clear_nonfinite)(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
-                                  struct renderer_nonfinite *out);
+    oxl_result (*clear_nonfinite)(void *device, struct trained_model *trained, struct renderer_nonfinite *out);
 };
 
 #endif

@@ -224,7 +224,7 @@ struct adam_job {
     uint16_t   *visible;             /* (packs) rows to step; the bit of a row with a value that is not finite is cleared */
     int         planes, lobe_planes; /* of every row; then those of second lobes, up to the end of the last pack with one */
     size_t      lobe_packs;
-    real       *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
+    real       *parameter[OXL_PLANES], *mean[OXL_PLANES], *square[OXL_PLANES]; /* the planes of a trained_model */
     const real *gradient[OXL_PLANES];
     size_t      gradient_row;       /* of the model that is the first of `gradient` */
     real        rate[OXL_PLANES];   /* including the bias correction of the first moment */

@@ -77,9 +77,8 @@ struct renderer_nonfinite {
 };
 /* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
  * invisible from then on. gradient: as renderer_backward gave it; NULL if it gave none. */
-OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const struct adam_params *adam,
-                                      struct renderer_nonfinite *out);
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
+                                      const oxl_model *gradient, const struct adam_params *adam, struct renderer_nonfinite *out);
 
 /* Deferred steps, on a device: after renderer_defer(1), forward, loss, backward and step return before the device is done, without loss
  * and rows. renderer_report returns them for the oldest step not yet reported: for the latest step only with `wait`, otherwise for the
@@ -131,8 +130,8 @@ OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r
 OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
                                                struct renderer *r); /* marks all rows invisible in the last view */
 /* On a device: clears rows with a value that is not finite, stored or computed in the last view, as nonfinite.c does on the CPU. */
-OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *first,
-                                                 oxl_model *second, struct renderer_nonfinite *out);
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
+                                                 struct renderer_nonfinite *out);
 /* Results of the last view for row i, on the CPU. */
 OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
 OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);

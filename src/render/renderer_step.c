@@ -2,20 +2,20 @@
 #include "renderer_state.h"
 
 struct render_step {
-    oxl_model       *model, *first, *second;
-    const oxl_model *gradient; /* of all rows, or r->part */
-    const float     *rates;
-    double           correction; /* of the first moment's bias */
+    const struct trained_model *trained;
+    const oxl_model            *gradient; /* of all rows, or r->part */
+    const float                *rates;
+    double                      correction; /* of the first moment's bias */
 };
 
 /* Assigns the model's planes from first_plane on to those of the job from `at` on. */
 static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
 {
     for (int k = first_plane; k < first_plane + planes; k++, at++) {
-        out->parameter[at] = s->model->plane[k];
+        out->parameter[at] = s->trained->model.plane[k];
         out->gradient[at]  = s->gradient->plane[k];
-        out->first[at]     = s->first->plane[k];
-        out->second[at]    = s->second->plane[k];
+        out->mean[at]      = s->trained->mean.plane[k];
+        out->square[at]    = s->trained->square.plane[k];
         out->rate[at]      = (float)(s->rates[k] / s->correction);
     }
 }
@@ -58,13 +58,11 @@ static void render_step_packs(const oxl_context *ctx, struct renderer *r, const 
         render_count_nonfinite(seen[pack - first], r->visible[pack], pack, out);
 }
 
-OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const struct adam_params *adam,
-                                      struct renderer_nonfinite *out)
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
+                                      const oxl_model *gradient, const struct adam_params *adam, struct renderer_nonfinite *out)
 {
-    const struct render_step s       = {model,      first,
-                                        second,     r->unprojected ? &r->part : gradient,
-                                        adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
+    const struct render_step s       = {trained, r->unprojected ? &r->part : gradient, adam->rate,
+                                        1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
     const int64_t            tasks   = render_tasks(r);
     size_t                   skipped = 0, first_skipped = SIZE_MAX;
     struct adam_job          rows = {.visible            = r->visible,
@@ -74,7 +72,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                      .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
     struct gaussians         part;
     oxl_result               rc;
-    if (r->device) return r->backend->step(r->device, model, first, second, adam, out);
+    if (r->device) return r->backend->step(r->device, trained, adam, out);
     rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
     part             = render_gaussians(&r->part, r->in.sh_degree);
@@ -175,11 +173,11 @@ OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *first,
-                                                 oxl_model *second, struct renderer_nonfinite *out)
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
+                                                 struct renderer_nonfinite *out)
 {
     (void)ctx;
-    return r->backend->clear_nonfinite(r->device, model, first, second, out);
+    return r->backend->clear_nonfinite(r->device, trained, out);
 }
 
 OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row)

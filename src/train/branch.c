@@ -3,9 +3,7 @@
 
 OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
 {
-    oxl_model_free(t->ctx, &b->model);
-    oxl_model_free(t->ctx, &b->first);
-    oxl_model_free(t->ctx, &b->second);
+    model_trained_free(t->ctx, &b->trained);
     density_free(t->ctx, b->density);
     exposure_free(t->ctx, &b->exposure);
     oxl_free(t->ctx, b->view);
@@ -20,10 +18,9 @@ OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
     if (!out->view)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
     memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
-    if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
-    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
-    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
+    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->trained.model.count, &out->density);
+    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++)
+        rc = model_copy(t->ctx, model_trained_part(&t->trained, k), model_trained_part(&out->trained, k));
     out->medium_fit = t->medium_fit;
     out->lamp       = t->lamp;
     out->ucd        = t->ucd;
@@ -35,9 +32,7 @@ OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
 {
     const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
-    OXL_SWAP(oxl_model, *t->model, b->model);
-    OXL_SWAP(oxl_model, t->first, b->first);
-    OXL_SWAP(oxl_model, t->second, b->second);
+    OXL_SWAP(struct trained_model, t->trained, b->trained);
     OXL_SWAP(struct density *, t->density, b->density);
     OXL_SWAP(int *, t->view, b->view);
     OXL_SWAP(int, t->views, b->views);

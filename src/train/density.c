@@ -301,32 +301,32 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, struct trained_model *trained,
                                       const struct density_change *change, int moved)
 {
-    const size_t before = model->count, count = before - change->removed + change->split;
+    const size_t before = trained->model.count, count = before - change->removed + change->split;
     const int    planes = moved ? 0 : OXL_PLANES;
     oxl_result   rc     = OXL_OK;
     if (change->removed + change->split > 0) {
-        rc = model_reserve(ctx, first, count);
-        if (rc == OXL_OK) rc = model_reserve(ctx, second, count);
-        if (rc == OXL_OK) rc = model_reserve(ctx, model, count);
+        for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++) rc = model_reserve(ctx, model_trained_part(trained, k), count);
         if (rc != OXL_OK) return rc;
-        density_rebuild(ctx, d, first, count, 1, planes);
-        density_rebuild(ctx, d, second, count, 1, planes);
-        density_rebuild(ctx, d, model, count, 0, OXL_PLANES);
-        density_make_children(d, model, before);
+        density_rebuild(ctx, d, &trained->mean, count, 1, planes);
+        density_rebuild(ctx, d, &trained->square, count, 1, planes);
+        density_rebuild(ctx, d, &trained->model, count, 0, OXL_PLANES);
+        density_make_children(d, &trained->model, before);
     }
-    return density_clear(ctx, d, model->count);
+    return density_clear(ctx, d, trained->model.count);
 }
 
 /* ---------------------------------------------------------------- reset */
 
-OXL_INTERNAL void density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min)
+OXL_INTERNAL void density_reset_opacity(struct trained_model *trained, float alpha_min)
 {
-    const float ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET * OXL_MAX(alpha_min, 1.0 / 255));
-    for (size_t i = 0; i < model->count; i++)
-        if (model->plane[OXL_OPACITY][i] > ceiling) model->plane[OXL_OPACITY][i] = ceiling;
-    memset(first->plane[OXL_OPACITY], 0, model->count * sizeof(float));
-    memset(second->plane[OXL_OPACITY], 0, model->count * sizeof(float));
+    const float  ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET * OXL_MAX(alpha_min, 1.0 / 255));
+    const size_t count   = trained->model.count;
+    float       *opacity = trained->model.plane[OXL_OPACITY];
+    for (size_t i = 0; i < count; i++)
+        if (opacity[i] > ceiling) opacity[i] = ceiling;
+    memset(trained->mean.plane[OXL_OPACITY], 0, count * sizeof(float));
+    memset(trained->square.plane[OXL_OPACITY], 0, count * sizeof(float));
 }

@@ -37,22 +37,22 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     if (mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(ctx, views, &e->of);
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
-    e->first  = oxl_calloc(ctx, n + 1, sizeof *e->first);
-    e->second = oxl_calloc(ctx, n + 1, sizeof *e->second);
+    e->mean   = oxl_calloc(ctx, n + 1, sizeof *e->mean);
+    e->square = oxl_calloc(ctx, n + 1, sizeof *e->square);
     e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);
-    if (rc == OXL_OK && (!e->first || !e->second || !e->visits))
+    if (rc == OXL_OK && (!e->mean || !e->square || !e->visits))
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
     if (rc != OXL_OK) return rc;
     e->of.on = mode == OXL_ON;
     if (continued) imaging_copy(&scene->imaging, &e->of);
-    for (int c = 0; c < 3; c++) e->mean[c] = imaging_mean(&e->of, c);
+    for (int c = 0; c < 3; c++) e->level[c] = imaging_mean(&e->of, c);
     return OXL_OK;
 }
 
 OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
 {
     imaging_free(ctx, &e->of);
-    OXL_FREE(ctx, e->first, e->second, e->visits);
+    OXL_FREE(ctx, e->mean, e->square, e->visits);
     *e = (struct exposure){0};
 }
 
@@ -62,17 +62,17 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
     oxl_result   rc;
     *to = *from;
     if (!from->visits) return OXL_OK;
-    to->first = to->second = NULL;
-    to->visits             = NULL;
-    rc                     = imaging_create(ctx, from->of.views, &to->of);
-    to->first              = oxl_alloc(ctx, n + 1, sizeof *to->first);
-    to->second             = oxl_alloc(ctx, n + 1, sizeof *to->second);
-    to->visits             = oxl_alloc(ctx, (size_t)from->of.views + 1, sizeof *to->visits);
-    if (rc == OXL_OK && (!to->first || !to->second || !to->visits)) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a trial");
+    to->mean = to->square = NULL;
+    to->visits            = NULL;
+    rc                    = imaging_create(ctx, from->of.views, &to->of);
+    to->mean              = oxl_alloc(ctx, n + 1, sizeof *to->mean);
+    to->square            = oxl_alloc(ctx, n + 1, sizeof *to->square);
+    to->visits            = oxl_alloc(ctx, (size_t)from->of.views + 1, sizeof *to->visits);
+    if (rc == OXL_OK && (!to->mean || !to->square || !to->visits)) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a trial");
     if (rc == OXL_OK) {
         imaging_copy(&from->of, &to->of);
-        memcpy(to->first, from->first, n * sizeof *to->first);
-        memcpy(to->second, from->second, n * sizeof *to->second);
+        memcpy(to->mean, from->mean, n * sizeof *to->mean);
+        memcpy(to->square, from->square, n * sizeof *to->square);
         memcpy(to->visits, from->visits, (size_t)from->of.views * sizeof *to->visits);
     } else {
         exposure_free(ctx, to);
@@ -92,7 +92,7 @@ static void exposure_step(struct exposure *e, int view, double progress, const d
     if (!e->of.known[view]) memcpy(a, between, sizeof between);
     e->of.known[view] = 1;
     for (int c = 0; c < 3; c++) {
-        float       *m = &e->first[3 * view + c], *v = &e->second[3 * view + c];
+        float       *m = &e->mean[3 * view + c], *v = &e->square[3 * view + c];
         const double g = dlog_gain[c] + EXPOSURE_SMOOTH * (a[c] - between[c]);
         if (!(fabs(g) <= SCALAR_ADAM_GRADIENT_MAX)) continue;
         *m = (float)(EXPOSURE_BETA1 * *m + (1 - EXPOSURE_BETA1) * g);
@@ -100,7 +100,7 @@ static void exposure_step(struct exposure *e, int view, double progress, const d
         a[c] -= (float)(rate * (*m / correct1) / (sqrt(*v / correct2) + EXPOSURE_EPSILON));
         a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_MIN), -vecmath_log(EXPOSURE_MIN));
     }
-    imaging_centre(&e->of, e->mean);
+    imaging_centre(&e->of, e->level);
 }
 
 OXL_INTERNAL void exposure_apply_pending(struct exposure *e, int last)
@@ -142,7 +142,7 @@ OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct phot
     if (fits) {
         memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
         memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
-        imaging_centre(&e->of, e->mean);
+        imaging_centre(&e->of, e->level);
         exposure_spread(&e->of, &differ, &left);
         e->known_until = EXPOSURE_HOLD;
         snprintf(
@@ -160,10 +160,10 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
     const size_t views = (size_t)e->of.views;
     if (e->mode == OXL_OFF) return;
     archive_int(a, &e->of.on);
-    archive_doubles(a, e->mean, 3);
+    archive_doubles(a, e->level, 3);
     archive_floats(a, e->of.log_gain, 3 * views);
-    archive_floats(a, e->first, 3 * views);
-    archive_floats(a, e->second, 3 * views);
+    archive_floats(a, e->mean, 3 * views);
+    archive_floats(a, e->square, 3 * views);
     archive_ints(a, e->visits, views);
     archive_int(a, &e->pending.step);
     archive_int(a, &e->pending.view);
@@ -178,6 +178,6 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
         e->of.known[i] = known == 1;
     }
     for (size_t i = 0; i < 3 * views && a->rc == OXL_OK; i++)
-        archive_expect(a, fabs(e->of.log_gain[i]) <= 10 && fabs(e->first[i]) <= FLT_MAX && e->second[i] >= 0);
+        archive_expect(a, fabs(e->of.log_gain[i]) <= 10 && fabs(e->mean[i]) <= FLT_MAX && e->square[i] >= 0);
     archive_expect(a, (e->of.on == 0 || e->of.on == 1));
 }

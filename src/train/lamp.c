@@ -65,10 +65,10 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
     l->steps++, l->visits[g]++;
     for (int k = 0; k < LAMP_TERMS; k++) {
         double at = l->group[g].shape[k];
-        scalar_adam_step(&at, &l->first[g][k], &l->second[g][k], shape[k], rate, l->visits[g]);
+        scalar_adam_step(&at, &l->mean[g][k], &l->square[g][k], shape[k], rate, l->visits[g]);
         l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX);
     }
-    scalar_adam_step(&l->falloff, &l->falloff_first, &l->falloff_second, falloff, rate, l->steps);
+    scalar_adam_step(&l->falloff, &l->falloff_mean, &l->falloff_square, falloff, rate, l->steps);
     l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
 }
 
@@ -81,16 +81,16 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
     for (int g = 0; g < l->groups && a->rc == OXL_OK; g++) {
         archive_int(a, &l->visits[g]);
         archive_floats(a, l->group[g].shape, LAMP_TERMS);
-        archive_doubles(a, l->first[g], LAMP_TERMS);
-        archive_doubles(a, l->second[g], LAMP_TERMS);
+        archive_doubles(a, l->mean[g], LAMP_TERMS);
+        archive_doubles(a, l->square[g], LAMP_TERMS);
         archive_expect(a, l->visits[g] >= 0);
         for (int k = 0; k < LAMP_TERMS && a->rc == OXL_OK; k++)
-            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX && fabs(l->first[g][k]) <= DBL_MAX &&
-                                  l->second[g][k] >= 0);
+            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX && fabs(l->mean[g][k]) <= DBL_MAX &&
+                                  l->square[g][k] >= 0);
     }
     archive_doubles(a, &l->falloff, 1);
-    archive_doubles(a, &l->falloff_first, 1);
-    archive_doubles(a, &l->falloff_second, 1);
-    archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_first) <= DBL_MAX &&
-                          l->falloff_second >= 0);
+    archive_doubles(a, &l->falloff_mean, 1);
+    archive_doubles(a, &l->falloff_square, 1);
+    archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_mean) <= DBL_MAX &&
+                          l->falloff_square >= 0);
 }

@@ -140,7 +140,7 @@ OXL_INTERNAL void medium_fit_step(struct medium_fit *f, double progress, const d
     f->steps++;
     for (int k = 0; k < 9; k++) {
         const double g = gradient[k] * medium_fit_slope(f->raw[k]) / (k < 6 ? f->range : 1);
-        scalar_adam_step(&f->raw[k], &f->first[k], &f->second[k], g, rate, f->steps);
+        scalar_adam_step(&f->raw[k], &f->mean[k], &f->square[k], g, rate, f->steps);
     }
 }
 
@@ -151,9 +151,9 @@ OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, in
     archive_int(a, &f->fixed);
     archive_int(a, &f->steps);
     archive_doubles(a, f->raw, 9);
-    archive_doubles(a, f->first, 9);
-    archive_doubles(a, f->second, 9);
+    archive_doubles(a, f->mean, 9);
+    archive_doubles(a, f->square, 9);
     for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
-        archive_expect(a, fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->first[k]) <= DBL_MAX && f->second[k] >= 0);
+        archive_expect(a, fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->mean[k]) <= DBL_MAX && f->square[k] >= 0);
     archive_expect(a, (f->on == 0 || f->on == 1) && (f->fixed == 0 || f->fixed == 1) && f->steps >= 0);
 }

@@ -152,10 +152,8 @@ static oxl_result selection_train_trial(struct train *t, double *psnr)
 
 static oxl_result selection_set_degree(struct train *t, int degree)
 {
-    oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = step_download(t, DOWNLOAD_TO_CHANGE);
-    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
-    return rc;
+    const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    return rc == OXL_OK ? model_trained_set_degree(t->ctx, &t->trained, degree) : rc;
 }
 
 static void selection_record_sh_degree(struct train *t, int most, const double psnr[4])
@@ -175,7 +173,7 @@ static void selection_record_sh_degree(struct train *t, int most, const double p
 static oxl_result selection_try_sh_degree(struct train *t, struct train_branch *start, struct train_branch *all, double psnr[4])
 {
     struct train_branch other = {0};
-    const int           most  = t->model->sh_degree;
+    const int           most  = t->trained.model.sh_degree;
     oxl_result          rc    = selection_train_trial(t, &psnr[most]);
     t->sh_degree              = most;
     if (rc == OXL_OK) rc = branch_restart(t, start, all);
@@ -204,7 +202,7 @@ OXL_INTERNAL void selection_sh_degree(struct train *t)
 static oxl_result selection_threshold(const struct train *t, double *out)
 {
     const float  threshold = t->options->dog_threshold;
-    const size_t count     = t->model->count;
+    const size_t count     = t->trained.model.count;
     double      *gradient;
     *out = threshold;
     if (t->options->dog == OXL_DOG_ALL) *out = -1;
@@ -221,19 +219,18 @@ static oxl_result selection_threshold(const struct train *t, double *out)
 static oxl_result selection_assign_lobes(struct train *t)
 {
     const oxl_train_options *o         = t->options;
-    uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
+    uint8_t                 *active    = oxl_alloc(t->ctx, t->trained.model.count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
     oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
     if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
-    for (size_t i = 0; i < t->model->count; i++) {
+    for (size_t i = 0; i < t->trained.model.count; i++) {
         active[i] = density_mean_gradient(t->density, i) > threshold;
         given += active[i];
     }
-    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
-    if (given > 0)
-        rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->trained.model.count);
+    if (given > 0) rc = model_trained_make_lobes(t->ctx, &t->trained, active, o->dog_opacity_factor, o->dog_scale_factor);
 done:
     oxl_free(t->ctx, active);
     return rc;
@@ -248,7 +245,7 @@ OXL_INTERNAL oxl_result selection_lobes(struct train *t)
     if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (t->lobes == LOBES_IDLE) {
         rc = step_download(t, DOWNLOAD_TO_CHANGE);
-        if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
+        if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->trained.model.count);
         t->lobes = LOBES_WATCHED;
     }
     if (rc == OXL_OK) rc = step_observe(t);
@@ -281,8 +278,8 @@ static oxl_result selection_try_lobes(struct train *t, struct train_branch *star
     if (rc == OXL_OK) rc = selection_assign_lobes(t);
     if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[1]);
     if (rc != OXL_OK) return rc;
-    bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
-    bytes[1] = bytes[0] + (double)t->model->lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
+    bytes[0] = (double)t->trained.model.count * prune_row_bytes(t->trained.model.sh_degree, 0);
+    bytes[1] = bytes[0] + (double)t->trained.model.lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
     selection_record_lobes(t, psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN, psnr, bytes);
     return psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN ? OXL_OK : branch_swap(t, other);
 }
@@ -291,7 +288,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
 {
     struct train_branch start, other = {0};
     double              psnr[4] = {0, 0, 0, 0};
-    const int           most    = t->model->sh_degree;
+    const int           most    = t->trained.model.sh_degree;
     oxl_result          rc      = branch_copy(t, &start);
     if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
     else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
@@ -299,9 +296,9 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
         if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_record_sh_degree(t, most, psnr);
         t->trial_is_next = TRAIN_TRIES_NOTHING;
         selection_release_views(t);
-    } else if (start.second.memory) { /* as before the trial */
+    } else if (start.trained.square.memory) { /* as before the trial */
         oxl_result back;
-        t->sh_degree = start.model.sh_degree;
+        t->sh_degree = start.trained.model.sh_degree;
         back         = branch_swap(t, &start);
         if (back != OXL_OK) rc = back;
     }
@@ -333,14 +330,17 @@ OXL_INTERNAL void selection_end(struct train *t)
     selection_record(t, "carve", t->free_space.view ? "on" : "off", why);
     snprintf(why, sizeof why, "%d training views of %.0f steps, %.1f images per point", schedule_training_views(t->scene),
              (double)o->iterations / OXL_MAX(schedule_training_views(t->scene), 1), t->scene->stats.mean_track);
-    selection_record(t, "dropout", NUMBER(t->dropout), o->dropout < 0 ? why : "as set");
+    selection_record(t, "dropout", NUMBER(t->dropout),
+                     o->dropout >= 0                    ? "as set"
+                     : renderer_has_device(t->renderer) ? TRAIN_ON_DEVICE
+                                                        : why);
     prune_describe(&t->prune, why, sizeof why);
-    snprintf(chosen, sizeof chosen, "%zu", t->model->count);
+    snprintf(chosen, sizeof chosen, "%zu", t->trained.model.count);
     selection_record(t, "keep", chosen, why);
-    snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
+    snprintf(chosen, sizeof chosen, "%d", t->trained.model.sh_degree);
     if (!selection_has_record(t, "\"sh_degree\""))
         selection_record(t, "sh_degree", chosen, o->sh_degree < 0 ? "too few training views for validation" : "as set");
-    snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
+    snprintf(chosen, sizeof chosen, "%zu of %zu", t->trained.model.lobes, t->trained.model.count);
     if (!selection_has_record(t, "\"dog\""))
         selection_record(t, "dog", chosen, o->dog == OXL_DOG_AUTO ? "too few training views for validation" : "as set");
 }

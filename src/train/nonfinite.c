@@ -45,16 +45,15 @@ static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float 
     m->plane[OXL_OPACITY][row]  = opacity;
 }
 
-OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
-                                                       oxl_model *second)
+OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, struct trained_model *trained)
 {
     struct renderer_nonfinite out = {0, SIZE_MAX, 0};
-    for (size_t i = 0; i < model->count; i++) {
-        if (model_row_is_finite(model, i) && (!r || renderer_row_finite(r, i))) continue;
+    for (size_t i = 0; i < trained->model.count; i++) {
+        if (model_row_is_finite(&trained->model, i) && (!r || renderer_row_finite(r, i))) continue;
         if (out.rows++ == 0) out.first = i;
-        nonfinite_clear_row(model, i, 1, NONFINITE_OPACITY);
-        nonfinite_clear_row(first, i, 0, 0);
-        nonfinite_clear_row(second, i, 0, 0);
+        nonfinite_clear_row(&trained->model, i, 1, NONFINITE_OPACITY);
+        nonfinite_clear_row(&trained->mean, i, 0, 0);
+        nonfinite_clear_row(&trained->square, i, 0, 0);
     }
     out.cleared = out.rows;
     return out;
@@ -74,12 +73,12 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step
 }
 
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
-                                    struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second)
+                                    struct renderer_nonfinite skipped, struct trained_model *trained)
 {
     size_t cleared;
     char   rows_text[64];
     if (skipped.rows == 0) return;
-    cleared = model ? nonfinite_clear(NULL, model, first, second).rows : skipped.cleared;
+    cleared = trained ? nonfinite_clear(NULL, trained).rows : skipped.cleared;
     nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (n->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: %s: a value of %s is not finite; its step is skipped, %zu cleared", step, view,

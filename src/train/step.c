@@ -168,7 +168,7 @@ static oxl_result step_forward_loss(struct train *t, int view, const float gain[
     if (learns)
         renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations, STEP_DROPOUT ^ t->ctx->options.seed,
                              t->step);
-    rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &camera, &t->render);
     renderer_set_dropout(t->renderer, 0, 0, 0);
     renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
@@ -191,9 +191,8 @@ static oxl_result step_skip(struct train *t, int step, int view)
 {
     struct renderer_nonfinite cleared;
     oxl_result                rc = OXL_OK;
-    if (renderer_has_device(t->renderer))
-        rc = renderer_clear_nonfinite(t->ctx, t->renderer, t->model, &t->first, &t->second, &cleared);
-    else cleared = nonfinite_clear(t->renderer, t->model, &t->first, &t->second);
+    if (renderer_has_device(t->renderer)) rc = renderer_clear_nonfinite(t->ctx, t->renderer, &t->trained, &cleared);
+    else cleared = nonfinite_clear(t->renderer, &t->trained);
     if (rc != OXL_OK) return rc;
     nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, cleared);
     return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
@@ -212,7 +211,7 @@ static void step_update_means(struct train *t, const struct train_deferred *of, 
     exposure_set_pending(&t->exposure, &gradient);
     if (!renderer_has_device(t->renderer)) exposure_apply_pending(&t->exposure, of->step);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
-                      renderer_has_device(t->renderer) ? NULL : t->model, &t->first, &t->second);
+                      renderer_has_device(t->renderer) ? NULL : &t->trained);
     t->last_loss = loss->total;
     if (!of->is_trial) prune_observe(&t->prune, of->step, loss->l1);
     t->loss += k * (loss->total - t->loss);
@@ -258,7 +257,7 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
-    rc   = renderer_step(t->ctx, t->renderer, t->model, NULL, &t->first, &t->second, &adam, &skipped);
+    rc   = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
     if (t->medium_fit.on) medium_fit_step(&t->medium_fit, progress, renderer_medium_gradient(t->renderer));
     if (lamp)
@@ -285,7 +284,7 @@ static oxl_result step_repeat(struct train *t, const struct train_deferred *whic
     t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
     rc               = step_load_image(t, which->view);
     if (rc == OXL_OK) rc = step_on_view(t, which, 0);
-    if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
     t->step          = step;
     t->trial_is_next = trial;
     return rc;
@@ -335,7 +334,7 @@ OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download wh
 OXL_INTERNAL oxl_result step_observe(struct train *t)
 {
     if (t->deferred_steps > 0) t->deferred[t->deferred_steps - 1].observed = 1;
-    return density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    return density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
 }
 
 /* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
@@ -372,15 +371,15 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep, int sh_degree,
                                  int *moved)
 {
-    const size_t         count = t->model->count + (change ? change->split - change->removed : 0);
+    const size_t         count = t->trained.model.count + (change ? change->split - change->removed : 0);
     uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
     struct renderer_move move  = {.from = from, .sh_degree = sh_degree};
     oxl_result           rc;
     if (renderer_has_device(t->renderer) && !from)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
-    if (from && change) move.count = count, move.lobes = density_sources(t->density, t->model, from);
+    if (from && change) move.count = count, move.lobes = density_sources(t->density, &t->trained.model, from);
     for (size_t i = 0; from && !change && i < count; i++)
-        if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->model->lobes;
+        if (!keep || keep[i]) from[move.count++] = (uint32_t)i, move.lobes += i < t->trained.model.lobes;
     rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
     oxl_free(t->ctx, from);
     return rc;
@@ -399,41 +398,40 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     uint8_t                 *carved = NULL;
     int                      moved  = 0;
     oxl_result               rc     = step_download(t, DOWNLOAD_SHAPE);
-    if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
+    if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, &t->trained.model, &carved);
     rules.carved = carved;
-    if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, t->model, &rules, &change);
+    if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, &t->trained.model, &rules, &change);
     oxl_free(t->ctx, carved);
-    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, NULL, t->model->sh_degree, &moved);
-    if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, t->model, &t->first, &t->second, &change, moved);
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
-    if (rc == OXL_OK && t->model->count == 0) {
+    if (rc == OXL_OK && change.removed + change.split > 0)
+        rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);
+    if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, &t->trained, &change, moved);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
+    if (rc == OXL_OK && t->trained.model.count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
                       t->step);
     }
     if (rc != OXL_OK) return rc;
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split, change.removed,
-            t->model->count);
+            t->trained.model.count);
     return OXL_OK;
 }
 
 /* Gaussians, with their moments and statistics. */
 static oxl_result step_remove_rows(struct train *t, size_t drop)
 {
-    const size_t count = t->model->count;
+    const size_t count = t->trained.model.count;
     uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
     int          moved = 0;
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_flush(t);
-    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
+    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, &t->trained.model, keep);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
-    if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->model->sh_degree, &moved);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) {
-        model_keep_rows(t->model, keep);
-        model_keep_rows(&t->first, keep);
-        model_keep_rows(&t->second, keep);
+        for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&t->trained, k), keep);
         density_keep_rows(t->density, keep, count);
     }
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
     oxl_free(t->ctx, keep);
     return rc;
 }
@@ -443,13 +441,13 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
 {
     size_t     drop;
     oxl_result rc;
-    t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop               = prune_due(&t->prune, t->step, t->model->count, validation_loss);
+    t->prune.row_bytes = prune_row_bytes(t->trained.model.sh_degree, t->options->dog != OXL_DOG_OFF);
+    drop               = prune_due(&t->prune, t->step, t->trained.model.count, validation_loss);
     if (drop == 0) return OXL_OK;
     rc = step_remove_rows(t, drop);
     if (rc == OXL_OK)
         oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step, drop,
-                t->model->count);
+                t->trained.model.count);
     return rc;
 }
 
@@ -460,13 +458,11 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
         OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + STEP_ROUNDING));
     int        moved = 0;
     oxl_result rc    = OXL_OK;
-    if (wanted <= t->model->sh_degree) return OXL_OK;
+    if (wanted <= t->trained.model.sh_degree) return OXL_OK;
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
-    if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
-    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
-    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
+    if (rc == OXL_OK) rc = model_trained_set_degree(t->ctx, &t->trained, wanted);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
     return rc;
 }
 
@@ -481,14 +477,14 @@ OXL_INTERNAL int step_report(const struct train *t, int trial)
     const double        seconds = step_seconds(t), here = os_seconds() - t->started;
     oxl_progress        progress = {.iteration    = t->step,
                                     .iterations   = t->options->iterations,
-                                    .gaussians    = t->model->count,
+                                    .gaussians    = t->trained.model.count,
                                     .loss         = t->loss,
                                     .psnr         = t->psnr,
                                     .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
                                     .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
                                     .seconds      = seconds,
                                     .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
-                                    .model        = t->model,
+                                    .model        = &t->trained.model,
                                     .nonfinite    = t->nonfinite,
                                     .trial        = trial};
     return context_report(callback, &progress);

@@ -18,12 +18,13 @@ struct train_output {
     int             *trained;   /* out: 1: the run is complete; or NULL */
     const oxl_model *from;      /* model that replaces the scene's points; or NULL */
     /* of one block of a survey (src/job/rounds.c): */
-    const oxl_model *context;           /* Gaussians that are rendered but not trained; NULL: none */
-    const struct image_window *window;  /* (views) trained part of each view, width 0: none; NULL: whole views */
-    oxl_model                 *moments; /* (2) Adam's, of `start`; consumed, and returned with the model; NULL: they start at 0 */
-    int                        first;   /* step that `start` is at */
-    int                        frozen;  /* 1: gains and lamp stay as they are */
-    int                        until;   /* the run pauses after this step and writes a checkpoint; 0: no pause */
+    const oxl_model *context;          /* Gaussians that are rendered but not trained; NULL: none */
+    const struct image_window *window; /* (views) trained part of each view, width 0: none; NULL: whole views */
+    struct trained_model
+        *moments; /* only its mean and square, of `start`: consumed, and returned with the model; NULL: they start at 0 */
+    int  first;   /* step that `start` is at */
+    int  frozen;  /* 1: gains and lamp stay as they are */
+    int  until;   /* the run pauses after this step and writes a checkpoint; 0: no pause */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

@@ -33,7 +33,7 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
         most = OXL_MAX(most, fabs(colour[c] - 1));
     }
     if (most < TRAIN_IMAGING_COLOUR) return;
-    model_scale_colour(t->model, colour);
+    model_scale_colour(&t->trained.model, colour);
     oxl_log(t->ctx, OXL_LOG_INFO,
             "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points: Gaussians begin with "
             "the images'",
@@ -42,9 +42,8 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
-    const oxl_train_options *o      = t->options;
-    const int                parts  = train_imaging_parts(t);
-    const char              *device = "a device renders: it is fitted on the CPU alone";
+    const oxl_train_options *o     = t->options;
+    const int                parts = train_imaging_parts(t);
     struct photometry        p;
     char                     why[400];
     oxl_result               rc = photometry_measure(t->ctx, t->scene, parts, &p);
@@ -55,9 +54,9 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
         train_imaging_record(t, "exposure", o->exposure, t->exposure.of.on, why);
     }
     if (parts & PHOTOMETRY_LAMP) lamp_set_from_tracks(&t->lamp, o->lamp, &p, why, sizeof why);
-    train_imaging_record(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
+    train_imaging_record(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : TRAIN_ON_DEVICE);
     if (parts & PHOTOMETRY_MEDIUM) medium_fit_set_from_tracks(&t->medium_fit, medium_fit_span(t->scene), &p, why, sizeof why);
-    train_imaging_record(t, "medium", o->medium, t->medium_fit.on, parts & PHOTOMETRY_MEDIUM ? why : device);
+    train_imaging_record(t, "medium", o->medium, t->medium_fit.on, parts & PHOTOMETRY_MEDIUM ? why : TRAIN_ON_DEVICE);
     if (t->medium_fit.on && fabs(p.drift) > TRAIN_IMAGING_DRIFT)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "
@@ -66,7 +65,7 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
     photometry_free(t->ctx, &p);
     if (t->medium_fit.on || t->lamp.on) {
         struct imaging m = step_imaging(t);
-        medium_bake(t->scene, &m, 1, t->model);
+        medium_bake(t->scene, &m, 1, &t->trained.model);
     }
     return OXL_OK;
 }
@@ -81,7 +80,7 @@ OXL_INTERNAL oxl_result train_imaging_start_medium(struct train *t)
     if (rc != OXL_OK) return rc;
     medium_fit_start(&t->medium_fit, t->scene);
     m = (struct imaging){.medium = medium_fit_value(&t->medium_fit)};
-    medium_bake(t->scene, &m, 1, t->model);
+    medium_bake(t->scene, &m, 1, &t->trained.model);
     return OXL_OK;
 }
 

@@ -16,10 +16,10 @@
 
 static oxl_result train_first_from_points(struct train *t, const oxl_point *points, size_t count)
 {
-    const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, t->model);
-    if (rc == OXL_OK && t->model->count < count)
+    const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, &t->trained.model);
+    if (rc == OXL_OK && t->trained.model.count < count)
         oxl_log(t->ctx, OXL_LOG_INFO, "%zu of %zu points coincide with others; training starts from the %zu different ones",
-                count - t->model->count, count, t->model->count);
+                count - t->trained.model.count, count, t->trained.model.count);
     return rc;
 }
 
@@ -46,9 +46,9 @@ static void train_sharpen_start(struct train *t)
     const double opacity =
         OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_factor)), TRAIN_OPACITY_MAX);
     if (!(short_run_factor > 1)) return;
-    for (size_t i = 0; i < t->model->count; i++) {
-        for (int a = 0; a < 3; a++) t->model->plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
-        t->model->plane[OXL_OPACITY][i] = (float)vecmath_logit(opacity);
+    for (size_t i = 0; i < t->trained.model.count; i++) {
+        for (int a = 0; a < 3; a++) t->trained.model.plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
+        t->trained.model.plane[OXL_OPACITY][i] = (float)vecmath_logit(opacity);
     }
 }
 
@@ -64,7 +64,7 @@ static oxl_result train_fresh_model(struct train *t)
     if (count > 0) return train_first_from_points(t, points, count);
     oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
     rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
-    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);
+    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, &t->trained.model);
     oxl_free(t->ctx, random);
     return rc;
 }
@@ -73,11 +73,11 @@ static oxl_result train_fresh_model(struct train *t)
 static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 {
     const int  most = t->options->sh_degree;
-    oxl_result rc   = model_copy(t->ctx, from, t->model);
-    if (rc == OXL_OK && t->model->lobes > 0)
+    oxl_result rc   = model_copy(t->ctx, from, &t->trained.model);
+    if (rc == OXL_OK && t->trained.model.lobes > 0)
         oxl_log(t->ctx, OXL_LOG_WARNING, "the model to start from has second lobes: they are removed, since Gaussians are split");
-    if (rc == OXL_OK) model_drop_lobes(t->model);
-    if (rc == OXL_OK && most >= 0 && most < t->model->sh_degree) rc = model_set_degree(t->ctx, t->model, most);
+    if (rc == OXL_OK) model_drop_lobes(&t->trained.model);
+    if (rc == OXL_OK && most >= 0 && most < t->trained.model.sh_degree) rc = model_set_degree(t->ctx, &t->trained.model, most);
     return rc;
 }
 
@@ -85,7 +85,7 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
-    if (t->output && t->output->start) return model_copy(t->ctx, t->output->start, t->model);
+    if (t->output && t->output->start) return model_copy(t->ctx, t->output->start, &t->trained.model);
     if (t->output && t->output->from) return train_first_from_model(t, t->output->from);
     rc = train_fresh_model(t);
     if (rc == OXL_OK) train_sharpen_start(t);
@@ -102,23 +102,17 @@ static oxl_result train_begin_control(struct train *t)
     if (rc != OXL_OK) return rc;
     ucd_describe(&t->ucd, words, sizeof words);
     if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
-    if (t->ucd.on) rc = density_set_bands(t->ctx, t->density, t->model->count, t->ucd.z_near, t->ucd.z_far);
+    if (t->ucd.on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, t->ucd.z_near, t->ucd.z_far);
     prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(3, o->dog != OXL_DOG_OFF));
     return rc;
 }
 
 static oxl_result train_begin_moments(struct train *t)
 {
-    oxl_model *const to[] = {&t->first, &t->second};
-    for (int k = 0; k < 2; k++) {
-        oxl_model *given = t->output ? t->output->moments : NULL;
-        oxl_result rc    = OXL_OK;
-        if (given) *to[k] = given[k], given[k] = (oxl_model){0};
-        else rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, to[k]);
-        if (rc == OXL_OK) rc = model_set_lobes(t->ctx, to[k], t->model->lobes);
-        if (rc != OXL_OK) return rc;
-        if (!given) memset(to[k]->plane[OXL_ROTATION], 0, to[k]->capacity * sizeof(float));
-    }
+    struct trained_model *given = t->output ? t->output->moments : NULL;
+    if (!given) return model_trained_begin(t->ctx, &t->trained);
+    OXL_SWAP(oxl_model, t->trained.mean, given->mean);
+    OXL_SWAP(oxl_model, t->trained.square, given->square);
     return OXL_OK;
 }
 
@@ -137,7 +131,7 @@ static oxl_result train_begin(struct train *t)
     const int    continued = t->output && t->output->start;
     oxl_result   rc        = train_first_model(t);
     if (rc != OXL_OK) return rc;
-    memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
+    memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     t->render            = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
@@ -148,7 +142,7 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = train_begin_dropout(t);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
-    if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
+    if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
     if (rc != OXL_OK) return rc;
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
@@ -160,7 +154,7 @@ static oxl_result train_begin(struct train *t)
     t->lamp.frozen = t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
     if (t->output && t->output->frozen) t->exposure.known_until = 2;
     if (rc == OXL_OK && !continued) rc = train_imaging_begin(t);
-    if (rc == OXL_OK && continued) medium_fit_scale_colours(&t->medium_fit, 0, t->model);
+    if (rc == OXL_OK && continued) medium_fit_scale_colours(&t->medium_fit, 0, &t->trained.model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
@@ -168,8 +162,7 @@ static oxl_result train_begin(struct train *t)
 static void train_end(struct train *t)
 {
     oxl_context *ctx = t->ctx;
-    oxl_model_free(ctx, &t->first);
-    oxl_model_free(ctx, &t->second);
+    model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
     transients_free(ctx, &t->transients);
@@ -188,11 +181,11 @@ static int train_same_shape(const oxl_model *a, const oxl_model *b)
 }
 
 /* Means of squares are not negative. */
-static int train_are_nonnegative(const oxl_model *second)
+static int train_are_nonnegative(const oxl_model *square)
 {
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; second->plane[k] && i < (k < OXL_LOBE ? second->count : second->lobes); i++)
-            if (!(second->plane[k][i] >= 0)) return 0;
+        for (size_t i = 0; square->plane[k] && i < (k < OXL_LOBE ? square->count : square->lobes); i++)
+            if (!(square->plane[k][i] >= 0)) return 0;
     return 1;
 }
 
@@ -213,12 +206,11 @@ static void train_archive(struct archive *a, void *user)
     if (a->rc == OXL_OK) archive_ints(a, t->view, views);
     for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
         archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
-    archive_model(a, t->model);
-    archive_model(a, &t->first);
-    archive_model(a, &t->second);
-    archive_expect(a, t->model->count > 0 && train_same_shape(t->model, &t->first) && train_same_shape(t->model, &t->second));
-    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_nonnegative(&t->second));
-    density_archive(a, t->density, t->model->count);
+    for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
+    archive_expect(a, t->trained.model.count > 0 && train_same_shape(&t->trained.model, &t->trained.mean) &&
+                          train_same_shape(&t->trained.model, &t->trained.square));
+    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_nonnegative(&t->trained.square));
+    density_archive(a, t->density, t->trained.model.count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
     transients_archive(a, &t->transients);
@@ -277,15 +269,15 @@ static oxl_result train_density(struct train *t)
     ucd_observe(&t->ucd, t->last_loss);
     rc = step_observe(t);
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
-        ucd_weights(&t->ucd, t->model->count, f);
+        ucd_weights(&t->ucd, t->trained.model.count, f);
         rc = step_densify(t, f);
     }
     if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc != OXL_OK) return rc;
-    density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    density_reset_opacity(&t->trained, t->render.alpha_min);
     ucd_restart(&t->ucd);
-    return renderer_send_shape(t->ctx, t->renderer, t->model, 1);
+    return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
 }
 
 static oxl_result train_prune(struct train *t)
@@ -379,7 +371,6 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     struct train t  = {.ctx       = ctx,
                        .scene     = scene,
                        .options   = options,
-                       .model     = out,
                        .started   = os_seconds(),
                        .output    = output,
                        .step      = output ? output->first : 0,
@@ -392,9 +383,10 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK) rc = train_resume(&t);
     started = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
-    if (output && output->moments && t.second.memory) { /* rows keep their places */
-        output->moments[0] = t.first, output->moments[1] = t.second;
-        t.first = t.second = (oxl_model){0};
+    OXL_SWAP(oxl_model, *out, t.trained.model);
+    if (output && output->moments && t.trained.square.memory) { /* rows keep their places */
+        output->moments->mean = t.trained.mean, output->moments->square = t.trained.square;
+        t.trained = (struct trained_model){0};
     } else if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
     if (output && output->nonfinite) *output->nonfinite = t.nonfinite;

@@ -41,7 +41,7 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
 /* Counts an unreadable image and logs the context's error, which gives the reason. */
 OXL_INTERNAL void       nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n);
 OXL_INTERNAL void       nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
-                                          struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
+                                          struct renderer_nonfinite skipped, struct trained_model *trained);
 /* Logs and counts: the loss of a view is not finite, and these rows were cleared. */
 OXL_INTERNAL void       nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                           struct renderer_nonfinite cleared);
@@ -50,8 +50,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
 OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *n);
 
 /* Clears rows that are not finite. r: also rows that it could not render in its last view; NULL: none. */
-OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first,
-                                                       oxl_model *second);
+OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, struct trained_model *trained);
 
 /* ---------------------------------------------------------------- density.c: split, prune, reset */
 
@@ -82,10 +81,10 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
                                        const struct density_rules *rules, struct density_change *out);
 /* Keeps the statistics of the rows with keep (count) not 0, in order. */
 OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
-OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
+OXL_INTERNAL void       density_reset_opacity(struct trained_model *trained, float alpha_min);
 OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
 /* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows and keeps the moments. */
-OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, struct trained_model *trained,
                                       const struct density_change *change, int moved);
 /* Fills `from` of renderer_move for the decided change; returns the number of rows that keep a second lobe. */
 OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
@@ -184,14 +183,14 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 
 #define SCALAR_ADAM_GRADIENT_MAX 1e18 /* a larger gradient, or one that is not finite, changes nothing: its square is no float */
 /* `at` and its moments; step: of this number, from 1. */
-OXL_INTERNAL void scalar_adam_step(double *at, double *first, double *second, double gradient, double rate, int step);
+OXL_INTERNAL void scalar_adam_step(double *at, double *mean, double *square, double gradient, double rate, int step);
 
 /* ---------------------------------------------------------------- medium_fit.c: the nine parameters of the medium */
 
 struct medium_fit {
-    int    on, fixed, steps;            /* fixed: the tracks' values */
-    double range;                       /* the survey's median; attenuation is per this range */
-    double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
+    int    on, fixed, steps;           /* fixed: the tracks' values */
+    double range;                      /* the survey's median; attenuation is per this range */
+    double raw[9], mean[9], square[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
 OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const struct medium *continued);
 /* Uses the medium fitted to the tracks, if the residuals support it and the depths span enough; why: the evidence. Likewise
@@ -214,8 +213,8 @@ struct lamp_fit {
     int         on, has_falloff, frozen, steps, groups; /* has_falloff: falloff is trained; frozen: nothing is */
     int         visits[LAMP_MAX];                       /* steps of a camera */
     struct lamp group[LAMP_MAX];                        /* the first: cameras that have none of their own */
-    double      first[LAMP_MAX][LAMP_TERMS], second[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
-    double      falloff, falloff_first, falloff_second, reference;
+    double      mean[LAMP_MAX][LAMP_TERMS], square[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
+    double      falloff, falloff_mean, falloff_square, reference;
 };
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued);
 OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
@@ -233,12 +232,12 @@ struct exposure_gradient {
 };
 
 struct exposure {
-    oxl_switch               mode;
-    double                   known_until;    /* share of the run up to which known gains stay */
-    struct imaging           of;             /* the gains; on: they are applied */
-    float                   *first, *second; /* (views,3) Adam's moments */
-    int                     *visits;         /* (views) steps of a view's gains */
-    double                   mean[3]; /* that the log gains are given after each step: 0, or the mean of the continued run */
+    oxl_switch     mode;
+    double         known_until;       /* share of the run up to which known gains stay */
+    struct imaging of;                /* the gains; on: they are applied */
+    float         *mean, *square;     /* (views,3) Adam's moments */
+    int           *visits;            /* (views) steps of a view's gains */
+    double         level[3];          /* mean that the log gains are given after each step: 0, or the mean of the continued run */
     struct exposure_gradient pending; /* gradient of the last step, not yet applied */
 };
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued);

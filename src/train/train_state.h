@@ -4,6 +4,8 @@
 
 #include "train_parts.h"
 
+#define TRAIN_ON_DEVICE "a device renders: only the CPU has it" /* why an option with OXL_OPTION_CPU_ONLY is off */
+
 enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES };
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
@@ -18,7 +20,7 @@ struct train {
     oxl_scene                 *scene;
     const oxl_train_options   *options;
     oxl_render_options         render;
-    oxl_model                 *model, first, second; /* the parameters and Adam's moments */
+    struct trained_model       trained;
     struct renderer           *renderer;
     struct train_deferred      deferred[2];
     int                        deferred_steps;
@@ -87,14 +89,14 @@ OXL_INTERNAL struct imaging step_imaging(const struct train *t);           /* th
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
 struct train_branch { /* the state that a step changes */
-    oxl_model         model, first, second;
-    struct density   *density;
-    int              *view, views, step;
-    double            loss, psnr;
-    struct exposure   exposure;
-    struct medium_fit medium_fit;
-    struct lamp_fit   lamp;
-    struct ucd        ucd;
+    struct trained_model trained;
+    struct density      *density;
+    int                 *view, views, step;
+    double               loss, psnr;
+    struct exposure      exposure;
+    struct medium_fit    medium_fit;
+    struct lamp_fit      lamp;
+    struct ucd           ucd;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
