@@ -100,6 +100,9 @@ OXL_API void       oxl_context_free(oxl_context *ctx);
 
 /* Text of the last error, "" without one; valid as long as the context. ctx may be NULL. */
 OXL_API const char *oxl_error_text(const oxl_context *ctx);
+/* Stores such a text and returns rc, for functions of a program that fail as the library's do. A second line that starts with "fix: "
+ * names one action. ctx may be NULL. */
+OXL_API oxl_result  oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...);
 
 /* Frees text returned by the library; text may be NULL. */
 OXL_API void oxl_text_free(oxl_context *ctx, char *text);
@@ -273,7 +276,7 @@ typedef struct oxl_render_options {
     float background[3]; /* red, green, blue, 0..1 (0,0,0) */
     int   sh_degree;     /* largest degree evaluated; -1: the model's */
     float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
-    float alpha_min;     /* smaller alpha values are skipped on the CPU; at least 1/255 (1/255) [Kerbl 2023] */
+    float alpha_min;     /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
 } oxl_render_options;
 
 OXL_API oxl_render_options oxl_render_options_default(void);

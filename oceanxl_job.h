@@ -81,13 +81,16 @@ typedef enum oxl_option_kind {                     /* what the field holds, and 
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
 
-enum {                              /* what takes the option: bits of oxl_option.use */
-       OXL_OPTION_OF_SURVEY   = 1,  /* reading a survey */
-       OXL_OPTION_OF_TRAINING = 2,  /* training, in a run or a study, and its prediction */
-       OXL_OPTION_OF_RUN      = 4,  /* one run, or its prediction */
-       OXL_OPTION_OF_OUT      = 8,  /* an existing folder OUT */
-       OXL_OPTION_OF_BLOCK    = 16, /* a run or one block of it, not its prediction */
-       OXL_OPTION_OF_RESULT   = 64  /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
+enum {                               /* what takes the option, and where it does not apply: bits of oxl_option.use */
+       OXL_OPTION_OF_SURVEY   = 1,   /* reading a survey */
+       OXL_OPTION_OF_TRAINING = 2,   /* training, in a run or a study, and its prediction */
+       OXL_OPTION_OF_RUN      = 4,   /* one run, or its prediction */
+       OXL_OPTION_OF_OUT      = 8,   /* an existing folder OUT */
+       OXL_OPTION_OF_BLOCK    = 16,  /* a run or one block of it, not its prediction */
+       OXL_OPTION_OF_RESULT   = 64,  /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
+       OXL_OPTION_NOT_REFINED = 128, /* off while a finished model is refined: after merging, for viewers, to continue a run */
+       OXL_OPTION_ONE_BLOCK   = 256, /* refused if the survey is split into several blocks */
+       OXL_OPTION_CPU_ONLY    = 512  /* a device does not have it: there `auto` is off */
 };
 
 typedef struct oxl_option {

@@ -34,7 +34,7 @@ static const struct {
     {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model."},
 };
 
-enum { HELP_DEFAULT = 160, HELP_COLUMN = 31 };
+enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
 
 /* ---------------------------------------------------------------- one option in words */
 
@@ -61,6 +61,21 @@ static const char *help_option_text(const oxl_option *o, char out[100])
 {
     char word[40];
     snprintf(out, 100, "%s%s%s", cli_option_word(o, word), o->value ? " " : "", o->value ? o->value : "");
+    return out;
+}
+
+/* Where the option is limited to: "one block only", "CPU only" or "". */
+static const char *help_limit(int index)
+{
+    const unsigned use = cli_option_of_job(index) < 0 ? 0 : cli_option_at(index)->use;
+    return use & OXL_OPTION_ONE_BLOCK ? "one block only" : use & OXL_OPTION_CPU_ONLY ? "CPU only" : "";
+}
+
+/* "DEFAULT RANGE; LIMIT", of the parts that there are. */
+static const char *help_note(int index, const char *standard, const char *range, char out[HELP_NOTE])
+{
+    const char *limit = help_limit(index);
+    snprintf(out, HELP_NOTE, "%s%s%s%s", standard, range, standard[0] && limit[0] ? "; " : "", limit);
     return out;
 }
 
@@ -103,9 +118,9 @@ static void help_overview(FILE *to)
 static void help_option(FILE *to, int index)
 {
     const oxl_option *o = cli_option_at(index);
-    char              left[100], standard[HELP_DEFAULT];
+    char              left[100], standard[HELP_DEFAULT], note[HELP_NOTE];
     help_default(index, standard);
-    help_row(to, help_option_text(o, left), o->help, standard);
+    help_row(to, help_option_text(o, left), o->help, help_note(index, standard, "", note));
 }
 
 /* The options of a command, or of all commands that have any, group by group. Returns how many were left out. */
@@ -193,23 +208,35 @@ static const struct help_markup {
     void (*entry)(FILE *to, const char *name, const char *what);
 } HELP_MANUAL = {manual_group, manual_entry}, HELP_PAGE = {page_group, page_entry};
 
-/* "HELP (default; range). Advanced. Formerly --NAME." */
+/* "HELP (default; range; limit). Advanced. Formerly --NAME." */
 static void help_full_option(FILE *to, const struct help_markup *m, int index)
 {
     const char *const        quote     = m == &HELP_PAGE ? "`" : "";
     static const char *const tiers[]   = {"", " Advanced.", " Expert."};
     const oxl_option        *o         = cli_option_at(index);
     const int                has_range = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    char                     name[100], standard[HELP_DEFAULT], range[40] = "", alias[60] = "", text[1000];
+    char                     name[100], standard[HELP_DEFAULT], range[40] = "", note[HELP_NOTE], alias[60] = "", text[1000];
     help_default(index, standard);
     if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) /* else not worth stating */
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
     if (o->alias)
         snprintf(alias, sizeof alias, " %s %s--%s%s.", o->alias[0] == '=' ? "Also" : "Formerly", quote,
                  o->alias + (o->alias[0] == '='), quote);
-    snprintf(text, sizeof text, standard[0] ? "%s (%s%s).%s%s" : "%s%.0s%.0s.%s%s", o->help, standard, range, tiers[o->tier],
-             alias);
+    help_note(index, standard, range, note);
+    snprintf(text, sizeof text, note[0] ? "%s (%s).%s%s" : "%s%.0s.%s%s", o->help, note, tiers[o->tier], alias);
     m->entry(to, help_option_text(o, name), text);
+}
+
+static void help_not_refined(FILE *to, const struct help_markup *m)
+{
+    char   names[400], word[40];
+    size_t used = 0;
+    for (int i = 0; i < cli_option_count(); i++)
+        if (cli_option_of_job(i) >= 0 && cli_option_at(i)->use & OXL_OPTION_NOT_REFINED && used < sizeof names)
+            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "",
+                                     cli_option_word(cli_option_at(i), word));
+    m->group(to, "Refinements");
+    m->entry(to, names, "off while a finished model is refined: after merging, for viewers, to continue a run.");
 }
 
 static void help_full(FILE *to, const struct help_markup *m)
@@ -220,6 +247,7 @@ static void help_full(FILE *to, const struct help_markup *m)
         for (int i = g; i < cli_option_count(); i++)
             if (help_is_of_group(i, g)) help_full_option(to, m, i);
     }
+    help_not_refined(to, m);
     m->group(to, "What train writes to OUT");
     for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++)
         m->entry(to, HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);

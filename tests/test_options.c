@@ -138,6 +138,24 @@ static oxl_job_options options_test_others(void)
     return o;
 }
 
+/* Rates of a refinement follow from the run's, and it fits a medium that the model has. */
+TEST(options_that_a_refinement_must_not_have_are_off_in_it_and_others_stay)
+{
+    oxl_job_options others = options_test_others(), used;
+    others.train.medium    = OXL_OFF;
+    used                   = others;
+    used.train             = block_refinement(&others.train, others.train.sh_degree, others.train.iterations);
+    CHECK(used.train.dog == OXL_DOG_OFF && used.train.keep.kind == OXL_KEEP_ALL && used.train.densify_until == 0);
+    for (int i = 1; i < oxl_option_count(); i++) {
+        const oxl_option *row = oxl_option_at(i);
+        char              was[128], now[128];
+        oxl_option_get(row, &others, was, sizeof was);
+        oxl_option_get(row, &used, now, sizeof now);
+        if (row->use & OXL_OPTION_NOT_REFINED) CHECK(!strcmp(now, "off") || !strcmp(now, "all") || !strcmp(now, "0"));
+        else CHECK(!strncmp(row->name, "lr-", 3) || !strcmp(now, was));
+    }
+}
+
 TEST(options_in_run_json_are_read_back_every_one)
 {
     const oxl_job_options others = options_test_others();

@@ -3096,17 +3096,24 @@ static void vulkan_check_lamp_and_medium(oxl_context *device)
     struct text               decisions = {.ctx = device};
     const struct train_output place     = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
     oxl_scene                *scene     = vulkan_survey(device, 0);
-    oxl_train_options         options   = train_options(2);
+    oxl_job_options           options   = {.train = train_options(2)};
     oxl_model                 model;
     device->options.log = vulkan_hear;
     vulkan_said         = 0;
-    options.lamp = options.medium = OXL_AUTO;
-    CHECK_OK(train_run(device, scene, &options, NULL, &place, &model));
+    for (int i = 0; i < oxl_option_count(); i++)
+        if (oxl_option_at(i)->use & OXL_OPTION_CPU_ONLY) CHECK_OK(oxl_option_set(oxl_option_at(i), &options, "auto", NULL, 0));
+    CHECK_OK(train_run(device, scene, &options.train, NULL, &place, &model));
     CHECK(vulkan_said == 2);
-    CHECK_TEXT(decisions.data, "a device renders: it is fitted on the CPU alone");
+    for (int i = 0; i < oxl_option_count(); i++) {
+        const oxl_option *row = oxl_option_at(i);
+        char              off[160];
+        snprintf(off, sizeof off, "\"%s\": {\"chosen\": \"%s\", \"evidence\": \"a device renders", row->name,
+                 row->kind == OXL_OPTION_CHOICE ? "off" : "0");
+        CHECK((strstr(decisions.data, off) != NULL) == ((row->use & OXL_OPTION_CPU_ONLY) != 0));
+    }
     oxl_model_free(device, &model);
-    options.medium = OXL_ON;
-    CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
+    options.train.medium = OXL_ON;
+    CHECK(oxl_train(device, scene, &options.train, NULL, &model) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(device), "not rendered on a device\nfix: --backend cpu");
     text_free(&decisions);
     oxl_scene_free(device, scene);
@@ -3488,7 +3495,7 @@ TEST(vulkan_refuses_a_dropout_and_leaves_out_that_of_auto)
     ON_DEVICE(vulkan_check_dropout);
 }
 
-TEST(vulkan_leaves_lamp_and_medium_to_the_cpu_and_says_so)
+TEST(vulkan_leaves_what_is_for_the_cpu_only_to_it_and_says_so)
 {
     ON_DEVICE(vulkan_check_lamp_and_medium);
 }

@@ -104,10 +104,9 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capac
 #define OXL_PRINTF(at, first)
 #endif
 
-/* Stores the text and returns rc: `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`
- * A second line that starts with "fix: " names one action. */
-OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
-OXL_INTERNAL void       oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
+/* `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`: public, here with its check of the format. */
+OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
+OXL_INTERNAL void  oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
 
 /* ---------------------------------------------------------------- text.c */
 
@@ -157,9 +156,10 @@ OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);       
 OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 #define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
 
-/* ---------------------------------------------------------------- options.c: the table of options; its functions are public */
+/* ---------------------------------------------------------------- options.c: the table of options; other functions are public */
 
-#define UCD_CAP 5.0 /* largest depth weight of UCD */
+#define UCD_CAP 5.0                                                      /* largest depth weight of UCD */
+OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag); /* sets the options with this flag of `use` to off */
 
 /* ---------------------------------------------------------------- random.c */
 

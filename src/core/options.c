@@ -3,9 +3,9 @@
  *
  * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its reading back, the command
  * that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option takes
- *   - a row here; `use` names the commands that take it, and RESULT is set if the bytes of the result depend on it;
+ *   - a row here; `use` names the commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
+ *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
- *   - a decision in src/job/rounds.c and block.c if blocks or their refinement must not have it, in src/train/train_loop.c if a device cannot;
  *   - `make man`, and a test.
  *
  * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same
@@ -34,6 +34,9 @@ enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
 #define TRAINING         OXL_OPTION_OF_TRAINING
 #define RUN              OXL_OPTION_OF_RUN
 #define RESULT           OXL_OPTION_OF_RESULT
+#define NOT_REFINED      OXL_OPTION_NOT_REFINED
+#define ONE_BLOCK        OXL_OPTION_ONE_BLOCK
+#define CPU_ONLY         OXL_OPTION_CPU_ONLY
 
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
@@ -44,11 +47,11 @@ static const oxl_option OPTIONS[] = {
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after this time, as 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians in all blocks together; 0: one per 60 training pixels", NULL},
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
-{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; the same seed gives the same bytes; 0 is the same as 1", NULL},
+{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; the same seed gives the same bytes; 0 means 1", NULL},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "memory limit, as 4G; number of blocks, image cache and number of Gaussians follow from it; 0: the free memory", NULL},
-{"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT, "Training", "start from this .ply, .spz or .splat model of any trainer instead of the points, with the schedule of a whole run (one block)", NULL},
+{"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT | ONE_BLOCK, "Training", "start from this .ply, .spz or .splat model instead of the points, with the schedule of a whole run", NULL},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard unfinished work of other options in OUT", NULL},
-{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey is truncated: it has fewer rows than its header states", NULL},
+{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey has fewer rows than its header states", NULL},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders", NULL},
 {"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},
@@ -65,23 +68,23 @@ static const oxl_option OPTIONS[] = {
 {"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "split into about this many blocks, as one per machine; 0: as memory requires", NULL},
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
 {"cut", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: equal load on both sides, so fewer blocks on uneven surveys, at equal quality; midpoint: the baseline", "split"},
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "gradient weights of the middle and far depth band, which place more Gaussians there; at equal count -0.6 to +0.3 dB, depending on scene and length. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights", NULL},
-{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians to keep when pruning, in all blocks together, as 0.5, 400000 or 80MB; auto: as few as preserve the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band, which place more Gaussians there; at equal count -0.6 to +0.3 dB, depending on scene and length. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights", NULL},
+{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, as 0.5, 400000 or 80MB; auto: as few as preserve the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit brightness and white balance of each image; auto: if the colours of tracks differ between images", NULL},
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU); auto: if the colours of tracks show it", NULL},
-{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit the water: attenuation and backscatter, nine parameters (CPU); auto: if the colours of tracks show it", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY, "Scene content", "fit a light that moves with the camera: a smooth gain over the image, falloff with distance; auto: if the colours of tracks show it", NULL},
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it", NULL},
 {"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it observes", NULL},
 {"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "mask what appears in only one image of a place: fish, divers", "robust"},
-{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "second (difference-of-Gaussians) lobes: 0 to 0.2 dB at equal bytes after pruning, for 10 to 20 % more time; auto: selective, if validation views gain", NULL},
+{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "second (difference-of-Gaussians) lobes: 0 to 0.2 dB at equal bytes after pruning, for 10 to 20 % more time; auto: selective, if validation views gain", NULL},
 {"dog-threshold", "T|SHARE%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "selective: mean gradient, in half images, above which a Gaussian gets a lobe; or the share that gets none, as 90%", NULL},
 {"dog-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.dog_from), 0, 1, EACH("0.55"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "share of the run at which lobes are added", NULL},
 {"dog-opacity-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_opacity_factor), 1e-6, 0.999999, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "opacity of a new lobe, relative to its Gaussian", NULL},
 {"dog-scale-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_scale_factor), 1e-3, 1000, EACH("1.6"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "scale of a new lobe, relative to its Gaussian", NULL},
-{"coarse", "auto|SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.coarse), 0, 1, PRESETS("auto", "0", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "first share of the run, trained at half resolution; auto: 0.25 for images of 640 px and more", NULL},
-{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "share of the Gaussians left out of a step, rising from 0 to this (CPU); auto: 0.4 with fewer than 30 training views, fewer than 4.6 images per point and at least 60 steps per view. With blocks: not in the merged model, and auto is 0", NULL},
+{"coarse", "auto|SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.coarse), 0, 1, PRESETS("auto", "0", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "first share of the run, trained at half resolution; auto: 0.25 for images of 640 px and more", NULL},
+{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | CPU_ONLY | NOT_REFINED, "Schedule", "share of the Gaussians left out of a step, rising from 0 to this; auto: 0.4 with fewer than 30 training views, fewer than 4.6 images per point and at least 60 steps per view, in one block", NULL},
 {"cooldown", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.cooldown), 0, 1, EACH("0.2"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "last share of the run, in which all learning rates fall to a tenth; 0: none", "settle"},
-{"short-run-exponent", "E", OXL_OPTION_FLOAT, OPTION_AT(train.short_run_exponent), 0, 1, PRESETS("0.45", "0.45", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "with n < 30000 iterations, learning rates of geometry are multiplied by (30000 / n)^E; 0: off", "haste"},
-{"alpha-min", "ALPHA", OXL_OPTION_FLOAT, OPTION_AT(train.alpha_min), 0, 0.05, EACH("1/255"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "contributions to a pixel below this are omitted in the first 0.8 of the run (CPU)", NULL},
+{"short-run-exponent", "E", OXL_OPTION_FLOAT, OPTION_AT(train.short_run_exponent), 0, 1, PRESETS("0.45", "0.45", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "with n < 30000 iterations, learning rates of geometry are multiplied by (30000 / n)^E; 0: off", "haste"},
+{"alpha-min", "ALPHA", OXL_OPTION_FLOAT, OPTION_AT(train.alpha_min), 0, 0.05, EACH("1/255"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "contributions to a pixel below this are omitted in the first 0.8 of the run", NULL},
 {"sh-degree-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "share of the run after which the SH degree rises by one", NULL},
 {"lr-position", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_position), 0, 1, EACH("0.00016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of positions at the start, relative to the scene's extent", NULL},
 {"lr-position-final", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_position_final), 0, 1, EACH("0.0000016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of positions at the end; exponential decay in between", NULL},
@@ -92,9 +95,9 @@ static const oxl_option OPTIONS[] = {
 {"lr-sh", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_sh), 0, 1, EACH("0.0025/20"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of SH coefficients of degree 1 and above", NULL},
 {"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.0004", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split Gaussians above this mean position gradient, in half images", NULL},
 {"densify-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_from), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification begins", NULL},
-{"densify-until", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification ends", NULL},
+{"densify-until", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "share of the run at which densification ends", NULL},
 {"densify-every", "N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, PRESETS("50", "100", "100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications", NULL},
-{"opacity-reset-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.opacity_reset_interval), 0, 1000, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run between opacity resets", NULL},
+{"opacity-reset-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.opacity_reset_interval), 0, 1000, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "share of the run between opacity resets", NULL},
 };
 /* clang-format on */
 #undef OPTION_AT
@@ -104,6 +107,9 @@ static const oxl_option OPTIONS[] = {
 #undef TRAINING
 #undef RUN
 #undef RESULT
+#undef NOT_REFINED
+#undef ONE_BLOCK
+#undef CPU_ONLY
 
 int oxl_option_count(void)
 {
@@ -556,6 +562,21 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
 }
 
 /* ---------------------------------------------------------------- all options */
+
+/* The value without effect. */
+static const char *option_off(const oxl_option *o)
+{
+    if (o->kind == OXL_OPTION_KEEP) return "all";
+    return o->kind == OXL_OPTION_UCD || o->kind == OXL_OPTION_CHOICE ? "off" : "0";
+}
+
+OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
+{
+    oxl_job_options job = {.train = *train};
+    for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++)
+        if (OPTIONS[i].use & flag) oxl_option_set(&OPTIONS[i], &job, option_off(&OPTIONS[i]), NULL, 0);
+    *train = job.train;
+}
 
 /* What a caller filled in is in range when its text would be read. */
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)

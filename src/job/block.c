@@ -224,20 +224,12 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     oxl_train_options o                = *run;
     o.iterations                       = steps;
     o.sh_degree                        = sh_degree;
-    o.short_run_exponent               = 0;
-    o.lr_position_final                = (float)(short_run_factor * run->lr_position_final);
-    o.lr_position                      = o.lr_position_final;
-    o.lr_scale                         = schedule_scale_rate(run);
-    o.lr_rotation                      = (float)(short_run_factor * run->lr_rotation);
-    o.lr_sh                            = (float)(sqrt(short_run_factor) * run->lr_sh);
-    o.densify_until                    = 0;
-    o.coarse                           = 0;
-    o.opacity_reset_interval           = 0;
-    o.ucd.mode                         = OXL_UCD_OFF;
-    o.keep.kind                        = OXL_KEEP_ALL;
-    o.dog                              = OXL_DOG_OFF;
-    o.alpha_min                        = 0;
-    o.dropout                          = 0;
+    options_drop(&o, OXL_OPTION_NOT_REFINED);
+    o.lr_position_final = (float)(short_run_factor * run->lr_position_final);
+    o.lr_position       = o.lr_position_final;
+    o.lr_scale          = schedule_scale_rate(run);
+    o.lr_rotation       = (float)(short_run_factor * run->lr_rotation);
+    o.lr_sh             = (float)(sqrt(short_run_factor) * run->lr_sh);
     if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the model has it */
     return o;
 }

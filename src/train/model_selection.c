@@ -330,7 +330,10 @@ OXL_INTERNAL void selection_end(struct train *t)
     selection_record(t, "carve", t->free_space.view ? "on" : "off", why);
     snprintf(why, sizeof why, "%d training views of %.0f steps, %.1f images per point", schedule_training_views(t->scene),
              (double)o->iterations / OXL_MAX(schedule_training_views(t->scene), 1), t->scene->stats.mean_track);
-    selection_record(t, "dropout", NUMBER(t->dropout), o->dropout < 0 ? why : "as set");
+    selection_record(t, "dropout", NUMBER(t->dropout),
+                     o->dropout >= 0                    ? "as set"
+                     : renderer_has_device(t->renderer) ? TRAIN_ON_DEVICE
+                                                        : why);
     prune_describe(&t->prune, why, sizeof why);
     snprintf(chosen, sizeof chosen, "%zu", t->trained.model.count);
     selection_record(t, "keep", chosen, why);

@@ -42,9 +42,8 @@ static void train_imaging_match_colours(struct train *t, const double colour[3])
 
 OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
 {
-    const oxl_train_options *o      = t->options;
-    const int                parts  = train_imaging_parts(t);
-    const char              *device = "a device renders: it is fitted on the CPU alone";
+    const oxl_train_options *o     = t->options;
+    const int                parts = train_imaging_parts(t);
     struct photometry        p;
     char                     why[400];
     oxl_result               rc = photometry_measure(t->ctx, t->scene, parts, &p);
@@ -55,9 +54,9 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t)
         train_imaging_record(t, "exposure", o->exposure, t->exposure.of.on, why);
     }
     if (parts & PHOTOMETRY_LAMP) lamp_set_from_tracks(&t->lamp, o->lamp, &p, why, sizeof why);
-    train_imaging_record(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
+    train_imaging_record(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : TRAIN_ON_DEVICE);
     if (parts & PHOTOMETRY_MEDIUM) medium_fit_set_from_tracks(&t->medium_fit, medium_fit_span(t->scene), &p, why, sizeof why);
-    train_imaging_record(t, "medium", o->medium, t->medium_fit.on, parts & PHOTOMETRY_MEDIUM ? why : device);
+    train_imaging_record(t, "medium", o->medium, t->medium_fit.on, parts & PHOTOMETRY_MEDIUM ? why : TRAIN_ON_DEVICE);
     if (t->medium_fit.on && fabs(p.drift) > TRAIN_IMAGING_DRIFT)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "

@@ -4,6 +4,8 @@
 
 #include "train_parts.h"
 
+#define TRAIN_ON_DEVICE "a device renders: only the CPU has it" /* why an option with OXL_OPTION_CPU_ONLY is off */
+
 enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES };
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
