@@ -31,14 +31,14 @@ static const struct {
     {"partition.txt, partition.svg", "the blocks, of a survey that was split."},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},
-    {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model."},
+    {"blocks/coarse/", "the coarse model that several blocks begin with; blocks/whole/: the merged model."},
 };
 
 enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
 
 /* ---------------------------------------------------------------- one option in words */
 
-/* "8", "draft 2000, standard 7000, paper 40000", or "". */
+/* "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard 7000, paper 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
     const oxl_option      *o        = cli_option_at(index);
@@ -51,6 +51,10 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
     } else if (o->kind == OXL_OPTION_PRESET) snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
     else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 && strcmp(o->preset[0], o->preset[2]) == 0)
         snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
+    else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0)
+        snprintf(out, HELP_DEFAULT, "%s, paper %s", o->preset[0], o->preset[2]);
+    else if (o->preset[0] && strcmp(o->preset[1], o->preset[2]) == 0)
+        snprintf(out, HELP_DEFAULT, "draft %s, otherwise %s", o->preset[0], o->preset[1]);
     else if (o->preset[0])
         snprintf(out, HELP_DEFAULT, "draft %s, standard %s, paper %s", o->preset[0], o->preset[1], o->preset[2]);
     return out;
@@ -298,9 +302,8 @@ void help_page(FILE *to)
 {
     fputs(
         "# Options and outputs\n\n"
-        "Made by `make man` from the tables in `src/core/options.c` (the training job) and `cli/options.c` (the program): change it "
-        "there.\n"
-        "Defaults and ranges are in parentheses; shares and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
+        "Made by `make man` from the tables in `src/core/options.c` and `cli/options.c`.\n"
+        "Defaults and ranges are in parentheses; fractions and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
         "A resumed run keeps the options in OUT/run.json.\n",
         to);
     help_full(to, &HELP_PAGE);
