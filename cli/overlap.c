@@ -31,7 +31,7 @@ static double overlap_diagonal(const struct overlap_box *b)
     return sqrt(sum);
 }
 
-/* Share of the points in the box, which is widened by a tenth of its diagonal. */
+/* Fraction of the points in the box, which is widened by a tenth of its diagonal. */
 static double overlap_inside(const struct overlap_box *b, const oxl_point *point, size_t count)
 {
     const double margin = 0.1 * overlap_diagonal(b);
@@ -47,7 +47,7 @@ static double overlap_inside(const struct overlap_box *b, const oxl_point *point
 }
 
 /* The pixels of a few views, reduced, in which no Gaussian is met. */
-static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, double *share)
+static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, double *fraction)
 {
     const int views = oxl_scene_view_count(scene), asked = views < OVERLAP_VIEWS ? views : OVERLAP_VIEWS;
     size_t    empty = 0, all = 0;
@@ -68,7 +68,7 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const 
         free(depth);
         if (rc != OXL_OK) return rc;
     }
-    *share = all ? (double)empty / (double)all : 0;
+    *fraction = all ? (double)empty / (double)all : 0;
     return OXL_OK;
 }
 

@@ -22,7 +22,7 @@
 #endif
 
 #define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
-#define EDGE_DEPTH  0.02 /* share of the depth */
+#define EDGE_DEPTH  0.02 /* fraction of the depth */
 
 /* ---------------------------------------------------------------- options and errors */
 
@@ -127,14 +127,14 @@ static size_t synth_plane(const synth_options *o)
     return (size_t)o->width * (size_t)o->height;
 }
 
-/* Colour along one ray; *depth gets the camera z, 0 when there is only water. share: width of the ray in pixels. */
-static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double share, float *depth)
+/* Colour along one ray; *depth gets the camera z, 0 when there is only water. width: that of the ray in pixels. */
+static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double width, float *depth)
 {
     static const v3 far_off = {0.08, 0.32, 0.45};
     const v3        ray     = synth_pixel_ray(c, x, y);
     const double    range   = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
     if (depth) *depth = range < 0 ? 0 : (float)(range * v3_dot(c->rotation[2], ray));
-    if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), share * range / c->f);
+    if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), width * range / c->f);
     return s->water.veil[1] > 0 ? v3_of(s->water.veil[0], s->water.veil[1], s->water.veil[2]) : far_off;
 }
 

@@ -98,7 +98,7 @@ struct synth_surface { /* what is nearest to a point */
 
 /* half: the world is baked for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
 int    synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
-/* Of options.scene; NULL: of the path. -1: it is not known. */
+/* The scene that options.scene names, or if NULL the path's; -1: unknown name. */
 int    synth_scene_of(const synth_options *options);
 void   synth_world_free(struct synth_world *world);
 double synth_ground(const struct synth_world *world, double x, double y); /* height, metres, without objects */
@@ -114,7 +114,7 @@ double synth_cast(const struct synth_world *world, v3 from, v3 direction, double
 v3     synth_normal(const struct synth_world *world, v3 p, double footprint);
 /* Display colour 0..1 of a surface point in clear water. */
 v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
-/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: share of the sky that it sees. */
+/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: fraction of the sky that it sees. */
 v3     synth_light(v3 albedo, v3 normal, double sun, double open);
 
 /* ---------------------------------------------------------------- synth_trajectory.c */

@@ -12,7 +12,7 @@
 #define FISH_REACH   0.75 /* lengths: radius of the sphere that holds a fish */
 enum { FISH_PARTS = 5 };
 
-/* Of a fish of length 1 that looks along x; z is up. turn: share of the beat of its tail that a part follows. */
+/* Of a fish of length 1 that looks along x; z is up. turn: fraction of the beat of its tail that a part follows. */
 static const struct fish_part {
     v3     centre, axes;
     double turn;

@@ -170,7 +170,7 @@ static inline double synth_noise3(uint32_t seed, v3 p)
 }
 
 /* How much of a wave of this length survives in pixels this wide: none under two pixels, all from four on. */
-static inline double synth_visible_share(double wavelength, double footprint)
+static inline double synth_visible_fraction(double wavelength, double footprint)
 {
     return synth_clamp(0.5 * wavelength / footprint - 1, 0, 1);
 }
@@ -182,9 +182,9 @@ static inline double synth_fbm2(uint32_t seed, double x, double y, double wavele
 {
     double sum = 0, amplitude = 1;
     for (double w = wavelength; w >= finest; w *= 0.47) {
-        const double share = synth_visible_share(w, footprint), turned = 0.8 * x - 0.6 * y;
-        if (share <= 0) break;
-        sum += amplitude * share * synth_noise2(seed++, x / w, y / w);
+        const double fraction = synth_visible_fraction(w, footprint), turned = 0.8 * x - 0.6 * y;
+        if (fraction <= 0) break;
+        sum += amplitude * fraction * synth_noise2(seed++, x / w, y / w);
         y = 0.6 * x + 0.8 * y;
         x = turned;
         amplitude *= gain;
@@ -195,9 +195,9 @@ static inline double synth_fbm3(uint32_t seed, v3 p, double wavelength, double f
 {
     double sum = 0, amplitude = 1;
     for (double w = wavelength; w >= finest; w *= 0.47) {
-        const double share = synth_visible_share(w, footprint);
-        if (share <= 0) break;
-        sum += amplitude * share * synth_noise3(seed++, v3_scale(p, 1 / w));
+        const double fraction = synth_visible_fraction(w, footprint);
+        if (fraction <= 0) break;
+        sum += amplitude * fraction * synth_noise3(seed++, v3_scale(p, 1 / w));
         p = v3_of(0.8 * p.x - 0.6 * p.y, 0.6 * p.x + 0.8 * p.y, p.z + 0.37 * w);
         amplitude *= gain;
     }

@@ -12,14 +12,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DETECTED      0.75 /* probability that a view which could see a point has it */
-#define SIMILAR_SIDE  0.68 /* cosine: descriptors match up to about 47 degrees apart */
-#define FACING        0.15 /* cosine between normal and view when no ray is cast */
-#define NOISE         0.3  /* px, each axis */
-#define SAND_SHARE    0.05 /* of the features that a reef has, on the sand of the scenes wreck and ridge */
-#define OUTLIER_SHARE 0.01
-#define OUTLIER_NOISE 1.5 /* px */
-#define FRAME         2.0 /* px at the border where no feature is found */
+#define DETECTED         0.75 /* probability that a view which could see a point has it */
+#define SIMILAR_SIDE     0.68 /* cosine: descriptors match up to about 47 degrees apart */
+#define FACING           0.15 /* cosine between normal and view when no ray is cast */
+#define NOISE            0.3  /* px, each axis */
+#define SAND_FRACTION    0.05 /* of the features that a reef has, on the sand of the scenes wreck and ridge */
+#define OUTLIER_FRACTION 0.01
+#define OUTLIER_NOISE    1.5 /* px */
+#define FRAME            2.0 /* px at the border where no feature is found */
 enum { MOST_VIEWS = 64, OBSERVATIONS_MAX = 512, ATTEMPTS = 12, BARE_ATTEMPTS = 60, CHUNK = 8192 };
 
 struct points_track {                                /* one point as it is made */
@@ -155,7 +155,7 @@ static void points_colour(const struct points_search *s, double range, struct po
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;
-    if (s->world->scene == SYNTH_REEF || synth_unit(synth_bits(seed, 4, 0)) < SAND_SHARE) return 0;
+    if (s->world->scene == SYNTH_REEF || synth_unit(synth_bits(seed, 4, 0)) < SAND_FRACTION) return 0;
     synth_distance(s->world, p, &surface);
     return surface.material == SYNTH_SAND;
 }
@@ -175,7 +175,7 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
     t->count      = 0;
     t->source     = source;
-    t->is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
+    t->is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_FRACTION;
     if (t->is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
     t->position = v3_along(c->centre, ray, range);
     t->side     = v3_scale(ray, -1);

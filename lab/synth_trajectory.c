@@ -12,7 +12,7 @@
 #include <string.h>
 
 #define ALTITUDE       3.0  /* metres over the ground */
-#define FOCAL_SHARE    0.8  /* f / width: 64 degrees across */
+#define FOCAL_FRACTION 0.8  /* f / width: 64 degrees across */
 #define STEP_FORWARD   0.25 /* of an image's height on the ground: 75 % overlap */
 #define STEP_SIDEWAYS  0.40 /* of its width: 60 % */
 #define TILT           8.0  /* degrees ahead of straight down */
@@ -50,8 +50,8 @@ static int trajectory_leg(const synth_options *o, int legs, int view, double *al
 
 static void trajectory_lawnmower(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_SHARE * o->width);
-    const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_SHARE;
+    const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_FRACTION * o->width);
+    const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_FRACTION;
     const int    rows   = (int)synth_max(1, sqrt(o->views * step / apart) + 0.5);
     const double length = o->extent > 0 ? o->extent : step * synth_max(1, (double)o->views / rows - 1);
     const double width  = o->extent > 0 ? o->extent : apart * (rows - 1);
@@ -192,7 +192,7 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
         struct synth_camera *c = &trajectory->camera[i];
         c->width               = o->width;
         c->height              = o->height;
-        c->f                   = FOCAL_SHARE * o->width;
+        c->f                   = FOCAL_FRACTION * o->width;
         c->cx                  = 0.504 * o->width;
         c->cy                  = 0.497 * o->height;
     }

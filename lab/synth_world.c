@@ -420,7 +420,7 @@ struct world_kind {
     enum synth_material material;
     int                 shape, shapes;    /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
     double              density;          /* tries on a square metre */
-    double              on_sand, on_reef; /* share of accepted candidates */
+    double              on_sand, on_reef; /* fraction of accepted candidates */
     double              small, large;     /* radius, metres */
     double              sunk;             /* radii that the centre lies under the ground; negative: above */
 };

@@ -175,7 +175,7 @@ struct os_file_map { /* a whole file in memory, read-only, with one zero byte af
     size_t      size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-/* Of a file that does not begin with `start`, only the first bytes are read. */
+/* If a file does not begin with `start`, only its first bytes are read. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
 /* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without mapping read it. */

@@ -7,7 +7,7 @@
  */
 #include "job.h"
 
-#define SEAM_WIDTH 0.02 /* near: this share of the block's size along the axis that the border cuts */
+#define SEAM_WIDTH 0.02 /* near: this fraction of the block's size along the axis that the border cuts */
 
 /* The block that contains a point of the frame; `guess`: the neighbouring pixel's block. */
 static int seam_block(const struct partition *p, const double frame[3], int guess)

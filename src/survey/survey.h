@@ -285,7 +285,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 
 /* ---------------------------------------------------------------- lint.c: contradictions between readable files */
 
-#define LINT_MISSED_SURVEY 0.1 /* share of observations outside their image from which the whole survey is reported */
+#define LINT_MISSED_SURVEY 0.1 /* fraction of observations outside their image from which the whole survey is reported */
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
@@ -294,7 +294,7 @@ OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /*
 /* ---------------------------------------------------------------- quality.c: images that differ from those taken next to them */
 
 enum { QUALITY_NEIGHBOURS = 8 };
-#define QUALITY_BLUR 0.6 /* an image below this share of its neighbours' sharpness is blurred */
+#define QUALITY_BLUR 0.6 /* an image below this fraction of its neighbours' sharpness is blurred */
 /* The indices, among `count` views, of the cameras nearest to `of` that look the same way, nearest first; returns their number. */
 OXL_INTERNAL int        quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
 /* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean:

@@ -80,7 +80,7 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
     return rc;
 }
 
-/* A step of the view's gains along dL/da, and the projection. progress: share of the run. */
+/* A step of the view's gains along dL/da, and the projection. progress: fraction of the run. */
 static void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
 {
     const double rate     = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));

@@ -54,8 +54,8 @@ OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f)
 /* Of the points' depths: 0.9 to 0.1 quantile. */
 OXL_INTERNAL double medium_fit_span(oxl_scene *scene)
 {
-    const double near = scene_depth_quantile(scene, 0.1), far_ = scene_depth_quantile(scene, 0.9);
-    return near > 0 ? far_ / near : 1;
+    const double nearest = scene_depth_quantile(scene, 0.1), farthest = scene_depth_quantile(scene, 0.9);
+    return nearest > 0 ? farthest / nearest : 1;
 }
 
 static void medium_fit_set(struct medium_fit *f, const float attenuation[3], const float backscatter[3],

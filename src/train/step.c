@@ -18,11 +18,11 @@ static void step_shuffle(struct train *t, int epoch)
     }
 }
 
-/* Whether the step is one of the run's first share, at half the sides. */
+/* Whether the step is one of the run's first part, at half the sides. */
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
-    const double share = schedule_coarse_share(t->options, camera->width, camera->height);
-    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
+    const double fraction = schedule_coarse_fraction(t->options, camera->width, camera->height);
+    return t->step <= fraction * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
 /* The part of a view that this step compares; NULL: all of it. */

@@ -81,7 +81,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     return rc;
 }
 
-/* At most; a view's share is not known before the tracks are looked at. */
+/* At most; a view's part is not known before the tracks are looked at. */
 OXL_INTERNAL double track_depth_bytes(double observations, int views)
 {
     return OXL_MIN(observations, (double)TRACK_DEPTH_MAX * views) * sizeof(struct depth_point) +

@@ -27,7 +27,7 @@ struct train {
     struct density            *density;
     struct ucd                 ucd;
     struct prune               prune;
-    double                     dropout; /* share in the last step of the run */
+    double                     dropout; /* fraction in the last step of the run */
     struct transients          transients;
     struct exposure            exposure;
     struct medium_fit          medium_fit;
@@ -62,7 +62,7 @@ struct train {
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float              schedule_alpha_min(const struct train *t);
-/* Share of the Gaussians that the last step of the run leaves out. */
+/* Fraction of the Gaussians that the last step of the run leaves out. */
 OXL_INTERNAL double             schedule_dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int                schedule_resets_opacity_at(const oxl_train_options *options, int step);
