@@ -27,15 +27,14 @@
 enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 4 << 20, ALLOCATION_TRIM = 32 << 20 };
 
 struct console {
-    int    json;        /* standard error is JSON lines */
-    int    quiet, live; /* live: standard error is a terminal, one line is rewritten */
-    int    shown;       /* the live line has no newline yet */
-    int    twentieth;   /* of the run, last shown */
-    int    iteration;   /* at the last line */
-    double seconds;
-    double rate;        /* iterations a second, smoothed */
-    size_t used, limit; /* bytes of the library's memory; limit 0: none */
-    char   error[1200]; /* of a tool, which may quote the library; the library's own is in the context */
+    int               json;        /* standard error is JSON lines */
+    int               quiet, live; /* live: standard error is a terminal, one line is rewritten */
+    int               shown;       /* the live line has no newline yet */
+    int               twentieth;   /* of the run, last shown */
+    int               iteration;   /* at the last line */
+    double            seconds;
+    double            rate; /* iterations a second, smoothed */
+    struct cli_memory memory;
 };
 
 static volatile sig_atomic_t stop_requested;
@@ -106,12 +105,13 @@ static void on_log(void *user, oxl_log_level level, const char *text)
 /* The library's memory, counted and limited by --ram: the size of each allocation stands before it. */
 static void *reallocate(void *user, void *old, size_t size)
 {
-    struct console *c      = user;
-    size_t         *had    = old ? (size_t *)((char *)old - ALLOCATION_HEAD) : NULL, *now;
-    const size_t    before = had ? *had : 0;
-    if (size > 0 && c->limit > 0 && size > before && c->used + (size - before) > c->limit) return NULL;
+    struct cli_memory *m      = &((struct console *)user)->memory;
+    size_t            *had    = old ? (size_t *)((char *)old - ALLOCATION_HEAD) : NULL, *now;
+    const size_t       before = had ? *had : 0;
+    if (size > 0 && m->limit > 0 && size > before && m->used + (size - before) > m->limit) return NULL;
     if (size > 0 && (size > SIZE_MAX - ALLOCATION_HEAD || !(now = realloc(had, size + ALLOCATION_HEAD)))) return NULL;
-    c->used = c->used - before + size;
+    m->used = m->used - before + size;
+    if (m->used > m->peak) m->peak = m->used;
     if (size == 0) {
         free(had);
         return NULL;
@@ -257,7 +257,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     oxl_manifest_free(ctx, &run);
     if (rc == OXL_ERR_INTERRUPTED && console->json) on_log(console, OXL_LOG_WARNING, oxl_error_text(ctx));
     else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
+    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a->out, a->json);
@@ -272,14 +272,14 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
+    if (rc == OXL_OK) rc = report_write(ctx, a->path[0]);
     if (rc == OXL_OK) print_results(a->path[0], 0);
     return rc;
 }
 
-static oxl_result run_report(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 {
-    const oxl_result rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
+    const oxl_result rc = report_write(ctx, a->path[0]);
     if (rc == OXL_OK) printf("report    %s/report.html\n", a->path[0]);
     return rc;
 }
@@ -360,8 +360,8 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     int                     count  = a->frames;
     oxl_result              rc     = load(ctx, a, console, &model, &scene);
     catch_signals();
-    if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout, console->error, sizeof console->error);
-    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight, console->error, sizeof console->error);
+    if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout);
+    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
     console_clear(console);
     if (rc == OXL_OK && !a->ortho) printf("%d images in %s\n", count, a->out);
@@ -405,18 +405,15 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct c
     return rc;
 }
 
-static oxl_result run_measure(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
 {
     oxl_scene_options options = a->job.scene;
     oxl_scene        *scene   = NULL;
     oxl_result        rc;
-    if (!a->bar) {
-        snprintf(console->error, sizeof console->error, "measure needs --scale-bar ENDS\nfix: oceanxl measure --help shows one");
-        return OXL_ERR_USAGE;
-    }
+    if (!a->bar) return oxl_fail(ctx, OXL_ERR_USAGE, "measure needs --scale-bar ENDS\nfix: oceanxl measure --help shows one");
     options.read_images = 0;
     rc                  = oxl_scene_load(ctx, a->path[0], &options, &scene);
-    if (rc == OXL_OK) rc = scale_measure(ctx, scene, a->bar, a->length, stdout, console->error, sizeof console->error);
+    if (rc == OXL_OK) rc = scale_measure(ctx, scene, a->bar, a->length, stdout);
     oxl_scene_free(ctx, scene);
     return rc;
 }
@@ -443,14 +440,14 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     options.user         = console;
     if (a->threads > 0) options.threads = a->threads;
     catch_signals();
-    rc = synth_run(ctx, &options, console->error, sizeof console->error);
+    rc = synth_run(ctx, &options);
     console_clear(console);
     if (rc == OXL_OK) printf("survey    %s\n", a->out);
     return rc;
 }
 
 /* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this console. */
-static oxl_result run_study(const struct arguments *a, struct console *console)
+static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     study_options o = {.scene         = a->path[0],
                        .out           = a->out,
@@ -459,17 +456,12 @@ static oxl_result run_study(const struct arguments *a, struct console *console)
                        .budget        = a->command == COMMAND_TRADEOFF ? a->budget : 0,
                        .side_is_given = arguments_given(a, "max-side") != NULL,
                        .job           = a->job,
-                       .context       = oxl_context_options_default(),
-                       .callback      = {on_progress, console}};
+                       .memory        = &console->memory,
+                       .callback      = {on_progress, console},
+                       .log           = on_log};
     oxl_result    rc;
-    o.context.log     = on_log;
-    o.context.stopped = is_stopped;
-    o.context.user    = console;
-    o.context.backend = (oxl_backend)a->backend;
-    o.context.device  = a->device;
-    if (a->threads > 0) o.context.threads = a->threads;
     catch_signals();
-    rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(&o, stdout, console->error, sizeof console->error);
+    rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(ctx, &o, stdout);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
         fputs("oxl: interrupted; what is trained is kept\n     resume: the same command again\n", stderr);
@@ -492,15 +484,15 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
     case COMMAND_CHECK: return run_check(ctx, a, &a->job);
     case COMMAND_RENDER: return run_render(ctx, a, console);
     case COMMAND_EVAL: return run_eval(ctx, a, console);
-    case COMMAND_MEASURE: return run_measure(ctx, a, console);
+    case COMMAND_MEASURE: return run_measure(ctx, a);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
     case COMMAND_PARTITION: return run_partition(ctx, a);
     case COMMAND_MERGE: return run_merge(ctx, a, console);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
-    case COMMAND_REPORT: return run_report(ctx, a, console);
+    case COMMAND_REPORT: return run_report(ctx, a);
     case COMMAND_ABLATE:
-    case COMMAND_TRADEOFF: return run_study(a, console);
+    case COMMAND_TRADEOFF: return run_study(ctx, a, console);
     default: return OXL_ERR_USAGE;
     }
 }
@@ -558,9 +550,8 @@ int main(int argc, char **argv)
     oxl_context_options options = oxl_context_options_default();
     oxl_context        *ctx     = NULL;
     oxl_result          rc;
-    char                error[512];
-    if (arguments_parse(argc, argv, &a, error, sizeof error)) {
-        print_error("", error);
+    if (arguments_parse(argc, argv, &a)) {
+        print_error("", a.error);
         return EXIT_USAGE;
     }
     if (a.help) help_print(stdout, a.command, a.help[0] != 0);
@@ -581,11 +572,11 @@ int main(int argc, char **argv)
     console.json  = a.progress_json;
     console.live  = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
-    options.log        = on_log;
-    options.stopped    = is_stopped;
-    options.user       = &console;
-    options.reallocate = reallocate;
-    console.limit      = a.job.ram;
+    options.log          = on_log;
+    options.stopped      = is_stopped;
+    options.user         = &console;
+    options.reallocate   = reallocate;
+    console.memory.limit = a.job.ram;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
     if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF)
@@ -599,7 +590,7 @@ int main(int argc, char **argv)
         (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
         print_error("", "interrupted\nfix: the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
-        const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
+        const char *text = oxl_error_text(ctx);
         char        said[1400];
         snprintf(said, sizeof said, "%s%s", text[0] ? text : "no memory",
                  rc == OXL_ERR_MEMORY && !strstr(text, "fix: ")

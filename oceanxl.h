@@ -100,6 +100,9 @@ OXL_API void       oxl_context_free(oxl_context *ctx);
 
 /* Text of the last error, "" without one; valid as long as the context. ctx may be NULL. */
 OXL_API const char *oxl_error_text(const oxl_context *ctx);
+/* Stores such a text and returns rc, for functions of a program that fail as the library's do. A second line that starts with "fix: "
+ * names one action. ctx may be NULL. */
+OXL_API oxl_result  oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...);
 
 /* Frees text returned by the library; text may be NULL. */
 OXL_API void oxl_text_free(oxl_context *ctx, char *text);

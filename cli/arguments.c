@@ -4,6 +4,7 @@
  */
 #include "cli.h"
 
+#include <stdarg.h>
 #include <string.h>
 
 /* ---------------------------------------------------------------- names */
@@ -38,27 +39,37 @@ static void suggest(const char *word, const char *name, char best[40], int *leas
     snprintf(best, 40, "%s", name);
 }
 
-static int fail_unknown(const char *what, const char *word, const char *best, const char *command, char *error, size_t size)
+/* Returns 1. */
+static int fail(struct arguments *a, const char *format, ...)
 {
-    return cli_fail(error, size, OXL_ERR_USAGE, "%s '%s' is not known%s%s%s\nfix: oceanxl %s%s--help%s lists them", what, word,
-                    best[0] ? "; did you mean " : "", best, best[0] ? "?" : "", command, command[0] ? " " : "",
-                    command[0] ? " all" : "");
+    va_list list;
+    va_start(list, format);
+    vsnprintf(a->error, sizeof a->error, format, list);
+    va_end(list);
+    return 1;
+}
+
+static int fail_unknown(struct arguments *a, const char *what, const char *word, const char *best)
+{
+    const char *command = a->command ? CLI_COMMANDS[a->command].name : "";
+    return fail(a, "%s '%s' is not known%s%s%s\nfix: oceanxl %s%s--help%s lists them", what, word,
+                best[0] ? "; did you mean " : "", best, best[0] ? "?" : "", command, command[0] ? " " : "",
+                command[0] ? " all" : "");
 }
 
 /* word: as typed, without a value. */
-static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
+static int unknown_option(const char *word, struct arguments *a)
 {
     char other[40], best[40] = "";
     int  least = 4; /* more edits: no suggestion */
     if (a->command == COMMAND_ABLATE && cli_is_study_variable(word + strspn(word, "-")))
-        return cli_fail(error, size, OXL_ERR_USAGE,
-                        "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl", word);
+        return fail(a, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl", word);
     for (int i = 0; i < cli_option_count(); i++)
         if (cli_option_is_of(i, a->command)) suggest(word, cli_option_word(cli_option_at(i), other), best, &least);
-    return fail_unknown("option", word, best, CLI_COMMANDS[a->command].name, error, size);
+    return fail_unknown(a, "option", word, best);
 }
 
-static int find_command(const char *word, struct arguments *a, char *error, size_t size)
+static int find_command(const char *word, struct arguments *a)
 {
     char best[40] = "";
     int  least    = 4;
@@ -66,7 +77,7 @@ static int find_command(const char *word, struct arguments *a, char *error, size
         if (strcmp(word, CLI_COMMANDS[c].name) == 0) a->command = c;
         suggest(word, CLI_COMMANDS[c].name, best, &least);
     }
-    return a->command ? 0 : fail_unknown("command", word, best, "", error, size);
+    return a->command ? 0 : fail_unknown(a, "command", word, best);
 }
 
 /* ---------------------------------------------------------------- parsing */
@@ -95,7 +106,7 @@ static int parse_help(int argc, char **argv, int *at, struct arguments *a)
 }
 
 /* One option at argv[*at], as "--name value" or "--name=value". */
-static int parse_option(int argc, char **argv, int *at, struct arguments *a, char *error, size_t size)
+static int parse_option(int argc, char **argv, int *at, struct arguments *a)
 {
     const char       *value = strchr(argv[*at], '=');
     const oxl_option *o;
@@ -106,24 +117,23 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
     if (value) value++;
     if (strcmp(word, "--help") == 0 || strcmp(word, "-h") == 0) return parse_help(argc, argv, at, a);
     index = find_option(word, a);
-    if (index < 0) return unknown_option(word, a, error, size);
+    if (index < 0) return unknown_option(word, a);
     o = cli_option_at(index);
     if (!value && o->kind != OXL_OPTION_FLAG && *at + 1 < argc) value = argv[++*at];
     if (o->kind == OXL_OPTION_FLAG ? value != NULL : value == NULL)
-        return cli_fail(error, size, OXL_ERR_USAGE, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word,
-                        o->value ? "a value: " : "no value", o->value ? o->value : "", CLI_COMMANDS[a->command].name);
-    if (cli_option_of_job(index) < 0) return oxl_option_set(o, a, value, error, size) != OXL_OK;
+        return fail(a, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word, o->value ? "a value: " : "no value",
+                    o->value ? o->value : "", CLI_COMMANDS[a->command].name);
+    if (cli_option_of_job(index) < 0) return oxl_option_set(o, a, value, a->error, sizeof a->error) != OXL_OK;
     a->given[cli_option_of_job(index)] = value ? value : "true";
-    return oxl_option_set(o, &tried, value, error, size) != OXL_OK;
+    return oxl_option_set(o, &tried, value, a->error, sizeof a->error) != OXL_OK;
 }
 
-static int check_complete(const struct arguments *a, char *error, size_t size)
+static int check_complete(struct arguments *a)
 {
     const struct cli_command *c = &CLI_COMMANDS[a->command];
-    if (a->ortho && a->flight)
-        return cli_fail(error, size, OXL_ERR_USAGE, "--ortho and --flight exclude each other\nfix: leave one of the two out");
+    if (a->ortho && a->flight) return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
     if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
-    return cli_fail(error, size, OXL_ERR_USAGE, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
+    return fail(a, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }
 
 void arguments_apply(const struct arguments *a, oxl_job_options *o)
@@ -152,29 +162,29 @@ static void parse_first(int argc, char **argv, struct arguments *a)
         parse_help(argc, argv, &at, a);
 }
 
-int arguments_parse(int argc, char **argv, struct arguments *a, char *error, size_t size)
+int arguments_parse(int argc, char **argv, struct arguments *a)
 {
     int ended = 0;
     *a        = arguments_default();
     parse_first(argc, argv, a);
     if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
-        size_t used = (size_t)snprintf(error, size, "a command is expected:");
-        for (int i = 1; i < COMMANDS && used < size; i++)
-            used += (size_t)snprintf(error + used, size - used, " %s", CLI_COMMANDS[i].name);
-        if (used < size) snprintf(error + used, size - used, "\nfix: oceanxl --help");
-        return 1;
+        char   names[200] = "";
+        size_t used       = 0;
+        for (int i = 1; i < COMMANDS && used < sizeof names; i++)
+            used += (size_t)snprintf(names + used, sizeof names - used, " %s", CLI_COMMANDS[i].name);
+        return fail(a, "a command is expected:%s\nfix: oceanxl --help", names);
     }
-    if (find_command(argv[1], a, error, size)) return 1;
+    if (find_command(argv[1], a)) return 1;
     for (int i = 2; i < argc; i++) {
         if (!ended && strcmp(argv[i], "--") == 0) ended = 1; /* names that begin with a dash follow */
         else if (!ended && argv[i][0] == '-' && argv[i][1]) {
-            if (parse_option(argc, argv, &i, a, error, size)) return 1;
+            if (parse_option(argc, argv, &i, a)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
         else
-            return cli_fail(error, size, OXL_ERR_USAGE, "'%s' is one argument too many\nfix: oceanxl %s --help shows an example",
-                            argv[i], CLI_COMMANDS[a->command].name);
+            return fail(a, "'%s' is one argument too many\nfix: oceanxl %s --help shows an example", argv[i],
+                        CLI_COMMANDS[a->command].name);
     }
     arguments_apply(a, &a->job);
-    return a->help ? 0 : check_complete(a, error, size);
+    return a->help ? 0 : check_complete(a);
 }

@@ -9,6 +9,10 @@
 
 #include <stdio.h>
 
+struct cli_memory {           /* of the library, in bytes, as main.c counts it */
+    size_t used, peak, limit; /* limit: --ram; 0: none */
+};
+
 /* ---------------------------------------------------------------- info.c: statistics of a model */
 
 struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none */
@@ -63,9 +67,6 @@ double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a powe
 void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
 char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
-/* The text into error; returns rc. */
-oxl_result cli_fail(char *error, size_t size, oxl_result rc, const char *format, ...);
-
 /* ---------------------------------------------------------------- frame.c: the axes right, up and above of a survey */
 
 struct frame {
@@ -88,8 +89,7 @@ typedef struct ortho_options {
     double      unit;   /* metres a unit of the survey; 0: not known */
     int         heights;
 } ortho_options;
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to,
-                       char *error, size_t error_size);
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to);
 
 /* ---------------------------------------------------------------- flight.c: frames along a path */
 
@@ -99,14 +99,12 @@ typedef struct flight_options {
     int (*stop)(void *user, const char *what, long done, long total); /* nonzero stops it; may be NULL */
     void *user;
 } flight_options;
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
-                        char *error, size_t error_size);
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options);
 
 /* ---------------------------------------------------------------- scale_bar.c: metres per unit */
 
 /* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
-oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to, char *error,
-                         size_t error_size);
+oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to);
 
 /* ---------------------------------------------------------------- overlap.c: does a model belong to a survey? */
 
@@ -116,8 +114,8 @@ oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_sce
 
 /* ---------------------------------------------------------------- report.c: one page about a run */
 
-/* Writes OUT/report.html, whole or not at all. Absent parts are left out. On failure the text gives the reason. */
-oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size);
+/* Writes OUT/report.html, whole or not at all. Absent parts are left out. */
+oxl_result report_write(oxl_context *ctx, const char *out);
 
 /* ---------------------------------------------------------------- lab/synth.c: options of a procedural survey */
 
@@ -187,7 +185,7 @@ struct arguments { /* as given, or the default; NULL: not given */
     synth_options   synth;
     oxl_job_options job;                    /* the preset's defaults, and what was given */
     const char     *given[CLI_JOB_OPTIONS]; /* text of each option of the job, in the library's order */
-    char            note[160];              /* a former name was used; "" */
+    char            note[160], error[512];  /* a former name was used; what is wrong. "" */
 };
 struct arguments arguments_default(void);
 
@@ -208,8 +206,8 @@ const char       *cli_option_word(const oxl_option *o, char out[40]); /* "--name
 
 /* ---------------------------------------------------------------- arguments.c: parsing of the command line */
 
-/* 0, or 1 with a text that says what is wrong. */
-int         arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
+/* 0, or 1: out->error says what is wrong. */
+int         arguments_parse(int argc, char **argv, struct arguments *out);
 void        arguments_apply(const struct arguments *a, oxl_job_options *o); /* what was given overrides what is there */
 const char *arguments_given(const struct arguments *a, const char *name);   /* text of an option of the job; NULL: not given */
 

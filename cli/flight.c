@@ -102,7 +102,7 @@ static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c
 /* ---------------------------------------------------------------- the frames */
 
 /* In the place of an earlier flight's. A frame past the last would join a film of these. */
-static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count, char *error, size_t error_size)
+static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count)
 {
     struct output list = {0};
     char          path[1100];
@@ -114,24 +114,22 @@ static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int c
     snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count);
     if (rc == OXL_OK && (next = fopen(path, "rb"))) {
         fclose(next);
-        rc = cli_fail(error, error_size, OXL_ERR_INPUT,
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it", path);
     }
     return rc;
 }
 
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
-                        char *error, size_t error_size)
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options)
 {
     const oxl_render_options render = oxl_render_options_default();
     const int                orbit  = strcmp(options->kind, "orbit") == 0;
     oxl_result               rc     = oxl_make_folder(ctx, options->folder);
     if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0)
-        return cli_fail(error, error_size, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit",
-                        options->kind);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", options->kind);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
-        return cli_fail(error, error_size, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", options->kind);
-    if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames, error, error_size);
+        return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", options->kind);
+    if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames);
     for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
         oxl_camera   c        = oxl_scene_view(scene, 0)->camera;
         const double fraction = orbit ? (double)i / options->frames : (double)i / (options->frames > 1 ? options->frames - 1 : 1);

@@ -70,7 +70,7 @@ static oxl_result ortho_heights(oxl_context *ctx, const struct ortho *o, const o
 }
 
 static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options,
-                             const struct ortho *o, char *error, size_t error_size)
+                             const struct ortho *o)
 {
     oxl_render_options render = oxl_render_options_default();
     oxl_image          image  = {0};
@@ -79,21 +79,19 @@ static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl
     float     *depth  = options->heights ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
     oxl_result rc     = OXL_OK;
     render.near_plane = (float)(0.5 * o->distance);
-    if (options->heights && !depth)
-        rc = cli_fail(error, error_size, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
+    if (options->heights && !depth) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
     if (rc == OXL_OK) rc = oxl_render(ctx, model, &o->camera, &render, &image, depth);
     snprintf(path, sizeof path, "%s/ortho.png", options->folder);
     if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
     if (rc == OXL_OK && !ortho_world_file(o, options->folder, unit))
-        rc = cli_fail(error, error_size, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
+        rc = oxl_fail(ctx, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
     if (rc == OXL_OK && depth) rc = ortho_heights(ctx, o, scene, options->folder, unit, depth);
     oxl_image_free(ctx, &image);
     free(depth);
     return rc;
 }
 
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to,
-                       char *error, size_t error_size)
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to)
 {
     const double unit = options->unit > 0 ? options->unit : 1;
     struct ortho o    = {.pixel = options->pixel / unit};
@@ -101,21 +99,19 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     oxl_result   rc = oxl_make_folder(ctx, options->folder);
     if (rc != OXL_OK) return rc;
     if (strlen(options->folder) > 1000)
-        return cli_fail(error, error_size, OXL_ERR_USAGE, "ortho: the folder's name is too long\nfix: -o with a shorter one");
+        return oxl_fail(ctx, OXL_ERR_USAGE, "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
-        return cli_fail(error, error_size, OXL_ERR_INPUT,
+        return oxl_fail(ctx, OXL_ERR_INPUT,
                         "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
     frame_of(scene, &o.frame);
-    if (!frame_bounds(&o.frame, scene, 0, o.low, o.high)) return cli_fail(error, error_size, OXL_ERR_MEMORY, "ortho: no memory");
+    if (!frame_bounds(&o.frame, scene, 0, o.low, o.high)) return oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory");
     side = fmax(o.high[0] - o.low[0], o.high[1] - o.low[1]);
-    if (!(side > 0))
-        return cli_fail(error, error_size, OXL_ERR_INPUT, "ortho: all points lie in one place\nfix: export the survey again");
+    if (!(side > 0)) return oxl_fail(ctx, OXL_ERR_INPUT, "ortho: all points lie in one place\nfix: export the survey again");
     if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
     if (side / o.pixel > ORTHO_SIDE_MAX)
-        return cli_fail(error, error_size, OXL_ERR_USAGE,
-                        "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
+        return oxl_fail(ctx, OXL_ERR_USAGE, "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
     ortho_camera(&o, scene);
-    rc = ortho_draw(ctx, model, scene, options, &o, error, error_size);
+    rc = ortho_draw(ctx, model, scene, options, &o);
     if (rc != OXL_OK) return rc;
     fprintf(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", options->folder, o.camera.width, o.camera.height,
             o.pixel * unit, options->unit > 0 ? "metres" : "units",

@@ -265,14 +265,3 @@ void json_print(FILE *to, const char *text)
     }
     fputc('"', to);
 }
-
-/* ---------------------------------------------------------------- errors */
-
-oxl_result cli_fail(char *error, size_t size, oxl_result rc, const char *format, ...)
-{
-    va_list list;
-    va_start(list, format);
-    vsnprintf(error, size, format, list);
-    va_end(list);
-    return rc;
-}

@@ -304,23 +304,21 @@ static void report_compose(struct report *r)
                "<footer>Written by OceanXL " OXL_VERSION ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
-oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size)
+oxl_result report_write(oxl_context *ctx, const char *out)
 {
     struct report r  = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
     oxl_result    rc = OXL_ERR_MEMORY;
     char          path[1024];
     if (!json_member(r.run, "job")) {
         free(r.run);
-        return cli_fail(error, error_size, OXL_ERR_INPUT,
-                        "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
     }
     report_open(&r);
     if (!r.page.failed) report_compose(&r);
     snprintf(path, sizeof path, "%s/report.html", out);
-    if (r.page.failed) cli_fail(error, error_size, rc, "report: out of memory for the page of %s", out);
+    if (r.page.failed) oxl_fail(ctx, rc, "report: out of memory for the page of %s", out);
     else if (output_save(&r.page, path)) rc = OXL_OK;
-    else
-        rc = cli_fail(error, error_size, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions", path);
+    else rc = oxl_fail(ctx, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions", path);
     report_close(&r);
     return rc;
 }

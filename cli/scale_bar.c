@@ -46,9 +46,9 @@ static int scale_view(const oxl_scene *scene, const char *name, size_t length)
     return -1;
 }
 
-static oxl_result scale_fail(char *error, size_t size, const char *what, const char *text, size_t length)
+static oxl_result scale_fail(oxl_context *ctx, const char *what, const char *text, size_t length)
 {
-    return cli_fail(error, size, OXL_ERR_USAGE,
+    return oxl_fail(ctx, OXL_ERR_USAGE,
                     "--scale-bar: %s '%.*s'\nfix: as IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, the pixels of both ends, or "
                     "X,Y,Z:X,Y,Z in the survey's units",
                     what, (int)(length < 200 ? length : 200), text);
@@ -63,7 +63,7 @@ static int scale_comma(const char **at, const char *end)
 
 /* One end: "IMG,X,Y,IMG,X,Y..." or "X,Y,Z". */
 static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length, double out[3],
-                                 double *miss, char *error, size_t size)
+                                 double *miss)
 {
     struct scale_end e   = {{{0}}, {0}, 0};
     const char      *end = text + length, *at = text;
@@ -82,19 +82,19 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         const int    view = scale_view(scene, at, name);
         double       pixel[2], *r = ray[e.rays];
         oxl_result   rc;
-        if (view < 0) return scale_fail(error, size, "no image is called", at, name);
+        if (view < 0) return scale_fail(ctx, "no image is called", at, name);
         at += name;
         for (int k = 0; k < 2; k++) {
             pixel[k] = scale_comma(&at, end) ? json_number_at(&at) : NAN;
-            if (isnan(pixel[k])) return scale_fail(error, size, "a pixel is expected in", text, length);
+            if (isnan(pixel[k])) return scale_fail(ctx, "a pixel is expected in", text, length);
         }
         rc = oxl_scene_ray(ctx, scene, view, pixel[0], pixel[1], r, r + 3);
         if (rc != OXL_OK) return rc;
         scale_add_ray(&e, r, r + 3);
-        if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is expected in", text, length);
+        if (at < end && !scale_comma(&at, end)) return scale_fail(ctx, "a comma is expected in", text, length);
     }
     if (e.rays < 2 || !scale_solve(&e, out))
-        return scale_fail(error, size, "an end must be visible in two images from different positions in", text, length);
+        return scale_fail(ctx, "an end must be visible in two images from different positions in", text, length);
     *miss = 0;
     for (int i = 0; i < e.rays; i++) {
         double from[3], across[3];
@@ -105,26 +105,25 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
     return OXL_OK;
 }
 
-oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to, char *error,
-                         size_t size)
+oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to)
 {
     const char   *colon  = strchr(bar, ':');
     const double *origin = oxl_scene_origin(scene);
     double        end[2][3], miss[2], units = 0;
     oxl_result    rc;
-    if (!colon) return scale_fail(error, size, "expected two ends with a colon between, found", bar, strlen(bar));
-    rc = scale_read_end(ctx, scene, bar, (size_t)(colon - bar), end[0], &miss[0], error, size);
-    if (rc == OXL_OK) rc = scale_read_end(ctx, scene, colon + 1, strlen(colon + 1), end[1], &miss[1], error, size);
+    if (!colon) return scale_fail(ctx, "expected two ends with a colon between, found", bar, strlen(bar));
+    rc = scale_read_end(ctx, scene, bar, (size_t)(colon - bar), end[0], &miss[0]);
+    if (rc == OXL_OK) rc = scale_read_end(ctx, scene, colon + 1, strlen(colon + 1), end[1], &miss[1]);
     if (rc != OXL_OK) return rc;
     for (int k = 0; k < 3; k++) units += (end[1][k] - end[0][k]) * (end[1][k] - end[0][k]);
     units = sqrt(units);
     if (length > 0 && !(units > 0))
-        return cli_fail(error, size, OXL_ERR_INPUT,
+        return oxl_fail(ctx, OXL_ERR_INPUT,
                         "--scale-bar: both ends are at the same place, so --length %g has no scale\nfix: give two different ends",
                         length);
     for (int i = 0; i < 2; i++)
         if (miss[i] > SCALE_MISS * units)
-            return cli_fail(error, size, OXL_ERR_INPUT,
+            return oxl_fail(ctx, OXL_ERR_INPUT,
                             "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most "
                             "%.0f %% are expected\nfix: mark the same point in all of its images, and check their poses",
                             i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);

@@ -362,16 +362,14 @@ static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
     char            *text = oxl_calloc(ctx, size + 1, 1), *argv[WORDS + 1] = {(char *)"oceanxl"};
     int              argc = 1;
     struct arguments a;
-    char             error[600];
     fuzz_promise(text != NULL, "memory for the words");
     if (size) memcpy(text, data, size);
     for (char *word = text; argc < WORDS && word < text + size; word += strlen(word) + 1) {
         word[strcspn(word, "\n")] = 0;
         argv[argc++]              = word;
     }
-    error[0] = 0;
-    if (arguments_parse(argc, argv, &a, error, sizeof error)) {
-        fuzz_promise(error[0] != 0, "a refusal has a text");
+    if (arguments_parse(argc, argv, &a)) {
+        fuzz_promise(a.error[0] != 0, "a refusal has a text");
     } else {
         fuzz_promise(oxl_job_options_check(ctx, &a.job) == OXL_OK, "what was parsed is in range");
     }

@@ -74,9 +74,9 @@ static const struct study_kind ABLATE_KIND = {
              "search. V3, bytes of OceanXL: more Gaussians kept instead of lobes.\n",
 };
 
-oxl_result ablate_run(const study_options *options, FILE *to, char *error, size_t error_size)
+oxl_result ablate_run(oxl_context *ctx, const study_options *options, FILE *to)
 {
     study_options o = *options;
     if (o.job.train.sh_degree < 0) o.job.train.sh_degree = 3; /* a degree chosen row by row would change the bytes */
-    return study_run(&ABLATE_KIND, &o, to, error, error_size);
+    return study_run(ctx, &ABLATE_KIND, &o, to);
 }

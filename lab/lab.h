@@ -6,26 +6,27 @@
 
 /* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
 
-/* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
-oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
+/* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). */
+oxl_result synth_run(oxl_context *ctx, const synth_options *options);
 
 /* ---------------------------------------------------------------- ablate.c, tradeoff.c: many trainings of one survey, compared */
 
 typedef struct study_options {
-    const char         *scene, *out;   /* folders */
-    const char         *rows;          /* names with commas between; NULL: the study's own */
-    int                 seeds;         /* each row is trained with 1..seeds */
-    double              budget;        /* s: rows that do not fit any more are named, not trained; 0: no limit */
-    int                 side_is_given; /* 0: images may be reduced to fit the budget */
-    oxl_job_options     job;           /* common to the rows; options that differ are overwritten */
-    oxl_context_options context;       /* threads and log of the context that is made here */
-    oxl_callback        callback;      /* progress of each training */
+    const char        *scene, *out;   /* folders */
+    const char        *rows;          /* names with commas between; NULL: the study's own */
+    int                seeds;         /* each row is trained with 1..seeds */
+    double             budget;        /* s: rows that do not fit any more are named, not trained; 0: no limit */
+    int                side_is_given; /* 0: images may be reduced to fit the budget */
+    oxl_job_options    job;           /* common to the rows; options that differ are overwritten */
+    struct cli_memory *memory;        /* of the context: its peak is that of each training */
+    oxl_callback       callback;      /* progress of each training */
+    void (*log)(void *user, oxl_log_level level, const char *text); /* user: of the callback; may be NULL */
 } study_options;
 
 /* The paper's variants and their controls; speed against accuracy. Leaves in `out`: ablation (tradeoff) .md, .csv and .svg, and
  * NAME-seedS/ for each training; the page goes to `to`, too. When the callback stops it, or with a larger budget, the next call
- * resumes. On failure the text says why. */
-oxl_result ablate_run(const study_options *options, FILE *to, char *error, size_t error_size);
-oxl_result tradeoff_run(const study_options *options, FILE *to, char *error, size_t error_size);
+ * resumes. */
+oxl_result ablate_run(oxl_context *ctx, const study_options *options, FILE *to);
+oxl_result tradeoff_run(oxl_context *ctx, const study_options *options, FILE *to);
 
 #endif

@@ -34,16 +34,16 @@ static int study_row_index(const struct study *s, const char *name)
     return -1;
 }
 
-static oxl_result study_wrong_row(struct study *s, const char *name, size_t length)
+static oxl_result study_wrong_row(const struct study *s, const char *name, size_t length)
 {
-    char  *error = s->meter.error;
-    size_t room  = s->meter.error_size, size;
-    size         = (size_t)snprintf(error, room,
-                                    "--rows: found '%.*s', expected each of these at most once:", length > 40 ? 40 : (int)length, name);
-    for (int i = s->kind->has_baseline; i < s->kind->rows && size < room; i++)
-        size += (size_t)snprintf(error + size, room - size, " %s", s->kind->row[i].name);
-    if (size < room) snprintf(error + size, room - size, "\nfix: --rows with some of them, joined by commas");
-    return OXL_ERR_USAGE;
+    char   names[500] = "";
+    size_t used       = 0;
+    for (int i = s->kind->has_baseline; i < s->kind->rows && used < sizeof names; i++)
+        used += (size_t)snprintf(names + used, sizeof names - used, " %s", s->kind->row[i].name);
+    return oxl_fail(
+        s->meter.ctx, OXL_ERR_USAGE,
+        "--rows: found '%.*s', expected each of these at most once:%s\nfix: --rows with some of them, joined by commas",
+        length > 40 ? 40 : (int)length, name, names);
 }
 
 static oxl_result study_choose_row(struct study *s, const char *name, size_t length)
@@ -52,7 +52,7 @@ static oxl_result study_choose_row(struct study *s, const char *name, size_t len
     if (!row || study_row_index(s, row->name) >= s->kind->has_baseline) return study_wrong_row(s, name, length);
     if (study_row_index(s, row->name) >= 0) return OXL_OK;
     if (row->like && study_row_index(s, row->like) < 0)
-        return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE,
+        return oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
                         "--rows: found %s without %s before it, which it is compared with\nfix: --rows %s,%s", row->name,
                         row->like, row->like, row->name);
     s->row[s->rows++] = row;
@@ -64,8 +64,7 @@ static oxl_result study_choose_rows(struct study *s)
     oxl_result  rc   = OXL_OK;
     const char *rows = s->options->rows;
     if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS)
-        return cli_fail(s->meter.error, s->meter.error_size, OXL_ERR_USAGE, "--seeds: found %d, expected 1 to %d",
-                        s->options->seeds, STUDY_SEEDS);
+        return oxl_fail(s->meter.ctx, OXL_ERR_USAGE, "--seeds: found %d, expected 1 to %d", s->options->seeds, STUDY_SEEDS);
     if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)
@@ -134,7 +133,7 @@ static oxl_result study_choose_side(struct study *s)
     struct output t  = {0};
     oxl_result    rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
     free(before);
-    if (rc != OXL_OK) return study_fail(&s->meter, rc, "", oxl_error_text(s->meter.ctx));
+    if (rc != OXL_OK) return rc;
     s->train_views = survey.train_views;
     for (int i = 0; i < s->rows; i++) steps += study_steps(s, i) < STUDY_LONG ? study_steps(s, i) : 0;
     if (!(s->options->budget > 0) || s->options->side_is_given) return OXL_OK;
@@ -145,7 +144,7 @@ static oxl_result study_choose_side(struct study *s)
         if (fits < side) s->base.scene.max_side = fits < STUDY_SIDE_MIN ? STUDY_SIDE_MIN : fits;
     }
     output_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
-    return study_write(&s->meter, s->options->out, "study.json", &t);
+    return study_write(s->meter.ctx, s->options->out, "study.json", &t);
 }
 
 static int study_is_finished(const char *folder)
@@ -166,8 +165,8 @@ static oxl_result study_train_in(struct study *s, int row, int seed, int trial, 
     snprintf(folder, sizeof folder, trial ? "%s/%s-seed%d-%d" : "%s/%s-seed%d", s->options->out, s->row[row]->name, seed, trial);
     snprintf(line, sizeof line, "%s, seed %d (row %d of %d, seed %d of %d)", s->row[row]->label, seed, row + 1, s->rows, seed,
              s->options->seeds);
-    study_log(&s->meter, line);
-    return study_train(&s->meter, s->options->scene, folder, &job, out);
+    if (s->options->log) s->options->log(s->options->callback.user, OXL_LOG_INFO, line);
+    return study_train(&s->meter, folder, &job, out);
 }
 
 /* The count is near a power of the threshold: a secant step in logarithms. off: log of count over the wanted one, of k + 1 trials. */
@@ -233,7 +232,7 @@ static oxl_result study_write_all(struct study *s, FILE *to)
         snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
         make[i](&t, s);
         if (i == 0 && !t.failed) fprintf(to, "%s\n", t.data);
-        rc = study_write(&s->meter, s->options->out, name, &t);
+        rc = study_write(s->meter.ctx, s->options->out, name, &t);
         if (rc == OXL_OK) fprintf(to, "%-5s %s/%s\n", ends[i], s->options->out, name);
     }
     return rc;
@@ -243,26 +242,26 @@ static oxl_result study_train_rows(struct study *s, FILE *to)
 {
     const time_t started = time(NULL);
     oxl_result   rc      = study_choose_rows(s);
-    if (rc == OXL_OK) rc = study_open(&s->meter, s->options->out);
+    if (rc == OXL_OK && strlen(s->options->out) > 900)
+        rc = oxl_fail(s->meter.ctx, OXL_ERR_USAGE, "the name of the folder is too long\nfix: a shorter one than -o %s",
+                      s->options->out);
+    if (rc == OXL_OK) rc = oxl_make_folder(s->meter.ctx, s->options->out);
     if (rc == OXL_OK) rc = study_choose_side(s);
     for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
         for (int row = 0; row < s->rows && rc == OXL_OK; row++) rc = study_train_row(s, row, seed, started);
     return rc == OXL_OK ? study_write_all(s, to) : rc;
 }
 
-oxl_result study_run(const struct study_kind *kind, const study_options *options, FILE *to, char *error, size_t error_size)
+oxl_result study_run(oxl_context *ctx, const struct study_kind *kind, const study_options *options, FILE *to)
 {
     struct study *s = calloc(1, sizeof *s);
     oxl_result    rc;
-    if (error_size > 0) error[0] = 0;
     if (!s) return OXL_ERR_MEMORY;
     s->kind    = kind;
     s->options = options;
     s->base    = options->job;
-    s->meter   = (struct study_meter){
-          .options = &options->context, .callback = &options->callback, .error = error, .error_size = error_size};
-    rc = study_train_rows(s, to);
-    oxl_context_free(s->meter.ctx);
+    s->meter   = (struct study_meter){.ctx = ctx, .options = options};
+    rc         = study_train_rows(s, to);
     free(s);
     return rc;
 }

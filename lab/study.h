@@ -72,15 +72,11 @@ struct study_kind {
 
 /* ---------------------------------------------------------------- one training: study_train.c */
 
-struct study_meter {
-    oxl_context               *ctx;        /* of its own: its memory is counted */
-    const oxl_context_options *options;    /* of the caller, whose log is passed on */
-    const oxl_callback        *callback;   /* likewise its progress */
-    size_t                     held, peak; /* bytes that the library holds, and held at its peak in this training */
-    int                        started; /* this training, by this process: 0 not at all, 1 from its start, 2 from a checkpoint */
-    double                     cpu_at, cpu; /* s of processor time: at its first step, and from there to its last */
-    char                      *error;
-    size_t                     error_size;
+struct study_meter { /* of one training */
+    oxl_context         *ctx;
+    const study_options *options;
+    int                  started;     /* by this process: 0 not at all, 1 from its start, 2 from a checkpoint */
+    double               cpu_at, cpu; /* s of processor time: at its first step, and from there to its last */
 };
 
 struct study_result {
@@ -88,16 +84,11 @@ struct study_result {
     int    blocks, held_out;
 };
 
-oxl_result study_open(struct study_meter *s, const char *out); /* ctx, and the folder */
-oxl_result study_fail(struct study_meter *s, oxl_result rc, const char *what, const char *detail);
-void       study_log(struct study_meter *s, const char *text);
-
 /* Trains it, resumes it, or finds it finished; reads what it left. */
-oxl_result study_train(struct study_meter *s, const char *scene, const char *folder, const oxl_job_options *job,
-                       struct study_result *out);
+oxl_result study_train(struct study_meter *s, const char *folder, const oxl_job_options *job, struct study_result *out);
 
-/* A file of the folder: written whole or not at all; read into fresh memory, NULL when it is not there. */
-oxl_result study_write(struct study_meter *s, const char *folder, const char *name, struct output *t); /* empties t */
+/* A file of the folder, whole or not at all; empties t. */
+oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t);
 
 /* ---------------------------------------------------------------- all trainings: study.c */
 
@@ -116,7 +107,7 @@ struct study {
 };
 
 /* Trains all rows with all seeds, resuming what is there; leaves kind->file .md, .csv, .svg; the page goes to `to`. */
-oxl_result study_run(const struct study_kind *kind, const study_options *options, FILE *to, char *error, size_t error_size);
+oxl_result study_run(oxl_context *ctx, const struct study_kind *kind, const study_options *options, FILE *to);
 
 /* ---------------------------------------------------------------- study_report.c, study_plot.c */
 

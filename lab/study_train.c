@@ -1,7 +1,7 @@
 /* study_train.c - one training of a study, in a folder of its own, so that a stopped study resumes.
  *
- * Memory is counted by the allocator that the trainings get, one by one: the process's own peak never falls and is
- * useless after a larger training. Counts are kept in the folder's study.json for resumed runs.
+ * Memory is what the library held at its peak: the process's own peak never falls and is useless after a larger training.
+ * Counts are kept in the folder's study.json for resumed runs.
  */
 #include "study.h"
 
@@ -10,69 +10,15 @@
 #include <string.h>
 #include <time.h>
 
-/* ---------------------------------------------------------------- memory, counted */
-
-struct study_head { /* header of each allocation; keeps it aligned to 16 bytes */
-    size_t size, unused[16 / sizeof(size_t) - 1];
-};
-
-static void *study_reallocate(void *user, void *old, size_t size)
-{
-    struct study_meter *s    = user;
-    struct study_head  *head = old ? (struct study_head *)old - 1 : NULL;
-    const size_t        had  = head ? head->size : 0;
-    if (size == 0) free(head);
-    else head = size > (size_t)-1 - sizeof *head ? NULL : realloc(head, size + sizeof *head);
-    if (size > 0 && !head) return NULL;
-    s->held = s->held - had + size;
-    if (s->held > s->peak) s->peak = s->held;
-    if (size == 0) return NULL;
-    head->size = size;
-    return head + 1;
-}
-
-static void study_forward_log(void *user, oxl_log_level level, const char *text)
-{
-    const struct study_meter *s = user;
-    if (s->options->log) s->options->log(s->options->user, level, text);
-}
-
-void study_log(struct study_meter *s, const char *text)
-{
-    study_forward_log(s, OXL_LOG_INFO, text);
-}
-
-oxl_result study_fail(struct study_meter *s, oxl_result rc, const char *what, const char *detail)
-{
-    snprintf(s->error, s->error_size, "%s%s", what, detail);
-    return rc;
-}
-
-oxl_result study_open(struct study_meter *s, const char *out)
-{
-    oxl_context_options own = *s->options;
-    oxl_result          rc;
-    own.reallocate = study_reallocate;
-    own.log        = study_forward_log;
-    own.user       = s;
-    if (strlen(out) > 900)
-        return study_fail(s, OXL_ERR_USAGE, "the name of the folder is too long\nfix: a shorter one than -o ", out);
-    rc = oxl_context_create(&own, &s->ctx);
-    if (rc == OXL_OK) rc = oxl_make_folder(s->ctx, out);
-    return rc == OXL_OK ? rc : study_fail(s, rc, "", oxl_error_text(s->ctx));
-}
-
-/* ---------------------------------------------------------------- files */
-
-oxl_result study_write(struct study_meter *s, const char *folder, const char *name, struct output *t)
+oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t)
 {
     const int no_memory = t->failed;
     char      path[1024];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     if (output_save(t, path)) return OXL_OK;
-    if (no_memory) return study_fail(s, OXL_ERR_MEMORY, "no memory for ", name);
-    return study_fail(s, OXL_ERR_IO,
-                      "a file cannot be written\nfix: free space on the disk or choose a place that you may use: ", path);
+    if (no_memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %s", name);
+    return oxl_fail(ctx, OXL_ERR_IO,
+                    "a file cannot be written\nfix: free space on the disk or choose a place that you may use: %s", path);
 }
 
 /* ---------------------------------------------------------------- one training */
@@ -85,7 +31,7 @@ static double study_cpu(void)
 static int study_progress(void *user, const oxl_progress *p)
 {
     struct study_meter *s = user;
-    const oxl_callback *c = s->callback;
+    const oxl_callback *c = &s->options->callback;
     if (!s->started) {
         s->started =
             p->iteration <= 1 && p->block == (p->blocks > 1 ? p->blocks : 0) ? 1 : 2; /* blocks: the coarse model is first */
@@ -98,18 +44,19 @@ static int study_progress(void *user, const oxl_progress *p)
 /* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
 static oxl_result study_record_cost(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
 {
+    const double  peak   = (double)s->options->memory->peak;
     char         *before = output_read(folder, "study.json", NULL);
     struct output t      = {0};
     value[STUDY_MEMORY]  = json_number(before, "library_peak_bytes");
     value[STUDY_CPU]     = json_number(before, "cpu_seconds");
     free(before);
     if (s->started == 0) return OXL_OK;
-    if (s->started == 1 || !(value[STUDY_MEMORY] > (double)s->peak)) value[STUDY_MEMORY] = (double)s->peak;
+    if (s->started == 1 || !(value[STUDY_MEMORY] > peak)) value[STUDY_MEMORY] = peak;
     value[STUDY_CPU] = s->started == 1 ? s->cpu : value[STUDY_CPU] + s->cpu;
     output_add(&t, "{\n  \"library_peak_bytes\": %.0f", value[STUDY_MEMORY]);
     if (!isnan(value[STUDY_CPU])) output_add(&t, ",\n  \"cpu_seconds\": %.2f", value[STUDY_CPU]);
     output_add(&t, "\n}\n");
-    return study_write(s, folder, "study.json", &t);
+    return study_write(s->ctx, folder, "study.json", &t);
 }
 
 static oxl_result study_read_metrics(struct study_meter *s, const char *folder, struct study_result *r)
@@ -132,21 +79,20 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
     r->blocks   = whole ? (int)blocks : 0;
     r->held_out = text && strstr(text, "\"split\": \"test\"") != NULL;
     free(text);
-    return whole ? OXL_OK
-                 : study_fail(s, OXL_ERR_INPUT,
-                              "no whole metrics.json of a training\nfix: remove this folder and run the command again: ", folder);
+    if (whole) return OXL_OK;
+    return oxl_fail(s->ctx, OXL_ERR_INPUT,
+                    "no whole metrics.json of a training\nfix: remove this folder and run the command again: %s", folder);
 }
 
-oxl_result study_train(struct study_meter *s, const char *scene, const char *folder, const oxl_job_options *job,
-                       struct study_result *out)
+oxl_result study_train(struct study_meter *s, const char *folder, const oxl_job_options *job, struct study_result *out)
 {
     const oxl_callback callback = {study_progress, s};
     oxl_result         rc, noted;
-    *out       = (struct study_result){.blocks = 0};
-    s->peak    = s->held;
-    s->started = 0;
-    rc         = oxl_job_run(s->ctx, scene, folder, job, &callback);
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return study_fail(s, rc, "", oxl_error_text(s->ctx));
+    *out                     = (struct study_result){.blocks = 0};
+    s->options->memory->peak = s->options->memory->used;
+    s->started               = 0;
+    rc                       = oxl_job_run(s->ctx, s->options->scene, folder, job, &callback);
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     noted = study_record_cost(s, folder, out->value);
     if (rc != OXL_OK || noted != OXL_OK) return rc != OXL_OK ? rc : noted;
     return study_read_metrics(s, folder, out);

@@ -24,7 +24,9 @@
 #define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
 #define EDGE_DEPTH  0.02 /* fraction of the depth */
 
-/* ---------------------------------------------------------------- options and errors */
+/* ---------------------------------------------------------------- options */
+
+#define SYNTH_FIX "\nfix: oceanxl help synth lists what there is"
 
 synth_options synth_options_default(void)
 {
@@ -39,19 +41,8 @@ synth_options synth_options_default(void)
                            .write_images = 1};
 }
 
-static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *what, const char *detail)
+static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 {
-    const char *fix = rc == OXL_ERR_USAGE ? "\nfix: oceanxl help synth lists what there is"
-                      : rc == OXL_ERR_IO  ? "\nfix: choose a folder that you may write to, on a disk with free space"
-                                          : "";
-    if (s->error_size > 0)
-        snprintf(s->error, s->error_size, "%s%s%s", what, detail, strstr(what, "fix: ") || strstr(detail, "fix: ") ? "" : fix);
-    return rc;
-}
-
-static oxl_result synth_check(struct synth_run *s)
-{
-    const synth_options *o = s->options;
     const struct {
         double      value, low, high;
         const char *wanted;
@@ -69,16 +60,18 @@ static oxl_result synth_check(struct synth_run *s)
                   {o->lamp, -1, 2, "a lamp can fall off with a power of 0 to 2"},
                   {o->backscatter, 0, 1, "backscatter can be 0 to 1 of white"},
                   {o->stereo, 0, 10, "stereo cameras can be 0 to 10 metres apart"}};
-    if (!o->out || !o->out[0]) return synth_fail(s, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER", "");
-    if (strlen(o->out) > 900) return synth_fail(s, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters", "");
+    if (!o->out || !o->out[0]) return oxl_fail(ctx, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER");
+    if (strlen(o->out) > 900)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters" SYNTH_FIX);
     for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
         if (!(limits[i].value >= limits[i].low && limits[i].value <= limits[i].high))
-            return synth_fail(s, OXL_ERR_USAGE, "synth: ", limits[i].wanted);
+            return oxl_fail(ctx, OXL_ERR_USAGE, "synth: %s" SYNTH_FIX, limits[i].wanted);
     if (o->lamp < 0 && (o->lamp != -1 || o->backscatter > 0))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1", "");
-    if (synth_scene_of(o) < 0) return synth_fail(s, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not ", o->scene);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1");
+    if (synth_scene_of(o) < 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not %s" SYNTH_FIX, o->scene);
     if (!synth_is_path(o->path))
-        return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not ", o->path);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not %s" SYNTH_FIX, o->path);
     return OXL_OK;
 }
 
@@ -117,7 +110,8 @@ static oxl_result synth_find_water(struct synth_run *s)
             s->water = synth_waters[i];
             return OXL_OK;
         }
-    return synth_fail(s, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not ", s->options->water);
+    return oxl_fail(s->ctx, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not %s" SYNTH_FIX,
+                    s->options->water);
 }
 
 /* ---------------------------------------------------------------- images */
@@ -258,23 +252,19 @@ static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *
 
 static oxl_result synth_write_image(struct synth_run *s, const char *folder, int view, const oxl_image *image)
 {
-    char       name[32], path[1024];
-    oxl_result rc;
+    char name[32], path[1024];
     synth_image_name(s->options, view, name);
     snprintf(path, sizeof path, "%s/%s/%s", s->options->out, folder, name);
-    rc = oxl_image_write(s->ctx, path, image);
-    return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    return oxl_image_write(s->ctx, path, image);
 }
 
 static oxl_result synth_write_depth(struct synth_run *s, int view)
 {
-    char       name[32], path[1024];
-    oxl_result rc;
+    char name[32], path[1024];
     synth_image_name(s->options, view, name);
     name[strlen(name) - 4] = 0; /* .png */
     snprintf(path, sizeof path, "%s/truth/depth/%s.pfm", s->options->out, name);
-    rc = oxl_write_pfm(s->ctx, path, s->depth, s->options->width, s->options->height);
-    return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    return oxl_write_pfm(s->ctx, path, s->depth, s->options->width, s->options->height);
 }
 
 /* Into the image, which was still. */
@@ -312,7 +302,7 @@ static oxl_result synth_make_images(struct synth_run *s)
     if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
     s->depth = malloc(synth_plane(o) * sizeof *s->depth);
     s->fish  = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
-    return rc == OXL_OK && s->depth && s->fish ? OXL_OK : synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for an image", "");
+    return rc == OXL_OK && s->depth && s->fish ? OXL_OK : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
 }
 
 static oxl_result synth_views(struct synth_run *s)
@@ -322,7 +312,7 @@ static oxl_result synth_views(struct synth_run *s)
     for (int i = 0; i < o->views && rc == OXL_OK; i++) {
         rc = synth_view(s, i);
         if (rc == OXL_OK && o->progress && o->progress(o->user, "images", i + 1, o->views))
-            rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
+            rc = oxl_fail(s->ctx, OXL_ERR_INTERRUPTED, "synth: stopped");
     }
     return rc;
 }
@@ -397,7 +387,10 @@ static oxl_result synth_write_files(struct synth_run *s)
         snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
         output_open(&t, path);
         files[i].write(s, &t);
-        if (!output_close(&t)) return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
+        if (!output_close(&t))
+            return oxl_fail(s->ctx, OXL_ERR_IO,
+                            "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
+                            path);
     }
     return OXL_OK;
 }
@@ -415,8 +408,9 @@ static int synth_has_folder(const struct synth_run *s, const char *folder)
 static oxl_result synth_refuse_survey(struct synth_run *s)
 {
     if (synth_has_folder(s, "truth") || !(synth_has_folder(s, "images") || synth_has_folder(s, "sparse"))) return OXL_OK;
-    return synth_fail(s, OXL_ERR_USAGE, s->options->out,
-                      ": a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o");
+    return oxl_fail(s->ctx, OXL_ERR_USAGE,
+                    "%s: a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o",
+                    s->options->out);
 }
 
 static oxl_result synth_make_folders(struct synth_run *s)
@@ -430,7 +424,7 @@ static oxl_result synth_make_folders(struct synth_run *s)
         snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
     }
-    if (rc != OXL_OK) return synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    if (rc != OXL_OK) return rc;
     snprintf(path, sizeof path, "%s/sparse/0/images.txt", s->options->out);
     remove(path); /* of an earlier run: it would belong to other images should this one be stopped */
     return OXL_OK;
@@ -439,13 +433,13 @@ static oxl_result synth_make_folders(struct synth_run *s)
 static oxl_result synth_make_points(struct synth_run *s)
 {
     const oxl_result rc = synth_points_create(s->options, &s->world, &s->trajectory, &s->water, &s->points);
-    if (rc == OXL_ERR_INTERRUPTED) return synth_fail(s, rc, "synth: stopped", "");
-    return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: no memory for the points\nfix: fewer --points", "");
+    if (rc == OXL_ERR_INTERRUPTED) return oxl_fail(s->ctx, rc, "synth: stopped");
+    return rc == OXL_OK ? rc : oxl_fail(s->ctx, rc, "synth: no memory for the points\nfix: fewer --points");
 }
 
 static oxl_result synth_make(struct synth_run *s)
 {
-    oxl_result rc = synth_check(s);
+    oxl_result rc = synth_check(s->ctx, s->options);
     if (rc == OXL_OK) rc = synth_find_water(s);
     if (rc == OXL_OK) rc = synth_refuse_survey(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
@@ -453,22 +447,21 @@ static oxl_result synth_make(struct synth_run *s)
     if (!synth_trajectory_create(s->options, &s->trajectory) ||
         !synth_world_create(s->options->seed, s->trajectory.half, s->trajectory.wreck,
                             (enum synth_scene)synth_scene_of(s->options), &s->world))
-        return synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views", "");
+        return oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
     if (rc == OXL_OK && s->options->write_images) rc = synth_views(s);
     return rc == OXL_OK ? synth_write_files(s) : rc;
 }
 
-oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size)
+oxl_result synth_run(oxl_context *ctx, const synth_options *options)
 {
-    struct synth_run s = {.ctx = ctx, .options = options, .error = error, .error_size = error_size};
+    struct synth_run s = {.ctx = ctx, .options = options};
     oxl_result       rc;
 #ifdef _OPENMP
     const int threads = omp_get_max_threads();
     if (options->threads > 0) omp_set_num_threads(options->threads);
 #endif
-    if (error_size > 0) error[0] = 0;
     rc = synth_make(&s);
     oxl_image_free(ctx, &s.image);
     oxl_image_free(ctx, &s.clean);

@@ -227,8 +227,6 @@ struct synth_run {
     struct synth_fish      *fish;               /* of the view */
     int                     fish_count;
     float                  *depth; /* (H,W) camera z, metres; 0: nothing there */
-    char                   *error;
-    size_t                  error_size;
 };
 
 /* ---------------------------------------------------------------- what is written: synth_light.c, synth_export.c */

@@ -30,7 +30,7 @@ static const struct study_kind TRADEOFF_KIND = {
     .notes = "dB over other iterations: PSNR minus what the base reaches in the same CPU time with fewer or more iterations.\n",
 };
 
-oxl_result tradeoff_run(const study_options *options, FILE *to, char *error, size_t error_size)
+oxl_result tradeoff_run(oxl_context *ctx, const study_options *options, FILE *to)
 {
-    return study_run(&TRADEOFF_KIND, options, to, error, error_size);
+    return study_run(ctx, &TRADEOFF_KIND, options, to);
 }

@@ -121,7 +121,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     oxl_callback      count   = {extreme_count_nonfinite, &found};
     oxl_scene        *scene   = NULL;
     oxl_model         model   = {0};
-    char              path[600], error[400];
+    char              path[600];
     int               finite = 1;
     snprintf(path, sizeof path, "%s/turbid", folder);
     options.out = path, options.water = "9C", options.views = 16, options.width = 64, options.height = 48, options.points = 600;
@@ -130,7 +130,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     train.ucd.learn  = 1;
     train.dog        = OXL_DOG_SELECTIVE;
     train.keep       = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
-    if (synth_run(ctx, &options, error, sizeof error) != OXL_OK) extreme_fail(error);
+    if (synth_run(ctx, &options) != OXL_OK) extreme_fail(oxl_error_text(ctx));
     if (oxl_scene_load(ctx, path, NULL, &scene) != OXL_OK || oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);

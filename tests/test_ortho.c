@@ -85,15 +85,15 @@ TEST(frame_right_has_a_direction_of_its_own)
 /* A white speck at a known place of the world: the world file must say that place of the brightest pixel, the height model its height. */
 TEST(ortho_places_a_speck_where_its_world_file_says)
 {
-    oxl_scene          *scene      = ortho_test_scene();
-    oxl_model           model      = {0};
-    oxl_image           image      = {0};
-    ortho_options       options    = {test_path("ortho"), 0.05, 0, 1};
-    double              line[6]    = {0};
-    const double        at[3]      = {103.3, -48.8, 7.5};
-    size_t              brightest  = 0, pixels;
-    char                error[300] = "", *text;
-    const struct report r          = {.out = test_path("ortho")};
+    oxl_scene          *scene     = ortho_test_scene();
+    oxl_model           model     = {0};
+    oxl_image           image     = {0};
+    ortho_options       options   = {test_path("ortho"), 0.05, 0, 1};
+    double              line[6]   = {0};
+    const double        at[3]     = {103.3, -48.8, 7.5};
+    size_t              brightest = 0, pixels;
+    char               *text;
+    const struct report r = {.out = test_path("ortho")};
     const char         *cursor;
     FILE               *to = fopen(test_path("said"), "wb");
     for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){100, -50, 7}[k];
@@ -104,7 +104,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
         model.plane[OXL_SH + k][0]        = 1.7f;
     }
     model.plane[OXL_OPACITY][0] = 6;
-    CHECK_OK(ortho_write(test_ctx, &model, scene, &options, to, error, sizeof error));
+    CHECK_OK(ortho_write(test_ctx, &model, scene, &options, to));
     CHECK_OK(oxl_image_read(test_ctx, test_path("ortho/ortho.png"), &image));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < pixels; i++)
@@ -131,7 +131,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     }
     free(text);
     options.pixel = 1e-9;
-    CHECK(ortho_write(test_ctx, &model, scene, &options, to, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK(ortho_write(test_ctx, &model, scene, &options, to) == OXL_ERR_USAGE);
     fclose(to);
     oxl_image_free(test_ctx, &image);
     oxl_model_free(test_ctx, &model);
@@ -209,24 +209,24 @@ TEST(scale_bar_has_its_true_length)
 {
     oxl_scene          *scene     = ortho_test_scene();
     const double        end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
-    char                pixels[2][200], bar[420], error[600] = "";
+    char                pixels[2][200], bar[420];
     FILE               *to = fopen(test_path("said"), "wb+");
     const struct report r  = {.out = test_folder()};
     char               *text;
     for (int i = 0; i < 2; i++) ortho_test_pixels(scene, end[i], pixels[i]);
     snprintf(bar, sizeof bar, "%s:%s", pixels[0], pixels[1]);
-    CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to, error, sizeof error));
-    CHECK_OK(scale_measure(test_ctx, scene, "5,2,0:5,2.5,0", 1.5, to, error, sizeof error));
+    CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to));
+    CHECK_OK(scale_measure(test_ctx, scene, "5,2,0:5,2.5,0", 1.5, to));
     fclose(to);
     text = output_read(r.out, "said", NULL);
     CHECK_TEXT(text ? text : "", "end 2     5.000000 2.500000");
     CHECK_TEXT(text ? text : "", "scale     0.5");
     CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);
-    CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "visible in two images");
-    CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "no image is called 'c.png'");
+    CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "visible in two images");
+    CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "no image is called 'c.png'");
     oxl_scene_free(test_ctx, scene);
 }
 

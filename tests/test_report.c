@@ -16,12 +16,11 @@
 /* The page of the test's folder OUT, in memory to be freed. */
 static char *report_test_page(void)
 {
-    const struct report r          = {.out = test_path("out")};
-    char                error[300] = "";
-    const oxl_result    rc         = report_write(test_ctx, test_path("out"), error, sizeof error);
+    const struct report r  = {.out = test_path("out")};
+    const oxl_result    rc = report_write(test_ctx, test_path("out"));
     char               *page;
     CHECK(rc == OXL_OK);
-    if (rc != OXL_OK) printf("  %s\n", error);
+    if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
     page = output_read(r.out, "report.html", NULL);
     CHECK(page != NULL);
     return page ? page : calloc(1, 1);
@@ -147,9 +146,9 @@ TEST(report_asks_the_network_for_nothing)
 
 TEST(report_says_what_is_missing)
 {
-    char *page, error[300];
-    CHECK(report_write(test_ctx, test_path("nowhere"), error, sizeof error) == OXL_ERR_INPUT);
-    CHECK_TEXT(error, "holds no run.json");
+    char *page;
+    CHECK(report_write(test_ctx, test_path("nowhere")) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "holds no run.json");
     report_test_run();
     page = report_test_page();
     CHECK_TEXT(page, "Its images are not in renders/.");

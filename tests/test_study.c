@@ -328,29 +328,27 @@ TEST(study_rows_name_rows_of_their_study)
     }
 }
 
-static oxl_result study_test_run(oxl_result (*run)(const study_options *o, FILE *to, char *error, size_t size), const char *rows,
-                                 int seeds, char error[400])
+static oxl_result study_test_run(oxl_result (*run)(oxl_context *ctx, const study_options *o, FILE *to), const char *rows,
+                                 int seeds)
 {
     study_options o = {.scene = "nowhere", .out = test_path("out"), .rows = rows, .seeds = seeds, .budget = 60};
     o.job           = oxl_job_options_default(OXL_PRESET_DRAFT);
-    o.context       = oxl_context_options_default();
-    return run(&o, stdout, error, 400);
+    return run(test_ctx, &o, stdout);
 }
 
 TEST(study_refuses_invalid_rows_and_seeds)
 {
-    char error[400];
-    CHECK(study_test_run(ablate_run, "v1,v9", 1, error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "'v9'");
-    CHECK_TEXT(error, "3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes v3-315 auto");
-    CHECK(study_test_run(ablate_run, "v1,v1", 1, error) == OXL_ERR_USAGE);
-    CHECK(study_test_run(ablate_run, "v1,v1-count", 1, error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "fix: --rows v2,v1-count");
-    CHECK(study_test_run(ablate_run, NULL, 0, error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "1 to 99");
-    CHECK(study_test_run(tradeoff_run, "coarse-0.5,fast", 1, error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "iterations-half coarse-0 ");
-    CHECK(study_test_run(tradeoff_run, "coarse-0.5,coarse-0.5", 1, error) == OXL_ERR_USAGE);
+    CHECK(study_test_run(ablate_run, "v1,v9", 1) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "'v9'");
+    CHECK_TEXT(oxl_error_text(test_ctx), "3dgs v1 v2 v1-count v3 v4 oceanxl v3-bytes v3-315 auto");
+    CHECK(study_test_run(ablate_run, "v1,v1", 1) == OXL_ERR_USAGE);
+    CHECK(study_test_run(ablate_run, "v1,v1-count", 1) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: --rows v2,v1-count");
+    CHECK(study_test_run(ablate_run, NULL, 0) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "1 to 99");
+    CHECK(study_test_run(tradeoff_run, "coarse-0.5,fast", 1) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "iterations-half coarse-0 ");
+    CHECK(study_test_run(tradeoff_run, "coarse-0.5,coarse-0.5", 1) == OXL_ERR_USAGE);
 }
 
 TEST(study_finds_the_threshold_of_an_equal_count_in_a_few_trials)
@@ -373,8 +371,8 @@ TEST(study_finds_the_threshold_of_an_equal_count_in_a_few_trials)
 /* A survey of the training tests on disk would be long; a job that is finished is only read: metrics.json decides what is found. */
 TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
 {
-    char                error[300], folder[300];
-    struct study_meter  s = {.error = error, .error_size = sizeof error};
+    char                folder[300];
+    struct study_meter  s = {.ctx = test_ctx};
     struct study_result r;
     snprintf(folder, sizeof folder, "%s", test_folder());
     test_write("metrics.json",
@@ -386,24 +384,7 @@ TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
     CHECK(r.blocks == 3 && r.held_out == 1);
     test_write("metrics.json", "{\"psnr\": 25.5}\n");
     CHECK(study_read_metrics(&s, folder, &r) == OXL_ERR_INPUT);
-    CHECK_TEXT(error, "metrics.json");
-}
-
-TEST(study_counts_the_memory_that_a_context_holds)
-{
-    struct study_meter  meter   = {0};
-    oxl_context_options options = {.seed = 1, .reallocate = study_reallocate, .user = &meter};
-    oxl_context        *ctx     = NULL;
-    oxl_image           image   = {0};
-    size_t              held;
-    CHECK_OK(oxl_context_create(&options, &ctx));
-    held = meter.held;
-    CHECK_OK(oxl_image_create(ctx, 100, 50, &image));
-    CHECK(meter.held >= held + 100 * 50 * 3 * sizeof(float) && meter.held < held + 100 * 50 * 3 * sizeof(float) + 1000);
-    oxl_image_free(ctx, &image);
-    CHECK(meter.held == held && meter.peak > held + 100 * 50 * 3 * sizeof(float) - 1);
-    oxl_context_free(ctx);
-    CHECK(meter.held == 0);
+    CHECK_TEXT(oxl_error_text(test_ctx), "metrics.json");
 }
 
 /* begun 1: trained from its start; 2: in parts; 0: finished before. */
@@ -413,15 +394,13 @@ TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
         int    started, peak;
         double cpu, wanted_peak, wanted_cpu;
     } parts[] = {{1, 5000, 7, 5000, 7}, {2, 3000, 2.5, 5000, 9.5}, {0, 9000, 1, 5000, 9.5}, {1, 4000, 1, 4000, 1}};
-    char error[200], folder[300];
+    char folder[300];
     snprintf(folder, sizeof folder, "%s", test_folder());
     for (int i = 0; i < 4; i++) {
-        struct study_meter s = {.peak       = (size_t)parts[i].peak,
-                                .started    = parts[i].started,
-                                .cpu        = parts[i].cpu,
-                                .error      = error,
-                                .error_size = sizeof error};
-        double             value[STUDY_MEASURES];
+        struct cli_memory   memory  = {.peak = (size_t)parts[i].peak};
+        const study_options options = {.memory = &memory};
+        struct study_meter  s       = {test_ctx, &options, parts[i].started, 0, parts[i].cpu};
+        double              value[STUDY_MEASURES];
         CHECK_OK(study_record_cost(&s, folder, value));
         CHECK_CLOSE(value[STUDY_MEMORY], parts[i].wanted_peak, 0);
         CHECK_CLOSE(value[STUDY_CPU], parts[i].wanted_cpu, 1e-12);
@@ -434,9 +413,9 @@ TEST(study_counts_processor_time_from_the_first_step_of_one_block_or_of_the_coar
         int iteration, block, blocks, started;
     } first[] = {{1, 0, 1, 1}, {1, 3, 3, 1}, {9, 0, 1, 2}, {9, 3, 3, 2}, {1, 0, 3, 2}, {400, 4, 3, 2}};
     for (size_t i = 0; i < OXL_COUNT(first); i++) {
-        const oxl_callback none = {NULL, NULL};
-        const oxl_progress p    = {.iteration = first[i].iteration, .block = first[i].block, .blocks = first[i].blocks};
-        struct study_meter s    = {.callback = &none};
+        const study_options none = {0};
+        const oxl_progress  p    = {.iteration = first[i].iteration, .block = first[i].block, .blocks = first[i].blocks};
+        struct study_meter  s    = {.options = &none};
         CHECK(study_progress(&s, &p) == 0 && s.started == first[i].started);
     }
 }

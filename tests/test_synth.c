@@ -21,10 +21,10 @@ static synth_options synth_test_options(const char *name)
 /* Makes the survey and reads its text files back as any reader would. */
 static void synth_test_make(const synth_options *o, struct colmap *survey)
 {
-    char       error[300], folder[600];
-    oxl_result rc = synth_run(test_ctx, o, error, sizeof error);
+    char       folder[600];
+    oxl_result rc = synth_run(test_ctx, o);
     CHECK(rc == OXL_OK);
-    if (rc != OXL_OK) printf("  %s\n", error);
+    if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
     snprintf(folder, sizeof folder, "%s/sparse/0", o->out);
     CHECK_OK(colmap_read(test_ctx, folder, survey));
 }
@@ -521,39 +521,38 @@ TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
 
 TEST(synth_refuses_invalid_options_with_a_fix)
 {
-    char          error[300];
     synth_options o = synth_test_options("survey");
     o.water         = "4C";
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "none I IA");
-    CHECK_TEXT(error, "4C");
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "none I IA");
+    CHECK_TEXT(oxl_error_text(test_ctx), "4C");
     o      = synth_test_options("survey");
     o.path = "spiral";
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "lawnmower, orbit, forward and rov");
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "lawnmower, orbit, forward and rov");
     o       = synth_test_options("survey");
     o.scene = "cave";
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "reef, wreck and ridge, not cave");
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "reef, wreck and ridge, not cave");
     o      = synth_test_options("survey");
     o.fish = 101;
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "0 to 100 fish");
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "0 to 100 fish");
     o       = synth_test_options("survey");
     o.views = 1;
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK(!os_is_folder(test_path("survey")));
     CHECK_OK(os_make_folder(test_ctx, test_path("dive/sparse/0")));
     test_write("dive/sparse/0/images.txt", "somebody's own");
     o = synth_test_options("dive");
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "dive: a survey without truth/ is there");
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "dive: a survey without truth/ is there");
     CHECK_OK(os_make_folder(test_ctx, test_path("images/images")));
     o = synth_test_options("images");
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     test_write("in the way", "a file where a folder should be");
     o = synth_test_options("in the way");
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_IO);
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_IO);
 }
 
 static int synth_test_stop(void *user, const char *what, long done, long total)
@@ -564,13 +563,12 @@ static int synth_test_stop(void *user, const char *what, long done, long total)
 
 TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
 {
-    char          error[300];
     synth_options o = synth_test_options("survey");
     o.progress      = synth_test_stop;
     o.user          = "images";
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_INTERRUPTED);
     test_write("survey/sparse/0/images.txt", "of an earlier run");
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
+    CHECK(synth_run(test_ctx, &o) == OXL_ERR_INTERRUPTED);
     CHECK(os_is_file(test_path("survey/images/IMG_00001.png")));
     CHECK(!os_is_file(test_path("survey/images/IMG_00002.png")));
     CHECK(!os_is_file(test_path("survey/sparse/0/images.txt")));
@@ -597,11 +595,11 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     synth_options o = synth_options_default();
     oxl_survey    s;
     oxl_image     image = {0}, soft = {0};
-    char out[512], error[400], *const names[] = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
+    char out[512], *const names[]   = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
     o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = "none";
     snprintf(out, sizeof out, "%s", test_path("synth"));
     o.out = out;
-    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_OK);
+    CHECK(synth_run(test_ctx, &o) == OXL_OK);
     lint_heard[0]         = 0;
     test_ctx->options.log = lint_listen;
     CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));

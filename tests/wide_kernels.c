@@ -1,7 +1,8 @@
 /* wide_kernels.c - the kernels from their own source in double, as the tests call them: see wide.h. No vectors chosen at run time, libm's exp
  * and log, one thread. What float costs is the difference to this; it does not test the formulas.
  */
-#define OXL_MODULES /* what render.h declares is elsewhere, if anywhere: this unit has what the kernels call */
+#define oxl_fail    wide_fail /* the library, which is linked too, has the public one */
+#define OXL_MODULES           /* what render.h declares is elsewhere, if anywhere: this unit has what the kernels call */
 #include "../src/render/render.h"
 #undef OXL_INTERNAL
 #define OXL_INTERNAL static

@@ -104,10 +104,9 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capac
 #define OXL_PRINTF(at, first)
 #endif
 
-/* Stores the text and returns rc: `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`
- * A second line that starts with "fix: " names one action. */
-OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
-OXL_INTERNAL void       oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
+/* `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`: public, here with its check of the format. */
+OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
+OXL_INTERNAL void  oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
 
 /* ---------------------------------------------------------------- text.c */
 

@@ -3,7 +3,7 @@
 
 /* ---------------------------------------------------------------- errors */
 
-OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
+oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
     va_list args;
     if (!ctx) return rc; /* no context, no text */
