@@ -258,7 +258,7 @@ OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
     return partition_grow(b);
 }
 
-/* by_pixels: fraction of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point itself. */
+/* by_pixels: fraction of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point. */
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
 {
     const struct partition_visibility *vis   = b->visibility;

@@ -151,7 +151,7 @@ static int partition_train_views(const oxl_scene *scene)
     return scene->stats.views - scene->stats.test_views;
 }
 
-/* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and no more than the block's fraction of all
+/* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and at most the block's fraction of all
  * images, or small blocks, which are requested on purpose, would all be joined. */
 static void partition_set_minimum(struct partition_build *b)
 {

@@ -1,7 +1,7 @@
 /* block_plan.c - the part of each block in the run: its Gaussians, its window in each view, its steps, its fraction of the budget.
  *
- * All of it follows from the coarse model. A block's fraction of a pixel is the blend weight of its Gaussians there. Its window in a view is
- * the rectangle that maximises the sum of (fraction - PLAN_PIXEL_COST) over its pixels.
+ * All of it follows from the coarse model. A block's fraction of a pixel is the blend weight of its Gaussians there. Its window in a view
+ * is the rectangle that maximises the sum of (fraction - PLAN_PIXEL_COST) over its pixels.
  *
  * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the run.
  */
