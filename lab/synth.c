@@ -116,11 +116,6 @@ static oxl_result synth_find_water(struct synth_run *s)
 
 /* ---------------------------------------------------------------- images */
 
-static size_t synth_plane(const synth_options *o)
-{
-    return (size_t)o->width * (size_t)o->height;
-}
-
 /* Colour along one ray; *depth gets the camera z, 0 when there is only water. share: width of the ray in pixels. */
 static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double share, float *depth)
 {
@@ -129,7 +124,13 @@ static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, d
     const double    range   = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
     if (depth) *depth = range < 0 ? 0 : (float)(range * v3_dot(c->rotation[2], ray));
     if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), share * range / c->f);
-    return s->water.veil[1] > 0 ? v3_of(s->water.veil[0], s->water.veil[1], s->water.veil[2]) : far_off;
+    return s->water.veil.y > 0 ? s->water.veil : far_off;
+}
+
+static v3 synth_pixel(const oxl_image *image, size_t at)
+{
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    return v3_of(image->rgb[at], image->rgb[at + plane], image->rgb[at + 2 * plane]);
 }
 
 static void synth_set(oxl_image *image, size_t at, v3 colour)
@@ -151,23 +152,20 @@ static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, in
 
 static int synth_differs(const struct synth_run *s, size_t a, size_t b)
 {
-    const float *rgb = s->image.rgb, za = s->depth[a], zb = s->depth[b];
-    if (fabsf(za - zb) > EDGE_DEPTH * (za + zb)) return 1;
-    for (int c = 0; c < 3; c++)
-        if (fabsf(rgb[a + (size_t)c * synth_plane(s->options)] - rgb[b + (size_t)c * synth_plane(s->options)]) > EDGE_COLOUR)
-            return 1;
-    return 0;
+    const v3    step = v3_sub(synth_pixel(&s->image, a), synth_pixel(&s->image, b));
+    const float za = s->depth[a], zb = s->depth[b];
+    return fabsf(za - zb) > EDGE_DEPTH * (za + zb) || fabsf((float)step.x) > EDGE_COLOUR || fabsf((float)step.y) > EDGE_COLOUR ||
+           fabsf((float)step.z) > EDGE_COLOUR;
 }
 
 /* The clean image: where neighbours differ, the mean of four rays, the one that is there among them. */
 static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     static const double around[3][2] = {{0.50, 0.12}, {0.83, 0.69}, {0.17, 0.69}};
-    const size_t        width = (size_t)c->width, plane = synth_plane(s->options);
+    const size_t        width        = (size_t)c->width;
     for (int x = 0; x < c->width; x++) {
         const size_t at     = (size_t)y * width + (size_t)x;
-        const float *rgb    = s->image.rgb;
-        v3           colour = v3_of(rgb[at], rgb[at + plane], rgb[at + 2 * plane]);
+        v3           colour = synth_pixel(&s->image, at);
         const int    edge   = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
                          (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
         if (edge && s->depth[at] > 0) { /* where only water is, no range would dim what is mixed in */
@@ -185,38 +183,36 @@ static double synth_range(const struct synth_run *s, const struct synth_camera *
     return depth * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
 }
 
-/* Noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
-static void synth_expose(struct synth_run *s, int view, size_t at, int channel, double seen)
+/* The clean colour lit by the lamp, through water. */
+static v3 synth_observed(const struct synth_run *s, size_t at, double range)
 {
-    const synth_options *o                     = s->options;
-    const size_t         plane                 = synth_plane(o);
-    const uint64_t       bits                  = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)channel);
-    const double         level                 = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
-    s->image.rgb[at + (size_t)channel * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
+    return synth_through_water(&s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(s->options, range)), range);
 }
 
-/* Lit by the lamp, through water, as exposed. */
-static double synth_observed(const struct synth_run *s, size_t at, int channel, double range)
+/* With the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+static void synth_expose(struct synth_run *s, int view, v3 gain, int x, int y, v3 seen)
 {
-    const double colour = s->clean.rgb[at + (size_t)channel * synth_plane(s->options)];
-    return synth_through_water(&s->water, channel, colour * synth_lamp_falloff(s->options, range), range);
-}
-
-static double synth_exposed(const synth_options *o, const v3 *gain, int channel, double x, double y, double seen)
-{
-    return seen * (channel == 0 ? gain->x : channel == 1 ? gain->y : gain->z) * synth_lamp_radial(o, x + 0.5, y + 0.5);
+    const synth_options *o        = s->options;
+    const size_t         at       = (size_t)y * (size_t)o->width + (size_t)x;
+    const v3             exposed  = v3_scale(v3_times(seen, gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
+    double               level[3] = {255 * exposed.x, 255 * exposed.y, 255 * exposed.z};
+    for (size_t k = 0; k < 3; k++) {
+        const uint64_t bits = random_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k);
+        if (o->noise > 0) level[k] += o->noise * synth_random_normal(bits);
+        level[k] = floor(synth_clamp(level[k], 0, 255) + 0.5) / 255;
+    }
+    synth_set(&s->image, at, v3_of(level[0], level[1], level[2]));
 }
 
 static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
-    const v3 gain = synth_gain(s->options, view);
+    const v3 gain = synth_gain(s->options, view), direct = s->water.direct;
     for (int x = 0; x < c->width; x++) {
-        const size_t at    = (size_t)y * (size_t)c->width + (size_t)x;
         const double range = synth_range(s, c, x, y);
-        for (int k = 0; k < 3; k++) {
-            const double near = synth_lamp_backscatter(s->options, s->water.direct[k], x + 0.5, y + 0.5, range);
-            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_observed(s, at, k, range) + near));
-        }
+        const v3     near  = v3_of(synth_lamp_backscatter(s->options, direct.x, x + 0.5, y + 0.5, range),
+                                   synth_lamp_backscatter(s->options, direct.y, x + 0.5, y + 0.5, range),
+                                   synth_lamp_backscatter(s->options, direct.z, x + 0.5, y + 0.5, range));
+        synth_expose(s, view, gain, x, y, v3_add(synth_observed(s, (size_t)y * (size_t)c->width + (size_t)x, range), near));
     }
 }
 
@@ -226,27 +222,22 @@ static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *
     static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
     const v3            gain         = synth_gain(s->options, view);
     for (int x = 0; x < c->width; x++) {
-        const size_t at      = (size_t)y * (size_t)c->width + (size_t)x;
-        const double behind  = synth_range(s, c, x, y);
-        double       seen[3] = {0, 0, 0};
-        int          hits    = 0;
+        const size_t at     = (size_t)y * (size_t)c->width + (size_t)x;
+        const double behind = synth_range(s, c, x, y);
+        v3           seen   = {0, 0, 0};
+        int          hits   = 0;
         for (int k = 0; k < 4; k++) {
+            const v3     ray    = synth_pixel_ray(c, x + within[k][0], y + within[k][1]);
             v3           colour = {0, 0, 0};
             const double range =
-                synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre,
-                                synth_pixel_ray(c, x + within[k][0], y + within[k][1]), behind > 0 ? behind : SYNTH_FAR, &colour);
+                synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre, ray, behind > 0 ? behind : SYNTH_FAR, &colour);
             if (range < 0) continue;
             hits++;
             colour = v3_scale(colour, synth_lamp_falloff(s->options, range));
-            seen[0] += 0.25 * synth_through_water(&s->water, 0, colour.x, range);
-            seen[1] += 0.25 * synth_through_water(&s->water, 1, colour.y, range);
-            seen[2] += 0.25 * synth_through_water(&s->water, 2, colour.z, range);
+            seen   = v3_along(seen, synth_through_water(&s->water, colour, range), 0.25);
         }
         synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
-        for (int k = 0; hits && k < 3; k++)
-            synth_expose(
-                s, view, at, k,
-                synth_exposed(s->options, &gain, k, x, y, seen[k] + 0.25 * (4 - hits) * synth_observed(s, at, k, behind)));
+        if (hits) synth_expose(s, view, gain, x, y, v3_along(seen, synth_observed(s, at, behind), 0.25 * (4 - hits)));
     }
 }
 
@@ -300,7 +291,7 @@ static oxl_result synth_make_images(struct synth_run *s)
     oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
     if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
     if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
-    s->depth = malloc(synth_plane(o) * sizeof *s->depth);
+    s->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *s->depth);
     s->fish  = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
     return rc == OXL_OK && s->depth && s->fish ? OXL_OK : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
 }
@@ -326,16 +317,15 @@ static void synth_triple(struct output *t, const char *name, v3 value)
 
 static void synth_write_water(const struct synth_run *s, struct output *t)
 {
-    const double *bd = s->water.direct, *veil = s->water.veil;
     output_add(t,
                "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
                "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
                "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
                "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
                s->water.name);
-    synth_triple(t, "bD", v3_of(bd[0], bd[1], bd[2]));
-    synth_triple(t, "bB", v3_of(SYNTH_SCATTER * bd[0], SYNTH_SCATTER * bd[1], SYNTH_SCATTER * bd[2]));
-    synth_triple(t, "Binf", v3_of(veil[0], veil[1], veil[2]));
+    synth_triple(t, "bD", s->water.direct);
+    synth_triple(t, "bB", v3_scale(s->water.direct, SYNTH_SCATTER));
+    synth_triple(t, "Binf", s->water.veil);
     output_add(t, "noise %.6f\n", s->options->noise);
 }
 

@@ -165,9 +165,9 @@ double synth_fish_cast(const struct synth_fish *fish, int count, const struct sy
 #define SYNTH_SCATTER 1.2 /* the veil builds up so many times as fast as the direct light fades */
 struct synth_water {      /* I = J exp(-direct z) + veil (1 - exp(-SYNTH_SCATTER direct z)), z: range in metres; display values */
     const char *name;
-    double      direct[3], veil[3]; /* per metre, 0..1 */
+    v3          direct, veil; /* per metre, 0..1 */
 };
-double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
+v3 synth_through_water(const struct synth_water *water, v3 colour, double range);
 
 v3     synth_gain(const synth_options *options, int view);                  /* what an image is multiplied by */
 double synth_lamp_falloff(const synth_options *options, double range);      /* what J is multiplied by; range in metres */

@@ -82,10 +82,10 @@ static void export_view(const struct synth_run *s, struct output *t, struct synt
     const size_t               first  = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
-        const uint64_t                  h  = synth_bits(o->seed, 300 + k, (uint64_t)view);
+        const uint64_t                  h  = random_bits(o->seed, 300 + k, (uint64_t)view);
         output_add(t, "%s%.3f %.3f %llu", k ? " " : "", (double)at->x, (double)at->y, synth_id(ids, points->by_view[first + k]));
         if (synth_has_stray(o->seed, view, k))
-            output_add(t, " %.3f %.3f -1", synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
+            output_add(t, " %.3f %.3f -1", random_unit(h) * o->width, random_unit(random_mix(h)) * o->height);
     }
 }
 

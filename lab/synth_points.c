@@ -125,15 +125,15 @@ static void points_detect(const struct points_search *s, uint64_t seed, const st
     const int    most   = t->is_outlier ? 3 : MOST_VIEWS;
     int          others = 0;
     for (int i = 0; i < found; i++) {
-        const uint64_t bits = synth_bits(seed, 5, (uint64_t)list[i].view);
+        const uint64_t bits = random_bits(seed, 5, (uint64_t)list[i].view);
         if (list[i].view != t->source) {
-            if (others + 1 >= most || synth_unit(bits) >= chance || !points_visible(s, t, list[i].view)) continue;
+            if (others + 1 >= most || random_unit(bits) >= chance || !points_visible(s, t, list[i].view)) continue;
             others++;
         }
         t->seen[t->count++] = (struct synth_observation){
             .view = (uint32_t)list[i].view,
-            .x    = points_measured(list[i].x, sigma * synth_random_normal(synth_mix(bits ^ 1)), s->options->width),
-            .y    = points_measured(list[i].y, sigma * synth_random_normal(synth_mix(bits ^ 2)), s->options->height)};
+            .x    = points_measured(list[i].x, sigma * synth_random_normal(random_mix(bits ^ 1)), s->options->width),
+            .y    = points_measured(list[i].y, sigma * synth_random_normal(random_mix(bits ^ 2)), s->options->height)};
     }
 }
 
@@ -145,17 +145,17 @@ static int points_by_view(const void *a, const void *b)
 
 static void points_colour(const struct points_search *s, double range, struct points_track *t)
 {
-    const v3     clean    = synth_shade(s->world, t->position, range / s->trajectory->camera[t->source].f);
-    const double value[3] = {clean.x, clean.y, clean.z};
-    for (int c = 0; c < 3; c++)
-        t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
+    const v3     clean  = synth_shade(s->world, t->position, range / s->trajectory->camera[t->source].f);
+    const v3     seen   = synth_through_water(s->water, clean, range);
+    const double rgb[3] = {seen.x, seen.y, seen.z};
+    for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(rgb[c], 0, 1) + 0.5);
 }
 
 /* Bare sand has few features: so most points lie on the objects on it. */
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;
-    if (s->world->scene == SYNTH_REEF || synth_unit(synth_bits(seed, 4, 0)) < SAND_SHARE) return 0;
+    if (s->world->scene == SYNTH_REEF || random_unit(random_bits(seed, 4, 0)) < SAND_SHARE) return 0;
     synth_distance(s->world, p, &surface);
     return surface.material == SYNTH_SAND;
 }
@@ -163,11 +163,11 @@ static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 /* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
 static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least, struct points_track *t)
 {
-    const uint64_t seed   = synth_bits(s->options->seed ^ 0x9017, number, attempt);
-    const uint64_t pick   = s->world->scene == SYNTH_REEF ? number : synth_bits(seed, 3, 0); /* of cameras over sand less */
+    const uint64_t seed   = random_bits(s->options->seed ^ 0x9017, number, attempt);
+    const uint64_t pick   = s->world->scene == SYNTH_REEF ? number : random_bits(seed, 3, 0); /* of cameras over sand less */
     const int      source = (int)(pick % (uint64_t)s->trajectory->count);
     const struct synth_camera *c = &s->trajectory->camera[source];
-    const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
+    const double               u = random_unit(random_bits(seed, 0, 0)), v = random_unit(random_bits(seed, 1, 0));
     const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
     struct points_observation  list[OBSERVATIONS_MAX];
@@ -175,8 +175,8 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
     t->count      = 0;
     t->source     = source;
-    t->is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
-    if (t->is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
+    t->is_outlier = random_unit(random_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
+    if (t->is_outlier) range *= 0.6 + 0.8 * random_unit(random_bits(seed, 2, 0));
     t->position = v3_along(c->centre, ray, range);
     t->side     = v3_scale(ray, -1);
     if (!s->options->write_images) t->normal = synth_normal(s->world, t->position, 0.02);
@@ -315,7 +315,7 @@ const struct synth_observation *synth_observation_in(const struct synth_points *
 
 int synth_has_stray(uint64_t seed, int view, size_t k)
 {
-    return synth_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
+    return random_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
 }
 
 /* Bilinear, 0..255. */
