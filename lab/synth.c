@@ -75,16 +75,6 @@ static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
     return OXL_OK;
 }
 
-static const char *const synth_scenes[] = {"reef", "wreck", "ridge"};
-
-int synth_scene_of(const synth_options *o)
-{
-    if (!o->scene) return strcmp(o->path, "rov") == 0 ? SYNTH_RIDGE : SYNTH_REEF;
-    for (int i = 0; i < 3; i++)
-        if (strcmp(o->scene, synth_scenes[i]) == 0) return i;
-    return -1;
-}
-
 /* ---------------------------------------------------------------- water */
 
 /* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter changes from blue in
@@ -308,83 +298,6 @@ static oxl_result synth_views(struct synth_run *s)
     return rc;
 }
 
-/* ---------------------------------------------------------------- truth in words and numbers */
-
-static void synth_triple(struct output *t, const char *name, v3 value)
-{
-    output_add(t, "%s %.6f %.6f %.6f\n", name, value.x, value.y, value.z);
-}
-
-static void synth_write_water(const struct synth_run *s, struct output *t)
-{
-    output_add(t,
-               "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-               "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
-               "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
-               "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
-               s->water.name);
-    synth_triple(t, "bD", s->water.direct);
-    synth_triple(t, "bB", v3_scale(s->water.direct, SYNTH_SCATTER));
-    synth_triple(t, "Binf", s->water.veil);
-    output_add(t, "noise %.6f\n", s->options->noise);
-}
-
-static void synth_write_model(const struct synth_run *s, struct output *t)
-{
-    const synth_options *o      = s->options;
-    const v3             origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
-    output_add(t, "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
-                  "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                  "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                  "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                  "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                  "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                  "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                  "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                  "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                  "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
-    if (o->fish > 0)
-        output_add(t, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
-                      "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                      "         black where they are. No points are on them, they throw no shadow.\n\n");
-    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path, synth_scenes[s->world.scene],
-               o->views);
-    synth_triple(t, "origin", origin);
-    synth_triple(t, "wreck", v3_add(s->world.wreck, origin));
-    synth_triple(t, "sun", s->world.sun);
-}
-
-/* The truth, and last what makes a survey: one that can be read is whole. */
-static oxl_result synth_write_files(struct synth_run *s)
-{
-    const synth_options *o = s->options;
-    const struct {
-        const char *name;
-        void (*write)(const struct synth_run *s, struct output *t);
-        int is_wanted;
-    } files[] = {{"truth/water.txt", synth_write_water, 1},
-                 {"truth/model.txt", synth_write_model, 1},
-                 {"truth/outliers.txt", synth_write_outliers, 1},
-                 {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
-                 {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
-                 {"sparse/0/cameras.txt", synth_write_cameras, 1},
-                 {"sparse/0/points3D.txt", synth_write_points, 1},
-                 {"sparse/0/images.txt", synth_write_images, 1}};
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        struct output t = {0};
-        char          path[1024];
-        if (!files[i].is_wanted) continue;
-        snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
-        output_open(&t, path);
-        files[i].write(s, &t);
-        if (!output_close(&t))
-            return oxl_fail(s->ctx, OXL_ERR_IO,
-                            "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
-                            path);
-    }
-    return OXL_OK;
-}
-
 /* ---------------------------------------------------------------- the run */
 
 static int synth_has_folder(const struct synth_run *s, const char *folder)
@@ -422,7 +335,7 @@ static oxl_result synth_make_folders(struct synth_run *s)
 
 static oxl_result synth_make_points(struct synth_run *s)
 {
-    const oxl_result rc = synth_points_create(s->options, &s->world, &s->trajectory, &s->water, &s->points);
+    const oxl_result rc = synth_points_create(s, &s->points);
     if (rc == OXL_ERR_INTERRUPTED) return oxl_fail(s->ctx, rc, "synth: stopped");
     return rc == OXL_OK ? rc : oxl_fail(s->ctx, rc, "synth: no memory for the points\nfix: fewer --points");
 }

@@ -490,25 +490,22 @@ TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 /* Points within 4.2 m of the wreck, which is a small part of the area that is flown over. */
 static double synth_test_share_at_the_wreck(const char *name, const char *scene)
 {
-    synth_options           o = synth_test_options(name);
-    struct synth_trajectory trajectory;
-    struct synth_world      world;
-    struct synth_points     points;
-    struct synth_water      water = {.name = "none"};
-    size_t                  near  = 0;
-    double                  share;
+    synth_options    o    = synth_test_options(name);
+    struct synth_run s    = {.ctx = test_ctx, .options = &o, .water = {.name = "none"}};
+    size_t           near = 0;
+    double           share;
     o.scene = scene, o.views = 150, o.extent = 15, o.points = 2000, o.write_images = 0;
-    CHECK(synth_trajectory_create(&o, &trajectory));
-    CHECK(synth_world_create(o.seed, trajectory.half, trajectory.wreck, (enum synth_scene)synth_scene_of(&o), &world));
-    synth_trajectory_set_heights(&trajectory, &world);
-    CHECK_OK(synth_points_create(&o, &world, &trajectory, &water, &points));
-    for (size_t i = 0; i < points.count; i++)
-        near += hypot(points.point[i].position.x - world.wreck.x, points.point[i].position.y - world.wreck.y) < 4.2;
-    CHECK(points.count > 1000);
-    share = (double)near / (double)points.count;
-    synth_points_free(&points);
-    synth_world_free(&world);
-    synth_trajectory_free(&trajectory);
+    CHECK(synth_trajectory_create(&o, &s.trajectory));
+    CHECK(synth_world_create(o.seed, s.trajectory.half, s.trajectory.wreck, (enum synth_scene)synth_scene_of(&o), &s.world));
+    synth_trajectory_set_heights(&s.trajectory, &s.world);
+    CHECK_OK(synth_points_create(&s, &s.points));
+    for (size_t i = 0; i < s.points.count; i++)
+        near += hypot(s.points.point[i].position.x - s.world.wreck.x, s.points.point[i].position.y - s.world.wreck.y) < 4.2;
+    CHECK(s.points.count > 1000);
+    share = (double)near / (double)s.points.count;
+    synth_points_free(&s.points);
+    synth_world_free(&s.world);
+    synth_trajectory_free(&s.trajectory);
     return share;
 }
 
