@@ -26,52 +26,22 @@
 
 /* ---------------------------------------------------------------- options */
 
-#define SYNTH_FIX "\nfix: oceanxl help synth lists what there is"
-
 synth_options synth_options_default(void)
 {
-    return (synth_options){.views        = 40,
-                           .width        = 400,
-                           .height       = 260,
-                           .water        = "1C",
-                           .path         = "lawnmower",
-                           .lamp         = -1,
-                           .noise        = 1.5,
-                           .seed         = 1,
-                           .write_images = 1};
+    return (synth_options){
+        .views = 40, .width = 400, .height = 260, .water = SYNTH_1C, .lamp = -1, .noise = 1.5, .seed = 1, .write_images = 1};
 }
 
+/* What the table of options does not know. */
 static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 {
-    const struct {
-        double      value, low, high;
-        const char *wanted;
-    } limits[] = {{o->views, 2, 1000000, "2 to 1000000 views can be made"},
-                  {o->width, 16, 8192, "images can have 16 to 8192 px a side"},
-                  {o->height, 16, 8192, "images can have 16 to 8192 px a side"},
-                  {o->extent, 0, 2000, "the extent can be 0 to 2000 metres"},
-                  {o->noise, 0, 100, "the noise can be 0 to 100 levels"},
-                  {o->fish, 0, SYNTH_FISH_MAX, "0 to 100 fish per image are possible"},
-                  {(double)o->points, 0, 100000000, "0 to 100000000 points can be made"},
-                  {o->origin[0], -8e6, 8e6, "the origin can lie 8000 km off"},
-                  {o->origin[1], -8e6, 8e6, "the origin can lie 8000 km off"},
-                  {o->origin[2], -8e6, 8e6, "the origin can lie 8000 km off"},
-                  {o->exposure_jitter, 0, 4, "exposure can jitter by 0 to 4 stops"},
-                  {o->lamp, -1, 2, "a lamp can fall off with a power of 0 to 2"},
-                  {o->backscatter, 0, 1, "backscatter can be 0 to 1 of white"},
-                  {o->stereo, 0, 10, "stereo cameras can be 0 to 10 metres apart"}};
-    if (!o->out || !o->out[0]) return oxl_fail(ctx, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER");
-    if (strlen(o->out) > 900)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters" SYNTH_FIX);
-    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
-        if (!(limits[i].value >= limits[i].low && limits[i].value <= limits[i].high))
-            return oxl_fail(ctx, OXL_ERR_USAGE, "synth: %s" SYNTH_FIX, limits[i].wanted);
-    if (o->lamp < 0 && (o->lamp != -1 || o->backscatter > 0))
+    if (!o->out[0] || strlen(o->out) > 900)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the folder's name has no or more than 900 letters\nfix: -o FOLDER");
+    if (o->lamp < 0 && o->backscatter > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1");
-    if (synth_scene_of(o) < 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not %s" SYNTH_FIX, o->scene);
-    if (!synth_is_path(o->path))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not %s" SYNTH_FIX, o->path);
+    for (int k = 0; k < 3; k++)
+        if (fabs(o->origin[k]) > 8e6)
+            return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off\nfix: a smaller --origin");
     return OXL_OK;
 }
 
@@ -80,6 +50,7 @@ static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 /* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter changes from blue in
  * the ocean to green and brown at the coast. */
 static const struct synth_water synth_waters[] = {
+    /* by enum synth_type */
     {"none", {0, 0, 0}, {0, 0, 0}},
     {"I", {.163, .040, .018}, {.06, .27, .52}},
     {"IA", {.174, .046, .025}, {.06, .28, .51}},
@@ -92,17 +63,6 @@ static const struct synth_water synth_waters[] = {
     {"7C", {.478, .494, .693}, {.18, .43, .27}},
     {"9C", {.598, .777, 1.24}, {.22, .40, .20}},
 };
-
-static oxl_result synth_find_water(struct synth_run *s)
-{
-    for (size_t i = 0; i < sizeof synth_waters / sizeof *synth_waters; i++)
-        if (strcmp(s->options->water, synth_waters[i].name) == 0) {
-            s->water = synth_waters[i];
-            return OXL_OK;
-        }
-    return oxl_fail(s->ctx, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not %s" SYNTH_FIX,
-                    s->options->water);
-}
 
 /* ---------------------------------------------------------------- images */
 
@@ -342,18 +302,19 @@ static oxl_result synth_make_points(struct synth_run *s)
 
 static oxl_result synth_make(struct synth_run *s)
 {
-    oxl_result rc = synth_check(s->ctx, s->options);
-    if (rc == OXL_OK) rc = synth_find_water(s);
+    const synth_options   *o     = s->options;
+    const enum synth_scene scene = o->scene ? (enum synth_scene)o->scene : o->path == SYNTH_ROV ? SYNTH_RIDGE : SYNTH_REEF;
+    oxl_result             rc    = synth_check(s->ctx, o);
     if (rc == OXL_OK) rc = synth_refuse_survey(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
     if (rc != OXL_OK) return rc;
-    if (!synth_trajectory_create(s->options, &s->trajectory) ||
-        !synth_world_create(s->options->seed, s->trajectory.half, s->trajectory.wreck,
-                            (enum synth_scene)synth_scene_of(s->options), &s->world))
+    s->water = synth_waters[o->water];
+    if (!synth_trajectory_create(o, &s->trajectory) ||
+        !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, scene, &s->world))
         return oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
-    if (rc == OXL_OK && s->options->write_images) rc = synth_views(s);
+    if (rc == OXL_OK && o->write_images) rc = synth_views(s);
     return rc == OXL_OK ? synth_write_files(s) : rc;
 }
 

@@ -63,12 +63,6 @@ struct synth_near { /* an object's sphere, side by side with its neighbours' in 
     uint32_t object;
 };
 
-enum synth_scene {
-    SYNTH_REEF,  /* reef patches, boulders, corals and a wreck */
-    SYNTH_WRECK, /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
-    SYNTH_RIDGE  /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
-};
-
 struct synth_world {
     uint32_t          seed;
     enum synth_scene  scene;
@@ -138,7 +132,6 @@ struct synth_trajectory {
 /* Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground. 0: out of memory. */
 int  synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
-int  synth_is_path(const char *name);
 void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */

@@ -168,8 +168,9 @@ static void export_water(const struct synth_run *s, struct output *t)
 
 static void export_model(const struct synth_run *s, struct output *t)
 {
-    const synth_options *o      = s->options;
-    const v3             origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
+    const synth_options     *o       = s->options;
+    const v3                 origin  = v3_of(o->origin[0], o->origin[1], o->origin[2]);
+    static const char *const paths[] = {"lawnmower", "orbit", "forward", "rov"}, *const scenes[] = {"", "reef", "wreck", "ridge"};
     output_add(t, "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
                   "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
                   "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
@@ -184,7 +185,7 @@ static void export_model(const struct synth_run *s, struct output *t)
         output_add(t, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
                       "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
                       "         black where they are. No points are on them, they throw no shadow.\n\n");
-    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path, synth_scenes[s->world.scene],
+    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path], scenes[s->world.scene],
                o->views);
     export_triple(t, "origin", origin);
     export_triple(t, "wreck", v3_add(s->world.wreck, origin));

@@ -149,30 +149,17 @@ static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
     }
 }
 
-static const struct trajectory_path {
-    const char *name;
+static const struct trajectory_path { /* by enum synth_path */
     v3 (*fly)(const synth_options *o, int i, struct synth_camera *c);
     double range; /* metres: farther objects are out of sight */
-} trajectory_paths[] = {{"lawnmower", trajectory_lawnmower, SYNTH_FAR},
-                        {"orbit", trajectory_orbit, SYNTH_FAR},
-                        {"forward", trajectory_forward, SYNTH_FAR},
-                        {"rov", trajectory_rov, ROV_RANGE}};
-
-static const struct trajectory_path *trajectory_find_path(const char *name)
-{
-    for (size_t i = 0; i < sizeof trajectory_paths / sizeof *trajectory_paths; i++)
-        if (strcmp(name, trajectory_paths[i].name) == 0) return &trajectory_paths[i];
-    return NULL;
-}
-
-int synth_is_path(const char *name)
-{
-    return trajectory_find_path(name) != NULL;
-}
+} trajectory_paths[] = {{trajectory_lawnmower, SYNTH_FAR},
+                        {trajectory_orbit, SYNTH_FAR},
+                        {trajectory_forward, SYNTH_FAR},
+                        {trajectory_rov, ROV_RANGE}};
 
 int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    const struct trajectory_path *path = trajectory_find_path(o->path);
+    const struct trajectory_path *path = &trajectory_paths[o->path];
     synth_options                 rig  = *o;
     *trajectory                        = (struct synth_trajectory){.count = o->views};
     trajectory->camera                 = calloc((size_t)o->views, sizeof *trajectory->camera);

@@ -10,23 +10,12 @@
 #include "synth.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #define SYNTH_CELL 0.5  /* metres */
 #define SYNTH_NEAR 0.25 /* metres: the largest distance that shading uses */
 #define TALLEST    1.3  /* metres: maximum height over the ground */
 #define BAKED_STEP 0.02 /* metres, at most MAX_BAKED samples */
 #define MAX_BAKED  48e6
-
-const char *const synth_scenes[3] = {"reef", "wreck", "ridge"};
-
-int synth_scene_of(const synth_options *o)
-{
-    if (!o->scene) return strcmp(o->path, "rov") == 0 ? SYNTH_RIDGE : SYNTH_REEF;
-    for (int i = 0; i < 3; i++)
-        if (strcmp(o->scene, synth_scenes[i]) == 0) return i;
-    return -1;
-}
 
 /* ---------------------------------------------------------------- the ground */
 
