@@ -119,18 +119,29 @@ oxl_result report_write(oxl_context *ctx, const char *out);
 
 /* ---------------------------------------------------------------- lab/synth.c: options of a procedural survey */
 
+enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD, SYNTH_ROV };
+enum synth_scene {
+    SYNTH_ANY_SCENE, /* reef; of the path rov ridge */
+    SYNTH_REEF,      /* reef patches, boulders, corals and a wreck */
+    SYNTH_WRECK,     /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
+    SYNTH_RIDGE      /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
+};
+/* Jerlov's, of water. */
+enum synth_type { SYNTH_AIR, SYNTH_I, SYNTH_IA, SYNTH_IB, SYNTH_II, SYNTH_III, SYNTH_1C, SYNTH_3C, SYNTH_5C, SYNTH_7C, SYNTH_9C };
+
+/* Ranges are checked by the table of options. */
 typedef struct synth_options {
     const char *out;             /* folder */
     int         views;           /* images (40) */
     int         width, height;   /* px (400 x 260) */
     double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
-    const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
-    const char *path;            /* lawnmower | orbit | forward | rov (lawnmower) */
+    int         water;           /* enum synth_type (1C) */
+    int         path;            /* enum synth_path (lawnmower) */
     double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
     double      lamp;            /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
     double      backscatter;     /* of that lamp: what the water near the camera adds, of full white, at most (0) */
     double      stereo;          /* metres between the two cameras of a rig; 0: one camera (0) */
-    const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
+    int         scene;           /* enum synth_scene (any) */
     long        points;          /* sparse points; 0: 400 a view (0) */
     double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
     int         fish;            /* fish in each image (0) */
@@ -148,7 +159,7 @@ synth_options synth_options_default(void); /* everything but out */
 
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
 
-enum { CLI_JOB_OPTIONS = 96 };
+enum { CLI_JOB_OPTIONS = 96, CLI_SEEDS = 99 /* of a study, at most */ };
 
 enum command { /* in the order of the help */
                COMMAND_NONE,

@@ -63,8 +63,6 @@ static oxl_result study_choose_rows(struct study *s)
 {
     oxl_result  rc   = OXL_OK;
     const char *rows = s->options->rows;
-    if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS)
-        return oxl_fail(s->meter.ctx, OXL_ERR_USAGE, "--seeds: found %d, expected 1 to %d", s->options->seeds, STUDY_SEEDS);
     if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)

@@ -13,7 +13,7 @@
 
 #include <stddef.h>
 
-enum { STUDY_SEEDS = 99, STUDY_ROWS = 20, STUDY_CHANGES = 5, STUDY_AGAINST = 4 };
+enum { STUDY_SEEDS = CLI_SEEDS, STUDY_ROWS = 20, STUDY_CHANGES = 5, STUDY_AGAINST = 4 };
 
 /* ---------------------------------------------------------------- what a study is */
 
