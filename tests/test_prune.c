@@ -226,7 +226,7 @@ static int prune_run_case(struct prune_case *c, const struct prune *p)
     uint8_t                  keep[128];
     int                      right = 0;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(prune_choose(test_ctx, p, 64, r, c->scene, &options, &c->trained.model, keep));
+    CHECK_OK(prune_choose(test_ctx, p, &(struct prune_of){r, c->scene, &options, &c->trained.model}, 64, keep));
     renderer_free(test_ctx, r);
     for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&c->trained, k), keep);
     CHECK(c->trained.model.count == 64 && c->trained.mean.count == 64 && c->trained.square.count == 64);
@@ -275,7 +275,7 @@ TEST(prune_scores_are_the_same_with_any_threads)
         struct renderer *r;
         test_ctx->threads = i ? 5 : 1;
         CHECK_OK(renderer_create(test_ctx, &r));
-        CHECK_OK(prune_score(test_ctx, &p, r, c.scene, &c.trained.model, &options, score[i]));
+        CHECK_OK(prune_score(test_ctx, &p, &(struct prune_of){r, c.scene, &options, &c.trained.model}, score[i]));
         renderer_free(test_ctx, r);
     }
     test_ctx->threads = threads;

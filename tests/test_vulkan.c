@@ -1971,7 +1971,7 @@ static void vulkan_check_score_falls_back(oxl_context *device)
     vulkan_play_full(device->backend->vulkan, 0);
     for (int k = 0; k < 2; k++) {
         struct prune_pass pass = {one, views[k], drgb, 0};
-        CHECK_OK(prune_score_view(t.ctx[k], t.r[k], &m, &t.camera, &options, &pass, score[k]));
+        CHECK_OK(prune_score_view(t.ctx[k], &(struct prune_of){t.r[k], NULL, &options, &m}, &t.camera, &pass, score[k]));
     }
     CHECK(t.r[1]->device == NULL && score[0][0] + score[0][7] + score[0][11] > 0);
     CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && memcmp(views[0], views[1], sizeof views[0]) == 0);

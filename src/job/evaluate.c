@@ -4,21 +4,19 @@
 /* ---------------------------------------------------------------- a view as its image was taken */
 
 /* Without the lamp and the gains. */
-static oxl_result evaluate_draw_medium(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
-                                       const struct imaging *imaging, int view, oxl_image *out, float *depth)
+static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out, float *depth)
 {
     oxl_render_options options = oxl_render_options_default();
-    options.near_plane         = (float)scene_near_plane(scene);
-    renderer_set_medium(r, imaging ? &imaging->medium : NULL, 0);
-    return renderer_draw(ctx, r, model, &oxl_scene_view(scene, view)->camera, &options, out, depth);
+    options.near_plane         = (float)scene_near_plane(d->scene);
+    renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
+    return renderer_draw(ctx, d->r, d->model, &oxl_scene_view(d->scene, view)->camera, &options, out, depth);
 }
 
-OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
-                                      const struct imaging *imaging, int view, oxl_image *out, float *depth)
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out, float *depth)
 {
-    oxl_result rc = evaluate_draw_medium(ctx, r, model, scene, imaging, view, out, depth);
-    if (rc == OXL_OK && imaging) rc = imaging_apply_lamp(ctx, scene, imaging, view, out);
-    if (rc == OXL_OK && imaging) imaging_apply(imaging, view, out);
+    oxl_result rc = evaluate_draw_medium(ctx, d, view, out, depth);
+    if (rc == OXL_OK && d->imaging) rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, out);
+    if (rc == OXL_OK && d->imaging) imaging_apply(d->imaging, view, out);
     return rc;
 }
 
@@ -68,8 +66,9 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 
 static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image, oxl_view_metrics *row)
 {
-    oxl_image  rendered = {0};
-    oxl_result rc       = evaluate_draw_medium(ctx, p->r, p->model, p->scene, &p->scene->imaging, row->view, &rendered, NULL);
+    const struct drawn d        = {p->r, p->model, p->scene, &p->scene->imaging};
+    oxl_image          rendered = {0};
+    oxl_result         rc       = evaluate_draw_medium(ctx, &d, row->view, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;

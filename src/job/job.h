@@ -87,9 +87,14 @@ OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------------------------------------------------------- evaluate.c */
 
-/* Renders the view as its image was taken: with medium, lamp and gains of `imaging`, or without (NULL). depth (H,W), or NULL. */
-OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_scene *scene,
-                                      const struct imaging *imaging, int view, oxl_image *out, float *depth);
+struct drawn { /* what evaluate_draw renders */
+    struct renderer      *r;
+    const oxl_model      *model;
+    const oxl_scene      *scene;
+    const struct imaging *imaging; /* with its medium, lamp and gains, as the images were taken; NULL: without */
+};
+/* depth (H,W), or NULL. */
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out, float *depth);
 /* As oxl_evaluate, but only PSNR, cc_psnr and SSIM of each view, in less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
                                        oxl_metrics *out);
@@ -108,9 +113,16 @@ OXL_INTERNAL void       seam_add_json(struct text *t, const struct seam *seam); 
 
 /* ---------------------------------------------------------------- render_files.c, training_views.c */
 
+struct render_files {
+    const oxl_model         *model;
+    oxl_scene               *scene;
+    const oxl_render_output *what;
+    const char              *folder;
+    const int               *view; /* (views) */
+    int                      views;
+};
 /* oxl_render_views for the given views. */
-OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
-                                        const char *folder, const int *view, int requested, int *count);
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count);
 /* After enough iterations: logs the training views that fit far worse than their neighbours, renders the worst beside their images into
  * `folder` (NULL: none), and adds the member "training" of metrics.json with its comma. */
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,

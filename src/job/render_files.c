@@ -136,14 +136,8 @@ static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
-struct render_files { /* of one call */
-    struct renderer         *renderer;
-    const oxl_model         *model;
-    oxl_scene               *scene;
-    const oxl_render_output *what;
-};
-
-static oxl_result render_file_render(oxl_context *ctx, const struct render_files *f, int view, struct render_file *out)
+static oxl_result render_file_render(oxl_context *ctx, const struct render_files *f, struct renderer *r, int view,
+                                     struct render_file *out)
 {
     const oxl_render_output *what    = f->what;
     oxl_scene               *scene   = f->scene;
@@ -154,12 +148,12 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     out->width                       = of->camera.width;
     out->height                      = of->camera.height;
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
-    if (rc == OXL_OK) rc = evaluate_draw(ctx, f->renderer, f->model, scene, imaging, view, &out->rendered, out->depth);
+    if (rc == OXL_OK) rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, imaging}, view, &out->rendered, out->depth);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
     if (rc == OXL_OK && out->image.rgb && imaging && imaging_alters_colours(imaging))
-        rc = evaluate_draw(ctx, f->renderer, f->model, scene, NULL, view, &out->clear, NULL);
+        rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, NULL}, view, &out->clear, NULL);
     if (rc != OXL_OK) render_file_free(ctx, out);
     return rc;
 }
@@ -174,11 +168,13 @@ static oxl_result render_file_write(struct render_file *file, const char *folder
     return rc;
 }
 
-/* As many of the views as may be in memory at once: one for each thread, within a quarter of the cache. *rendered: without the one that
- * failed. */
-static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, const int *view, int count,
+/* The views from `first` on, as many as may be in memory at once: one for each thread, within a quarter of the cache. *rendered: without
+ * the one that failed. */
+static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, struct renderer *r, int first,
                                       struct render_file *out, int *rendered)
 {
+    const int *view  = f->view + first;
+    const int  count = f->views - first;
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *rendered        = 0;
@@ -187,7 +183,7 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
         const oxl_camera *camera = &oxl_scene_view(f->scene, view[*rendered])->camera;
         bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;
         if (*rendered > 0 && bytes > f->scene->cache.limit / 4) break;
-        rc = render_file_render(ctx, f, view[*rendered], &out[*rendered]);
+        rc = render_file_render(ctx, f, r, view[*rendered], &out[*rendered]);
         if (rc != OXL_OK) break;
         ++*rendered;
     }
@@ -276,47 +272,46 @@ oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *lis
     return rc;
 }
 
-static oxl_result render_files_replace(oxl_context *ctx, oxl_scene *scene, const oxl_render_output *what, const char *folder,
-                                       const int *view, int requested)
+static oxl_result render_files_replace(oxl_context *ctx, const struct render_files *f)
 {
-    struct text list = {.ctx = ctx};
-    char       *text;
-    oxl_result  rc;
-    for (int i = 0; i < requested; i++) {
-        const char *name = oxl_scene_view(scene, view[i])->name;
+    const oxl_render_output *what = f->what;
+    struct text              list = {.ctx = ctx};
+    char                    *text;
+    oxl_result               rc;
+    for (int i = 0; i < f->views; i++) {
+        const char *name = oxl_scene_view(f->scene, f->view[i])->name;
         text_add(&list, "%s.png\n", name);
         if (what->images) text_add(&list, "%s.image.png\n", name);
-        if (what->images && !what->clear && imaging_alters_colours(&scene->imaging)) text_add(&list, "%s.clear.png\n", name);
+        if (what->images && !what->clear && imaging_alters_colours(&f->scene->imaging)) text_add(&list, "%s.clear.png\n", name);
         if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
     }
     text_add(&list, "%s", "");
     rc = text_take(&list, &text);
     if (rc != OXL_OK) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    rc = oxl_render_list(ctx, folder, text, what->replace);
+    rc = oxl_render_list(ctx, f->folder, text, what->replace);
     oxl_free(ctx, text);
     return rc;
 }
 
-OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
-                                        const char *folder, const int *view, int requested, int *count)
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count)
 {
-    struct render_files f    = {.model = model, .scene = scene, .what = what};
+    struct renderer    *r    = NULL;
     struct render_file *file = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *file);
-    oxl_result          rc   = os_make_folder(ctx, folder);
+    oxl_result          rc   = os_make_folder(ctx, f->folder);
     *count                   = 0;
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    if (rc == OXL_OK) rc = render_files_replace(ctx, scene, what, folder, view, requested);
-    if (rc == OXL_OK) rc = renderer_create(ctx, &f.renderer);
-    while (rc == OXL_OK && *count < requested) {
+    if (rc == OXL_OK) rc = render_files_replace(ctx, f);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    while (rc == OXL_OK && *count < f->views) {
         int        rendered, written;
         oxl_result wrote;
-        rc    = render_files_render(ctx, &f, view + *count, requested - *count, file, &rendered);
-        wrote = render_files_write(ctx, file, rendered, folder, &written);
+        rc    = render_files_render(ctx, f, r, *count, file, &rendered);
+        wrote = render_files_write(ctx, file, rendered, f->folder, &written);
         *count += written;
         if (wrote != OXL_OK) rc = wrote;
         if (rc == OXL_OK) rc = context_stopped(ctx);
     }
-    renderer_free(ctx, f.renderer);
+    renderer_free(ctx, r);
     oxl_free(ctx, file);
     return rc;
 }
@@ -324,11 +319,13 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model
 oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                             const char *folder, int *count)
 {
-    int       *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    oxl_result rc;
+    int                *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    struct render_files f    = {model, scene, what, folder, view, 0};
+    oxl_result          rc;
     *count = 0;
     if (!view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    rc = render_files_of(ctx, model, scene, what, folder, view, scene_views_of(scene, what->split, view), count);
+    f.views = scene_views_of(scene, what->split, view);
+    rc      = render_files_of(ctx, &f, count);
     oxl_free(ctx, view);
     return rc;
 }

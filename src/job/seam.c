@@ -71,7 +71,7 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width, camera->height);
         goto done;
     }
-    rc = evaluate_draw(ctx, r, model, scene, &scene->imaging, view, &rendered, depth);
+    rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, &scene->imaging}, view, &rendered, depth);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:

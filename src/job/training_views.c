@@ -118,7 +118,7 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
     oxl_result       rc   = oxl_scene_image(t->ctx, t->scene, view, &image);
     *out                  = 0;
     if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
-    if (rc == OXL_OK) rc = evaluate_draw(t->ctx, r, model, t->scene, &t->scene->imaging, view, &rendered, NULL);
+    if (rc == OXL_OK) rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, &t->scene->imaging}, view, &rendered, NULL);
     if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
     if (rc == OXL_OK && !work)
         rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
@@ -238,10 +238,11 @@ static void training_add_json(const struct training_views *t, struct text *out)
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
                                              struct text *json, const char *folder)
 {
-    oxl_metrics           m = {0};
-    struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
-    int                   shown[TRAINING_SHOWN], count = 0;
-    oxl_result            rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
+    const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
+    oxl_metrics             m    = {0};
+    struct training_views   t    = {.ctx = ctx, .scene = scene, .m = &m};
+    int                     shown[TRAINING_SHOWN], count = 0;
+    oxl_result              rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
     if (rc != OXL_OK) return rc;
     t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
@@ -257,9 +258,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     training_report(&t);
     training_add_json(&t, json);
     for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++) shown[count] = m.views[t.row[count].at].view;
-    if (folder)
-        rc = render_files_of(ctx, model, scene, &(oxl_render_output){.split = OXL_SPLIT_ALL, .images = 1, .replace = 1}, folder,
-                             shown, count, &count);
+    if (folder) rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
 done:
     OXL_FREE(ctx, t.row, t.work, t.view);
     oxl_metrics_free(ctx, &m);

@@ -16,13 +16,16 @@
 #define ADAM_EPSILON      ((real)1e-15)
 #define ADAM_GRADIENT_MAX ((real)1e18) /* its square is a finite float */
 
-/* One pack of one plane (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a NaN. */
-SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, int plane, size_t at)
+struct adam_rows { /* a pack of one plane; without restrict the loop is not vectorized */
+    real *restrict parameter, *restrict mean, *restrict square;
+    const real *restrict gradient;
+};
+
+/* (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a NaN. */
+SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate, const struct adam_rows rows)
 {
-    const real rate          = job->rate[plane];
-    real *restrict parameter = job->parameter[plane] + at, *restrict mean = job->mean[plane] + at;
-    real *restrict square         = job->square[plane] + at;
-    const real *restrict gradient = job->gradient[plane] + (at - job->gradient_row);
+    real *restrict parameter = rows.parameter, *restrict mean = rows.mean, *restrict square = rows.square;
+    const real *restrict gradient = rows.gradient;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const int  on = seen >> l & 1;
@@ -72,7 +75,10 @@ SIMD_BODY void adam_step_body(const int fused, const struct adam_job *job)
         if (pack + 1 < job->end_pack && job->visible[pack + 1]) adam_prefetch(job, job->planes, at + PACK);
         seen &= adam_finite(job, planes, at);
         job->visible[pack] = (uint16_t)seen;
-        for (int k = 0; k < planes; k++) adam_pack(fused, job, seen, k, at);
+        for (int k = 0; k < planes; k++)
+            adam_pack(fused, job, seen, job->rate[k],
+                      (struct adam_rows){job->parameter[k] + at, job->mean[k] + at, job->square[k] + at,
+                                         job->gradient[k] + (at - job->gradient_row)});
     }
 }
 

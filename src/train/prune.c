@@ -148,17 +148,18 @@ static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, 
     return OXL_OK;
 }
 
-static oxl_result prune_score_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                   const oxl_render_options *options, struct prune_pass *pass, float *score)
+static oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of, const oxl_camera *camera, struct prune_pass *pass,
+                                   float *score)
 {
-    oxl_result rc = renderer_forward(ctx, r, model, camera, options);
-    const int  on = renderer_has_device(r);
-    memset(pass->one, 0, model->count * sizeof *pass->one);
-    if (rc == OXL_OK) rc = renderer_score(ctx, r, pass->drgb, pass->one);
-    if (rc == OXL_OK && on && !renderer_has_device(r)) return prune_score_view(ctx, r, model, camera, options, pass, score);
+    const int64_t count = (int64_t)of->model->count;
+    oxl_result    rc    = renderer_forward(ctx, of->r, of->model, camera, of->options);
+    const int     on    = renderer_has_device(of->r);
+    memset(pass->one, 0, (size_t)count * sizeof *pass->one);
+    if (rc == OXL_OK) rc = renderer_score(ctx, of->r, pass->drgb, pass->one);
+    if (rc == OXL_OK && on && !renderer_has_device(of->r)) return prune_score_view(ctx, of, camera, pass, score);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)model->count; i++) {
+    for (int64_t i = 0; i < count; i++) {
         score[i] += pass->one[i];
         pass->views[i] += pass->one[i] > 0;
     }
@@ -181,23 +182,24 @@ static void prune_finish_scores(int all_views, size_t count, const float *views,
     }
 }
 
-OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
-                                    const oxl_model *model, const oxl_render_options *options, float *score)
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of, float *score)
 {
-    struct prune_pass pass  = {.one   = oxl_alloc(ctx, model->count, sizeof *pass.one),
-                               .views = oxl_calloc(ctx, model->count, sizeof *pass.views)};
+    const size_t      count = of->model->count;
+    const oxl_scene  *scene = of->scene;
+    struct prune_pass pass  = {.one   = oxl_alloc(ctx, count, sizeof *pass.one),
+                               .views = oxl_calloc(ctx, count, sizeof *pass.views)};
     int               views = 0, index = 0;
     oxl_result        rc = OXL_OK;
-    if (!pass.one || !pass.views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", model->count);
-    memset(score, 0, model->count * sizeof *score);
+    if (!pass.one || !pass.views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", count);
+    memset(score, 0, count * sizeof *score);
     for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const oxl_view *view = oxl_scene_view(scene, i);
         if (view->is_test || !prune_is_sampled(p, index++, views)) continue;
-        rc = prune_mask_view(ctx, scene, i, &pass);
-        if (rc == OXL_OK) rc = prune_score_view(ctx, r, model, &view->camera, options, &pass, score);
+        rc = prune_mask_view(ctx, of->scene, i, &pass);
+        if (rc == OXL_OK) rc = prune_score_view(ctx, of, &view->camera, &pass, score);
     }
-    if (rc == OXL_OK) prune_finish_scores(views <= p->views, model->count, pass.views, score);
+    if (rc == OXL_OK) prune_finish_scores(views <= p->views, count, pass.views, score);
     OXL_FREE(ctx, pass.one, pass.views, pass.drgb);
     return rc;
 }
@@ -231,14 +233,14 @@ OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, ui
     }
 }
 
-OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
-                                     const oxl_render_options *options, const oxl_model *model, uint8_t *keep)
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of, size_t drop,
+                                     uint8_t *keep)
 {
-    float     *score = oxl_alloc(ctx, model->count, sizeof *score);
+    float     *score = oxl_alloc(ctx, of->model->count, sizeof *score);
     oxl_result rc    = OXL_OK;
-    if (!score) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", model->count);
-    if (rc == OXL_OK) rc = prune_score(ctx, p, r, scene, model, options, score);
-    if (rc == OXL_OK) prune_select(score, model->count, drop, keep);
+    if (!score) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", of->model->count);
+    if (rc == OXL_OK) rc = prune_score(ctx, p, of, score);
+    if (rc == OXL_OK) prune_select(score, of->model->count, drop, keep);
     oxl_free(ctx, score);
     return rc;
 }

@@ -419,12 +419,13 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
 /* Gaussians, with their moments and statistics. */
 static oxl_result step_remove_rows(struct train *t, size_t drop)
 {
-    const size_t count = t->trained.model.count;
-    uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
-    int          moved = 0;
-    oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    const struct prune_of of    = {t->renderer, t->scene, &t->render, &t->trained.model};
+    const size_t          count = t->trained.model.count;
+    uint8_t              *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
+    int                   moved = 0;
+    oxl_result            rc = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_flush(t);
-    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, &t->trained.model, keep);
+    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, &of, drop, keep);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) {

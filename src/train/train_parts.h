@@ -131,22 +131,27 @@ struct prune {
     double   validation_loss; /* auto: loss of the validation views at the phase's start */
 };
 /* densified: last step of density control; views: number of training views; row_bytes: prune_row_bytes. */
-OXL_INTERNAL void       prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
-OXL_INTERNAL double     prune_row_bytes(int sh_degree, int lobes); /* lobes: 1 if rows may have a second one */
-OXL_INTERNAL void       prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
-OXL_INTERNAL void       prune_observe(struct prune *p, int step,
-                                      double l1); /* call after each step; steps outside the phase are ignored */
-OXL_INTERNAL int        prune_is_check_step(const struct prune *p,
-                                            int                 step); /* 1: prune_due checks; `auto` then needs validation_loss */
+OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: 1 if rows may have a second one */
+OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
+OXL_INTERNAL void   prune_observe(struct prune *p, int step,
+                                  double l1); /* call after each step; steps outside the phase are ignored */
+OXL_INTERNAL int    prune_is_check_step(const struct prune *p,
+                                        int                 step); /* 1: prune_due checks; `auto` then needs validation_loss */
 /* After the step: number of `count` Gaussians to remove now. validation_loss: mean of the validation views, for auto. */
-OXL_INTERNAL size_t     prune_due(struct prune *p, int step, size_t count, double validation_loss);
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
+struct prune_of { /* what is pruned, and where it is seen */
+    struct renderer          *r;
+    oxl_scene                *scene;
+    const oxl_render_options *options;
+    const oxl_model          *model;
+};
 /* keep (count): 0 for the `drop` that matter least, else 1. */
-OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
-                                     const oxl_render_options *options, const oxl_model *model, uint8_t *keep);
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of, size_t drop,
+                                     uint8_t *keep);
 OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
 /* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by row where equal. */
-OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
-                                    const oxl_model *model, const oxl_render_options *options, float *score);
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of, float *score);
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 
 /* ---------------------------------------------------------------- transients.c: masks of moving objects */
