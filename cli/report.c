@@ -18,22 +18,17 @@ static void report_tile(struct output *t, const char *figure, const char *what)
     output_add(t, "<div class=\"tile\"><b>%s</b><span>%s</span></div>\n", figure, what);
 }
 
-static double report_metric(const struct report *r, const char *name)
-{
-    return json_number(r->metrics, name);
-}
-
 static void report_tiles(struct report *r)
 {
     struct output *t = &r->page;
     output_add(t, "<div class=\"tiles\">\n");
     if (r->metrics) {
-        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n", report_metric(r, "psnr"));
-        report_tile(t, OUTPUT_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
-        report_tile(t, OUTPUT_COUNT(report_metric(r, "gaussians")), "Gaussians");
-        report_tile(t, OUTPUT_SIZE(report_metric(r, "bytes")), "model");
-        report_tile(t, OUTPUT_SECONDS(report_metric(r, "seconds")), "training time");
-        report_tile(t, OUTPUT_SIZE(report_metric(r, "peak_rss_bytes")), "peak memory");
+        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n", json_number(r->metrics, "psnr"));
+        report_tile(t, OUTPUT_FIXED(json_number(r->metrics, "ssim"), 3), "mean SSIM");
+        report_tile(t, OUTPUT_COUNT(json_number(r->metrics, "gaussians")), "Gaussians");
+        report_tile(t, OUTPUT_SIZE(json_number(r->metrics, "bytes")), "model");
+        report_tile(t, OUTPUT_SECONDS(json_number(r->metrics, "seconds")), "training time");
+        report_tile(t, OUTPUT_SIZE(json_number(r->metrics, "peak_rss_bytes")), "peak memory");
     }
     report_tile(t, OUTPUT_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "images");
     report_tile(t, OUTPUT_COUNT(json_number(r->survey, "points")), "initial points");
@@ -154,7 +149,7 @@ static void report_decisions(struct report *r)
                                              {"Dropout (--dropout)", "dropout"},
                                              {"Second lobes (--dog)", "dog"}};
     struct output           *t            = &r->page;
-    page_section(t, "Decisions and evidence");
+    page_section(r, "Decisions and evidence");
     output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", json_member(r->run, "preset"),
                OUTPUT_COUNT(json_number(r->job, "iterations")), json_number(r->job, "seed"));
     output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
@@ -164,17 +159,17 @@ static void report_decisions(struct report *r)
         output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], json_member(r->job, choices[i][1]));
         report_evidence(r, choices[i][1], 0, r->parts);
     }
-    output_add(t, "</dl>\n</section>\n");
+    output_add(t, "</dl>\n");
 }
 
 /* ---------------------------------------------------------------- warnings */
 
 static void report_warnings(struct report *r)
 {
-    const double       predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");
+    const double predicted = json_number(r->metrics, "predicted_memory_bytes"), peak = json_number(r->metrics, "peak_rss_bytes");
     struct report_list list = {r, "li", REPORT_NOTES, 0};
     char               words[160];
-    page_section(&r->page, "Warnings");
+    page_section(r, "Warnings");
     output_add(&r->page, "<ul>\n");
     if (!json_is_true(r->run, "finished"))
         report_line(&list, -1, "the run is not finished; run the same command again to resume");
@@ -187,7 +182,7 @@ static void report_warnings(struct report *r)
     }
     report_notes(&list);
     report_list_end(&list);
-    output_add(&r->page, "</ul>\n%s</section>\n", list.count > 0 ? "" : "<p>None.</p>\n");
+    output_add(&r->page, "</ul>\n%s", list.count > 0 ? "" : "<p>None.</p>\n");
 }
 
 /* ---------------------------------------------------------------- blocks, seams, sizes, times */
@@ -195,6 +190,7 @@ static void report_warnings(struct report *r)
 static void report_block_rows(struct report *r)
 {
     struct output *t = &r->page;
+    page_section(r, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
     output_add(t,
                "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
                "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
@@ -223,14 +219,6 @@ static void report_seam(struct report *r)
         "Difference: %.2f dB.</p>\n",
         100 * json_number(seam, "width"), near_psnr, OUTPUT_COUNT(json_number(seam, "near_pixels")), elsewhere,
         near_psnr - elsewhere);
-}
-
-static void report_sizes(struct report *r)
-{
-    page_section(&r->page, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
-    report_block_rows(r);
-    report_seam(r);
-    output_add(&r->page, "</section>\n");
 }
 
 /* ---------------------------------------------------------------- to repeat it */
@@ -271,7 +259,7 @@ static void report_command(struct report *r)
 static void report_reproduction(struct report *r)
 {
     struct output *t = &r->page;
-    page_section(t, "Reproduction");
+    page_section(r, "Reproduction");
     output_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
     report_command(r);
     output_add(t, "oceanxl eval ");
@@ -280,7 +268,7 @@ static void report_reproduction(struct report *r)
     report_shell(t, r->scene ? r->scene : "SCENE");
     output_add(t,
                "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. "
-               "All options are in run.json, line \"job\".</small></p>\n</section>\n",
+               "All options are in run.json, line \"job\".</small></p>\n",
                json_member(r->run, "oceanxl"), OUTPUT_COUNT(json_number(r->run, "threads")), json_member(r->run, "instructions"));
 }
 
@@ -292,16 +280,16 @@ static void report_compose(struct report *r)
     report_warnings(r);
     views_section(r);
     views_training_section(r);
-    page_section(&r->page, "Survey");
+    page_section(r, "Survey");
     map_section(r);
     report_survey(r);
-    output_add(&r->page, "</section>\n");
     report_decisions(r);
     chart_section(r);
-    report_sizes(r);
+    report_block_rows(r);
+    report_seam(r);
     report_reproduction(r);
-    output_add(&r->page,
-               "<footer>Written by OceanXL " OXL_VERSION ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
+    output_add(&r->page, "</section>\n<footer>Written by OceanXL " OXL_VERSION
+                         ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
 oxl_result report_write(oxl_context *ctx, const char *out)

@@ -59,16 +59,15 @@ static void views_free(struct views *v)
 /* OUT/FOLDER/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
 static int views_image(struct report *r, const char *folder, const char *name, const char *suffix, oxl_image *out)
 {
-    const size_t size = strlen(r->out) + strlen(folder) + strlen(name) + strlen(suffix) + 16;
-    char        *path = malloc(size);
-    int          rc;
-    if (!path) return 0;
-    snprintf(path, size, "%s/%s/%s%s", r->out, folder, name, suffix);
-    for (char *c = path + strlen(r->out) + strlen(folder) + 2; (name[0] == '/' || strstr(name, "..")) && *c; c++)
-        if (*c == '/') *c = '_';
-    rc = oxl_image_read(r->ctx, path, out) == OXL_OK;
-    free(path);
-    return rc;
+    const int     is_flat = name[0] == '/' || strstr(name, ".."); /* its slashes are underscores */
+    struct output path    = {0};
+    int           found;
+    output_add(&path, "%s/%s/", r->out, folder);
+    for (const char *c = name; *c; c++) output_bytes(&path, is_flat && *c == '/' ? "_" : c, 1);
+    output_add(&path, "%s", suffix);
+    found = !path.failed && oxl_image_read(r->ctx, path.data, out) == OXL_OK;
+    free(path.data);
+    return found;
 }
 
 /* The mean of n x n pixels becomes one, until the longer side is at most VIEWS_SIDE. */
@@ -169,7 +168,7 @@ void views_section(struct report *r)
     const char    *split = json_member(r->metrics, "split");
     const int      held  = split && strncmp(split, "\"test\"", 6) == 0;
     if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
-    page_section(t, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
+    page_section(r, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
     if (v.count == 0) output_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
     else {
         output_add(
@@ -186,8 +185,7 @@ void views_section(struct report *r)
             views_rows(t, &v, VIEWS_OPEN, v.count, 0);
             output_add(t, "</details>\n");
         }
-        output_add(t, "</section>\n");
-        page_section(t, "Worst views");
+        page_section(r, "Worst views");
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "renders", &v.row[i]);
         output_add(
             t,
@@ -195,7 +193,6 @@ void views_section(struct report *r)
             "yellow (%.0f %% of full white and above).</small></p>\n",
             100 * VIEWS_ERROR_FULL);
     }
-    output_add(t, "</section>\n");
     views_free(&v);
 }
 
@@ -209,7 +206,7 @@ void views_training_section(struct report *r)
     struct views   v       = views_read(r, json_member(list, "views"));
     int            shown   = 0;
     if (v.count > 0) {
-        page_section(t, "Training images that fit worst");
+        page_section(r, "Training images that fit worst");
         output_add(
             t,
             "<p>%d of %d fit far worse than neighbouring images. The cause is a wrong pose, another exposure or blur: leave "
@@ -218,7 +215,6 @@ void views_training_section(struct report *r)
         while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
         views_rows(t, &v, 0, shown, 1);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
-        output_add(t, "</section>\n");
     }
     views_free(&v);
 }
