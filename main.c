@@ -294,7 +294,7 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
-        blocks_print(stdout, &report);
+        info_print_blocks(stdout, &report);
         printf("\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out, a->out, a->out);
     }
     oxl_text_free(ctx, json);

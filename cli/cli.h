@@ -13,7 +13,7 @@ struct cli_memory {           /* of the library, in bytes, as main.c counts it *
     size_t used, peak, limit; /* limit: --ram; 0: none */
 };
 
-/* ---------------------------------------------------------------- info.c: statistics of a model */
+/* ---------------------------------------------------------------- info.c: statistics of a model, tables of a partition */
 
 struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none */
     float low, middle, high;
@@ -22,10 +22,7 @@ struct spread info_spread(const float *value, size_t count, float *sorted); /* s
 oxl_result    info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
 int           info_copy_imaging(const char *from, const char *to);
-
-/* ---------------------------------------------------------------- blocks.c: a partition in tables */
-
-void blocks_print(FILE *to, const oxl_partition_report *report);
+void          info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------------------------------------------------------- output.c: text and files independent of the locale */
 
@@ -224,7 +221,7 @@ const char *arguments_given(const struct arguments *a, const char *name);   /* t
 
 /* ---------------------------------------------------------------- help.c: text generated from the tables */
 
-void complete_print(FILE *to);                            /* complete.c */
+void complete_print(FILE *to);
 void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */
 void help_manual(FILE *to);                               /* docs/oceanxl.1: roff, man(7) */
 void help_page(FILE *to);                                 /* docs/OPTIONS.md */

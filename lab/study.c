@@ -148,7 +148,7 @@ static oxl_result study_choose_side(struct study *s)
 static int study_is_finished(const char *folder)
 {
     char     *run      = output_read(folder, "run.json", NULL);
-    const int finished = run && strstr(run, "\"finished\": true") != NULL;
+    const int finished = json_is_true(run, "finished");
     free(run);
     return finished;
 }

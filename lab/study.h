@@ -4,7 +4,7 @@
  *     study_train.c    one training in a folder of its own: memory counted, CPU time, figures read back
  *     study_report.c   means, spreads, comparisons, the Pareto front; the page (Markdown) and the CSV
  *     study_plot.c     the drawing: PSNR over cost, twice
- *     ablate.c, tradeoff.c   the two studies, as tables of rows
+ *     studies.c        the two studies, as tables of rows
  */
 #ifndef STUDY_H
 #define STUDY_H

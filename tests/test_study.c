@@ -1,10 +1,9 @@
 /* test_study.c - what a study says is what its runs left: rows, comparisons, controls, the front; its page, CSV and drawing. */
-#include "../lab/ablate.c"
+#include "../lab/studies.c"
 #include "../lab/study.c"
 #include "../lab/study_plot.c"
 #include "../lab/study_report.c"
 #include "../lab/study_train.c"
-#include "../lab/tradeoff.c"
 
 #include <locale.h>
 

@@ -1,7 +1,8 @@
-/* ablate.c - the paper's variants on one survey, with the same seeds and iterations: gain and cost of each part.
+/* studies.c - the two studies, as tables of rows.
  *
- * Controls follow the rows that they belong to: a part that adds Gaussians is compared with the same number of them without it,
- * one that adds bytes with the same bytes.
+ * Ablation: the paper's variants on one survey, with the same seeds and iterations: gain and cost of each part. Controls follow the rows
+ * that they belong to: a part that adds Gaussians is compared with the same number of them without it, one that adds bytes with the same
+ * bytes. Trade-off: what speed costs, each option by itself and the presets, in the order of their use to a reader.
  */
 #include "study.h"
 
@@ -74,9 +75,43 @@ static const struct study_kind ABLATE_KIND = {
              "search. V3, bytes of OceanXL: more Gaussians kept instead of lobes.\n",
 };
 
+static const struct study_row TRADEOFF_ROWS[] = {
+    {.name = "base", .label = "base", .change = {{STUDY_ITERATIONS, 1}}},
+    {.name = "iterations-half", .label = "half the iterations", .change = {{STUDY_ITERATIONS, 0.5}}},
+    {.name = "coarse-0", .label = "--coarse 0", .change = {{STUDY_COARSE, 0}}},
+    {.name = "coarse-0.25", .label = "--coarse 0.25", .change = {{STUDY_COARSE, 0.25}}},
+    {.name = "coarse-0.5", .label = "--coarse 0.5", .change = {{STUDY_COARSE, 0.5}}},
+    {.name = "alpha-min-0.03", .label = "--alpha-min 0.03", .change = {{STUDY_ALPHA_MIN, 0.03}}},
+    {.name = "sh-degree-1", .label = "--sh-degree 1", .change = {{STUDY_SH_DEGREE, 1}}},
+    {.name = "sh-degree-0", .label = "--sh-degree 0", .change = {{STUDY_SH_DEGREE, 0}}},
+    {.name = "short-run-exponent-0", .label = "--short-run-exponent 0", .change = {{STUDY_SHORT_RUN, 0}}},
+    {.name = "cooldown-0", .label = "--cooldown 0", .change = {{STUDY_COOLDOWN, 0}}},
+    {.name = "keep-0.5", .label = "--keep 0.5", .change = {{STUDY_KEEP, 0.5}}},
+    {.name = "iterations-quarter", .label = "a quarter of the iterations", .change = {{STUDY_ITERATIONS, 0.25}}},
+    {.name = "draft", .label = "--preset draft", .change = {{STUDY_PRESET, OXL_PRESET_DRAFT}}},
+    {.name = "iterations-double", .label = "twice the iterations", .change = {{STUDY_ITERATIONS, 2}}},
+    {.name = "standard", .label = "--preset standard", .change = {{STUDY_PRESET, OXL_PRESET_STANDARD}}},
+    {.name = "paper", .label = "--preset paper", .change = {{STUDY_PRESET, OXL_PRESET_PAPER}}},
+};
+
+static const struct study_kind TRADEOFF_KIND = {
+    .file         = "tradeoff",
+    .title        = "Speed against accuracy",
+    .row          = TRADEOFF_ROWS,
+    .rows         = sizeof TRADEOFF_ROWS / sizeof *TRADEOFF_ROWS,
+    .by_default   = sizeof TRADEOFF_ROWS / sizeof *TRADEOFF_ROWS,
+    .has_baseline = 1,
+    .notes = "dB over other iterations: PSNR minus what the base reaches in the same CPU time with fewer or more iterations.\n",
+};
+
 oxl_result ablate_run(oxl_context *ctx, const study_options *options, FILE *to)
 {
     study_options o = *options;
     if (o.job.train.sh_degree < 0) o.job.train.sh_degree = 3; /* a degree chosen row by row would change the bytes */
     return study_run(ctx, &ABLATE_KIND, &o, to);
+}
+
+oxl_result tradeoff_run(oxl_context *ctx, const study_options *options, FILE *to)
+{
+    return study_run(ctx, &TRADEOFF_KIND, options, to);
 }
