@@ -55,12 +55,6 @@ const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h 
 
 double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
 
-#define json_member    oxl_json_member
-#define json_first     oxl_json_first
-#define json_next      oxl_json_next
-#define json_number    oxl_json_number
-#define json_number_at oxl_json_number_at
-#define json_is_true   oxl_json_is_true
 void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
 char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 

@@ -27,7 +27,7 @@ static double report_field(const char *line, int place)
         line += strcspn(line, ",\r\n");
         if (*line++ != ',') return NAN;
     }
-    return place == 0 ? json_number_at(&line) : NAN;
+    return place == 0 ? oxl_json_number_at(&line) : NAN;
 }
 
 static void report_read_log(struct report *r, struct report_block *b, const char *text)
@@ -65,10 +65,10 @@ static void report_read_block(struct report *r, int k)
 
 void report_open(struct report *r)
 {
-    const double blocks = json_number(r->run, "blocks");
-    r->job              = json_member(r->run, "job");
-    r->survey           = json_member(r->run, "survey");
-    r->scene            = json_string(json_member(r->job, "scene"));
+    const double blocks = oxl_json_number(r->run, "blocks");
+    r->job              = oxl_json_member(r->run, "job");
+    r->survey           = oxl_json_member(r->run, "survey");
+    r->scene            = json_string(oxl_json_member(r->job, "scene"));
     r->metrics          = output_read(r->out, "metrics.json", NULL);
     r->options          = oxl_job_options_default(OXL_PRESET_DRAFT);
     if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);

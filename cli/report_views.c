@@ -36,12 +36,12 @@ static struct views views_read(struct report *r, const char *list)
 {
     struct views v = {0};
     int          n = 0;
-    for (const char *e = json_first(list); e; e = json_next(e)) n++;
+    for (const char *e = oxl_json_first(list); e; e = oxl_json_next(e)) n++;
     v.row = calloc((size_t)n + 1, sizeof *v.row);
     if (!v.row) r->page.failed = 1;
-    for (const char *e = json_first(list); v.row && e; e = json_next(e)) {
-        struct views_row row = {json_string(json_member(e, "name")), json_number(e, "psnr"), json_number(e, "ssim"),
-                                json_string(json_member(e, "flag"))};
+    for (const char *e = oxl_json_first(list); v.row && e; e = oxl_json_next(e)) {
+        struct views_row row = {json_string(oxl_json_member(e, "name")), oxl_json_number(e, "psnr"), oxl_json_number(e, "ssim"),
+                                json_string(oxl_json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
     }
@@ -164,8 +164,8 @@ static void views_rows(struct output *t, const struct views *v, int from, int to
 void views_section(struct report *r)
 {
     struct output *t     = &r->page;
-    struct views   v     = views_read(r, json_member(r->metrics, "views"));
-    const char    *split = json_member(r->metrics, "split");
+    struct views   v     = views_read(r, oxl_json_member(r->metrics, "views"));
+    const char    *split = oxl_json_member(r->metrics, "split");
     const int      held  = split && strncmp(split, "\"test\"", 6) == 0;
     if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
     page_section(r, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
@@ -201,9 +201,9 @@ void views_section(struct report *r)
 void views_training_section(struct report *r)
 {
     struct output *t       = &r->page;
-    const char    *list    = json_member(r->metrics, "training");
-    const double   flagged = json_number(list, "flagged");
-    struct views   v       = views_read(r, json_member(list, "views"));
+    const char    *list    = oxl_json_member(r->metrics, "training");
+    const double   flagged = oxl_json_number(list, "flagged");
+    struct views   v       = views_read(r, oxl_json_member(list, "views"));
     int            shown   = 0;
     if (v.count > 0) {
         page_section(r, "Training images that fit worst");

@@ -125,7 +125,7 @@ static double study_steps(const struct study *s, int row)
 static oxl_result study_choose_side(struct study *s)
 {
     char         *before = output_read(s->options->out, "study.json", NULL);
-    const double  chosen = json_number(before, "max_side");
+    const double  chosen = oxl_json_number(before, "max_side");
     double        steps  = 0;
     oxl_survey    survey;
     struct output t  = {0};
@@ -148,7 +148,7 @@ static oxl_result study_choose_side(struct study *s)
 static int study_is_finished(const char *folder)
 {
     char     *run      = output_read(folder, "run.json", NULL);
-    const int finished = json_is_true(run, "finished");
+    const int finished = oxl_json_is_true(run, "finished");
     free(run);
     return finished;
 }

@@ -245,7 +245,7 @@ TEST(study_digits_do_not_follow_the_locale)
     }
     after = study_test_text(study_csv, s);
     CHECK(strcmp(before.data, after.data) == 0);
-    CHECK_CLOSE(json_number("{\"psnr\": 23.25, \"x\": 1}", "psnr"), 23.25, 1e-12);
+    CHECK_CLOSE(oxl_json_number("{\"psnr\": 23.25, \"x\": 1}", "psnr"), 23.25, 1e-12);
     setlocale(LC_NUMERIC, "C");
     free(before.data);
     free(after.data);
@@ -422,9 +422,9 @@ TEST(study_reads_numbers_as_metrics_json_has_them)
     const char *json =
         "{\n  \"standard\": {\"psnr\": 2, \"ssim\": 1},\n  \"gaussians\": 12345,\n  \"ssim\": 0.71828182845904523,\n"
         "  \"small\": -2.5e-05, \"large\": 1e+20,\n  \"none\": null }";
-    CHECK_CLOSE(json_number(json, "gaussians"), 12345, 0);
-    CHECK_CLOSE(json_number(json, "ssim"), 0.71828182845904523, 1e-15);
-    CHECK_CLOSE(json_number(json, "small"), -2.5e-5, 1e-18);
-    CHECK_CLOSE(json_number(json, "large"), 1e20, 1e6);
-    CHECK(isnan(json_number(json, "none")) && isnan(json_number(json, "psnr")) && isnan(json_number(NULL, "psnr")));
+    CHECK_CLOSE(oxl_json_number(json, "gaussians"), 12345, 0);
+    CHECK_CLOSE(oxl_json_number(json, "ssim"), 0.71828182845904523, 1e-15);
+    CHECK_CLOSE(oxl_json_number(json, "small"), -2.5e-5, 1e-18);
+    CHECK_CLOSE(oxl_json_number(json, "large"), 1e20, 1e6);
+    CHECK(isnan(oxl_json_number(json, "none")) && isnan(oxl_json_number(json, "psnr")) && isnan(oxl_json_number(NULL, "psnr")));
 }
