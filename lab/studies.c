@@ -6,62 +6,60 @@
  */
 #include "study.h"
 
-#define PARTS(cut, ucd, keep, dog)                          \
-    {STUDY_CUT, cut}, {STUDY_UCD, ucd}, {STUDY_KEEP, keep}, \
-    {                                                       \
-        STUDY_DOG, dog                                      \
+#define PARTS(cut, ucd, keep, dog)              \
+    {"cut", cut}, {"ucd", ucd}, {"keep", keep}, \
+    {                                           \
+        "dog", dog                              \
     }
 #define PAPER(psnr, ssim, gb, s) [STUDY_PSNR] = psnr, [STUDY_SSIM] = ssim, [STUDY_BYTES] = 1e9 * gb, [STUDY_SECONDS] = s
-#define BSP                      OXL_CUT_BALANCED
 
 static const struct study_row ABLATE_ROWS[] = {
     {.name   = "3dgs",
      .label  = "3DGS, midpoint",
-     .change = {PARTS(OXL_CUT_MIDPOINT, OXL_UCD_OFF, 1, OXL_DOG_OFF)},
+     .option = {PARTS("midpoint", "off", "all", "off")},
      .paper  = {PAPER(22.40, 0.719, 0.670, 2587)}}, /* the paper's ablation, on its Abyssal dataset */
     {.name    = "v1",
      .label   = "V1 +BSP",
-     .change  = {PARTS(BSP, OXL_UCD_OFF, 1, OXL_DOG_OFF)},
+     .option  = {PARTS("balanced", "off", "all", "off")},
      .against = {"3dgs"},
      .paper   = {PAPER(23.05, 0.721, 0.593, 1877)}},
     {.name    = "v2",
      .label   = "V2 +UCD",
-     .change  = {PARTS(BSP, OXL_UCD_ON, 1, OXL_DOG_OFF)},
+     .option  = {PARTS("balanced", "on", "all", "off")},
      .against = {"v1", "v1-count", "3dgs"},
      .paper   = {PAPER(26.36, 0.818, 0.768, 2233)}},
     {.name    = "v1-count",
      .label   = "V1, count of V2",
-     .change  = {PARTS(BSP, OXL_UCD_OFF, 1, OXL_DOG_OFF), {STUDY_EQUAL_COUNT, 0}},
+     .option  = {PARTS("balanced", "off", "all", "off")},
      .against = {"v1"},
-     .like    = "v2"},
+     .like    = "v2",
+     .equal   = STUDY_GAUSSIANS},
     {.name    = "v3",
      .label   = "V3 +WAP",
-     .change  = {PARTS(BSP, OXL_UCD_ON, 0.5, OXL_DOG_OFF)},
+     .option  = {PARTS("balanced", "on", "0.5", "off")},
      .against = {"v2", "3dgs"},
      .paper   = {PAPER(26.04, 0.788, 0.242, 1530)}},
     {.name    = "v4",
      .label   = "V4 +DoG on all",
-     .change  = {PARTS(BSP, OXL_UCD_ON, 0.5, OXL_DOG_ALL)},
+     .option  = {PARTS("balanced", "on", "0.5", "all")},
      .against = {"v3", "3dgs"},
      .paper   = {PAPER(26.26, 0.809, 0.264, 2232)}},
     {.name    = "oceanxl",
      .label   = "OceanXL",
-     .change  = {PARTS(BSP, OXL_UCD_ON, 0.5, OXL_DOG_SELECTIVE)},
+     .option  = {PARTS("balanced", "on", "0.5", "selective")},
      .against = {"v3", "v3-bytes", "v2", "3dgs"},
      .paper   = {PAPER(26.19, 0.797, 0.261, 1736)}},
     {.name    = "v3-bytes",
      .label   = "V3, bytes of OceanXL",
-     .change  = {PARTS(BSP, OXL_UCD_ON, 1, OXL_DOG_OFF), {STUDY_EQUAL_BYTES, 0}},
+     .option  = {PARTS("balanced", "on", "all", "off")},
      .against = {"v3"},
-     .like    = "oceanxl"},
+     .like    = "oceanxl",
+     .equal   = STUDY_BYTES},
     /* by name alone: the paper's V3 is 31.5 % of its V2 in size, though it says that half is kept */
-    {.name    = "v3-315",
-     .label   = "V3, keep 0.315",
-     .change  = {PARTS(BSP, OXL_UCD_ON, 0.315, OXL_DOG_OFF)},
-     .against = {"v2", "3dgs"}},
+    {.name = "v3-315", .label = "V3, keep 0.315", .option = {PARTS("balanced", "on", "0.315", "off")}, .against = {"v2", "3dgs"}},
     {.name    = "auto",
      .label   = "OceanXL, UCD auto",
-     .change  = {PARTS(BSP, OXL_UCD_AUTO, 0.5, OXL_DOG_SELECTIVE)},
+     .option  = {PARTS("balanced", "auto", "0.5", "selective")},
      .against = {"oceanxl", "3dgs"}},
 };
 
@@ -76,22 +74,22 @@ static const struct study_kind ABLATE_KIND = {
 };
 
 static const struct study_row TRADEOFF_ROWS[] = {
-    {.name = "base", .label = "base", .change = {{STUDY_ITERATIONS, 1}}},
-    {.name = "iterations-half", .label = "half the iterations", .change = {{STUDY_ITERATIONS, 0.5}}},
-    {.name = "coarse-0", .label = "--coarse 0", .change = {{STUDY_COARSE, 0}}},
-    {.name = "coarse-0.25", .label = "--coarse 0.25", .change = {{STUDY_COARSE, 0.25}}},
-    {.name = "coarse-0.5", .label = "--coarse 0.5", .change = {{STUDY_COARSE, 0.5}}},
-    {.name = "alpha-min-0.03", .label = "--alpha-min 0.03", .change = {{STUDY_ALPHA_MIN, 0.03}}},
-    {.name = "sh-degree-1", .label = "--sh-degree 1", .change = {{STUDY_SH_DEGREE, 1}}},
-    {.name = "sh-degree-0", .label = "--sh-degree 0", .change = {{STUDY_SH_DEGREE, 0}}},
-    {.name = "short-run-exponent-0", .label = "--short-run-exponent 0", .change = {{STUDY_SHORT_RUN, 0}}},
-    {.name = "cooldown-0", .label = "--cooldown 0", .change = {{STUDY_COOLDOWN, 0}}},
-    {.name = "keep-0.5", .label = "--keep 0.5", .change = {{STUDY_KEEP, 0.5}}},
-    {.name = "iterations-quarter", .label = "a quarter of the iterations", .change = {{STUDY_ITERATIONS, 0.25}}},
-    {.name = "draft", .label = "--preset draft", .change = {{STUDY_PRESET, OXL_PRESET_DRAFT}}},
-    {.name = "iterations-double", .label = "twice the iterations", .change = {{STUDY_ITERATIONS, 2}}},
-    {.name = "standard", .label = "--preset standard", .change = {{STUDY_PRESET, OXL_PRESET_STANDARD}}},
-    {.name = "paper", .label = "--preset paper", .change = {{STUDY_PRESET, OXL_PRESET_PAPER}}},
+    {.name = "base", .label = "base", .iterations = 1},
+    {.name = "iterations-half", .label = "half the iterations", .iterations = 0.5},
+    {.name = "coarse-0", .label = "--coarse 0", .option = {{"coarse", "0"}}},
+    {.name = "coarse-0.25", .label = "--coarse 0.25", .option = {{"coarse", "0.25"}}},
+    {.name = "coarse-0.5", .label = "--coarse 0.5", .option = {{"coarse", "0.5"}}},
+    {.name = "alpha-min-0.03", .label = "--alpha-min 0.03", .option = {{"alpha-min", "0.03"}}},
+    {.name = "sh-degree-1", .label = "--sh-degree 1", .option = {{"sh-degree", "1"}}},
+    {.name = "sh-degree-0", .label = "--sh-degree 0", .option = {{"sh-degree", "0"}}},
+    {.name = "short-run-exponent-0", .label = "--short-run-exponent 0", .option = {{"short-run-exponent", "0"}}},
+    {.name = "cooldown-0", .label = "--cooldown 0", .option = {{"cooldown", "0"}}},
+    {.name = "keep-0.5", .label = "--keep 0.5", .option = {{"keep", "0.5"}}},
+    {.name = "iterations-quarter", .label = "a quarter of the iterations", .iterations = 0.25},
+    {.name = "draft", .label = "--preset draft", .preset = 1 + OXL_PRESET_DRAFT},
+    {.name = "iterations-double", .label = "twice the iterations", .iterations = 2},
+    {.name = "standard", .label = "--preset standard", .preset = 1 + OXL_PRESET_STANDARD},
+    {.name = "paper", .label = "--preset paper", .preset = 1 + OXL_PRESET_PAPER},
 };
 
 static const struct study_kind TRADEOFF_KIND = {

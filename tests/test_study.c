@@ -312,9 +312,10 @@ TEST(tradeoff_options_are_off_in_the_papers_preset)
 }
 
 /* Rows that others are compared with, or made equal to, exist and precede the controls. */
-TEST(study_rows_name_rows_of_their_study)
+TEST(study_rows_name_options_and_rows_of_their_study)
 {
     const struct study_kind *const kinds[] = {&ABLATE_KIND, &TRADEOFF_KIND};
+    oxl_job_options                job     = oxl_job_options_default(OXL_PRESET_DRAFT);
     for (int k = 0; k < 2; k++) {
         CHECK(kinds[k]->rows <= STUDY_ROWS && kinds[k]->by_default <= kinds[k]->rows);
         for (int r = 0; r < kinds[k]->rows; r++) {
@@ -322,6 +323,9 @@ TEST(study_rows_name_rows_of_their_study)
             CHECK(study_find_row(kinds[k], row->name, strlen(row->name)) == row);
             for (int i = 0; i < STUDY_AGAINST; i++)
                 CHECK(!row->against[i] || study_find_row(kinds[k], row->against[i], strlen(row->against[i])));
+            for (int i = 0; i < STUDY_OPTIONS && row->option[i][0]; i++)
+                CHECK(oxl_option_set(oxl_option_find(row->option[i][0]), &job, row->option[i][1], NULL, 0) == OXL_OK);
+            CHECK(!row->like == !row->equal);
             CHECK(!row->like || study_find_row(kinds[k], row->like, strlen(row->like)) < row);
         }
     }
