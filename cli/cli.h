@@ -9,6 +9,8 @@
 
 #include <stdio.h>
 
+struct arguments;
+
 struct cli_memory {           /* of the library, in bytes, as main.c counts it */
     size_t used, peak, limit; /* limit: --ram; 0: none */
 };
@@ -74,23 +76,14 @@ int    frame_bounds(const struct frame *f, const oxl_scene *scene, int with_came
 
 /* ---------------------------------------------------------------- ortho.c: an orthomosaic */
 
-typedef struct ortho_options {
-    const char *folder; /* gets ortho.png, ortho.pgw and ortho.height.pfm */
-    double      pixel;  /* its size, in units, or metres when `unit` is given; 0: the longer side has 2048 of them */
-    double      unit;   /* metres a unit of the survey; 0: not known */
-    int         heights;
-} ortho_options;
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to);
+/* Writes ortho.png, ortho.pgw and ortho.height.pfm (--depth) to -o, by --pixel (0: the longer side has 2048) and --scale (0: not known). */
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a, FILE *to);
 
 /* ---------------------------------------------------------------- flight.c: frames along a path */
 
-typedef struct flight_options {
-    const char *folder, *kind; /* orbit | survey */
-    int         frames;
-    int (*stop)(void *user, const char *what, long done, long total); /* nonzero stops it; may be NULL */
-    void *user;
-} flight_options;
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options);
+/* Writes --frames of --flight to -o. A nonzero result of stop stops it. */
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                        int (*stop)(void *user, const char *what, long done, long total), void *user);
 
 /* ---------------------------------------------------------------- scale_bar.c: metres per unit */
 
