@@ -219,9 +219,11 @@ static int points_append(struct synth_points *out, const struct synth_trajectory
         out->observation = grown;
         *capacity        = more;
     }
-    *p = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(trajectory, t)};
-    p->count      = (uint16_t)t->count;
-    p->is_outlier = (uint8_t)t->is_outlier;
+    *p = (struct synth_point){.position   = t->position,
+                              .first      = out->observation_count,
+                              .error      = points_error(trajectory, t),
+                              .count      = (uint16_t)t->count,
+                              .is_outlier = (uint8_t)t->is_outlier};
     for (int c = 0; c < 3; c++) p->sum[c] = (uint16_t)(t->rgb[c] * t->count);
     memcpy(out->observation + out->observation_count, t->seen, (size_t)t->count * sizeof *t->seen);
     out->observation_count += (size_t)t->count;
