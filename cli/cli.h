@@ -1,4 +1,4 @@
-/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and json.h, eigen.h,
+/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and json.h, eigen.h, random.h,
  * svg.h of src/core, and are not in the library. One section for each file of cli/; synth_options is here because arguments holds it.
  */
 #ifndef CLI_H
