@@ -2,7 +2,7 @@
  *
  *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
  */
-#include "src/core/core.h"  /* context, errors, memory, text, numbers, files; each layer has one header */
+#include "src/core/core.h"  /* context, errors, memory, text, numbers, files */
 #include "src/core/simd.h"  /* run-time selection of the instruction set */
 #include "src/core/bytes.h" /* little-endian numbers in files */
 

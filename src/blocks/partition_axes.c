@@ -9,6 +9,9 @@
 #include "partition.h"
 
 #include "../core/eigen.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
 
 enum { AXES_SAMPLE = 1 << 18 };
 #define AXES_QUANTILE 0.9

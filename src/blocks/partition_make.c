@@ -17,6 +17,8 @@
  * Invariant: every place, and so every point and every Gaussian, belongs to exactly one block.
  */
 #include "partition_build.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 enum { PARTITION_MIN_POINTS = 100, PARTITION_MIN_VIEWS = 20 };
 #define PARTITION_FLAT 0.3 /* l3 / l2 below it: 2D [OceanXL] */

@@ -6,6 +6,9 @@
  * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the run.
  */
 #include "job_state.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
 
 #define PLAN_PIXEL_COST 0.35  /* docs/log/SCALE.md */
 #define PLAN_MIN        0.002 /* of an image's pixels: views that are worth less to a block are left out */

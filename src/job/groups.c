@@ -9,6 +9,9 @@
  * gives the same bytes.
  */
 #include "job_state.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
 
 #define GROUPS_PASSES 8 /* turns of each group */
 

@@ -3,6 +3,7 @@
  * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs is called here.
  */
 #include "job_state.h"
+#include "../survey/scene.h"
 
 #define JOB_MEMORY_FRACTION 4    /* a merged model of more than --ram over this stays in its file */
 #define JOB_SECONDS_MIN     1e-3 /* of the time left: 0 would be no limit */

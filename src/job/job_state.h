@@ -4,6 +4,8 @@
 
 #include "job.h"
 #include "../core/vecmath.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
 
 /* Shares of a run in blocks (docs/SCALE.md). */
 #define JOB_COARSE       0.15 /* the coarse model of the survey */

@@ -7,7 +7,12 @@
  * Invariant: the state of the run is not changed; the run ends with the same bytes.
  */
 #include "job.h"
+#include "../render/render.h"
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
+#include "../model/model.h"
 
 #define PREDICT_TIME_GROWTH 0.4 /* new Gaussians per Gaussian in a densification; measured: 0.2 to 0.8, until the cap */
 #define PREDICT_TIME_TRAINED \

@@ -8,6 +8,9 @@
  * Invariant: nothing here changes the model; no view is left out of training.
  */
 #include "job.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
 
 enum {
     TRAINING_STEPS    = 5, /* of each view, before its error is evidence */

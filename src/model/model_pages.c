@@ -4,6 +4,7 @@
  *
  * Invariant: the image is that of the whole model: rows left out touch no pixel, and the rows that are read keep their order.
  */
+#include "../survey/sparse.h"
 #include "model.h"
 
 #include "../core/vecmath.h"

@@ -2,6 +2,8 @@
 #ifndef OXL_RENDER_H
 #define OXL_RENDER_H
 
+#include "../survey/image.h"
+#include "../survey/imaging.h"
 #include "../model/model.h"
 
 /* ---------------------------------------------------------------- backend.c: the device that renders */

@@ -4,6 +4,7 @@
 #include "kernels.h"
 #include "device.h"
 #include "../core/vecmath.h"
+#include "../survey/imaging.h"
 
 #define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
 #define RENDER_STEP_PART 8  /* packs whose gradients a thread holds in a step: in its first-level cache */

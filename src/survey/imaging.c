@@ -10,7 +10,9 @@
  *
  * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered image.
  */
-#include "survey.h"
+#include "sparse.h"
+#include "imaging.h"
+#include "scene.h"
 #include "../core/vecmath.h"
 
 #define IMAGING_MEDIUM_MAX   1e6 /* of bD, bB (1/unit) and Binf in a file */

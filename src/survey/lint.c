@@ -5,7 +5,10 @@
  *
  * Invariant: no check changes what is trained.
  */
-#include "survey.h"
+#include "sparse.h"
+#include "image.h"
+#include "scene.h"
+#include "lint.h"
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */

@@ -11,6 +11,11 @@
  *
  * Invariant: a function of the scene. Sums follow the file order of points and the name order of views.
  */
+#include "sparse.h"
+#include "image.h"
+#include "imaging.h"
+#include "photometry.h"
+#include "scene.h"
 #include "survey.h"
 #include "../core/vecmath.h"
 

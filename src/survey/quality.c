@@ -6,7 +6,11 @@
  *
  * Invariant: no check changes what is trained. Every sum is one of integers.
  */
+#include "sparse.h"
+#include "image.h"
+#include "scene.h"
 #include "survey.h"
+#include "lint.h"
 #include "../core/vecmath.h"
 
 enum {

@@ -2,7 +2,10 @@
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
+#include "sparse.h"
+#include "image.h"
 #include "scene.h"
+#include "survey.h"
 
 enum {
     SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */

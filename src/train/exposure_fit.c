@@ -17,6 +17,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define EXPOSURE_RATE    0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
 #define EXPOSURE_LAST    0.02 /* of that at the end of the run */

@@ -8,6 +8,8 @@
  * Invariant: a function of the scene alone, so there is no state to archive. Without tracks nothing is removed.
  */
 #include "train_parts.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 #define FREE_SPACE_SHARE 0.7f /* of the least depth: points are off, and surfaces swell towards the camera between them */
 enum {

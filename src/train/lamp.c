@@ -13,6 +13,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define LAMP_FROM 0.11 /* of the run: Gaussians are rough before */
 #define LAMP_RATE 0.01 /* learning rate at the start, in log units */

@@ -16,6 +16,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define MEDIUM_FIT_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
 #define MEDIUM_FIT_FROM  0.3  /* of the run */

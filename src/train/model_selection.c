@@ -9,6 +9,7 @@
  */
 #include "train_state.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of the highest degree over a lower one */
 #define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */

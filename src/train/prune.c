@@ -12,6 +12,7 @@
  * is a function of the model, the scene and the options; ties are resolved by row.
  */
 #include "train_parts.h"
+#include "../survey/scene.h"
 
 #define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the phase [paper sec. 4] */
 #define PRUNE_PHASE    0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */

@@ -1,6 +1,7 @@
 /* schedule.c - functions of options and step: learning rates, steps of density control, sizes. */
 #include "train_state.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define SCHEDULE_WARM_UP              500  /* iterations before the first densification, unless a quarter of the run is less */
 #define SCHEDULE_RESET_MIN            3000 /* iterations between opacity resets [Kerbl 2023] */

@@ -1,6 +1,8 @@
 /* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and pruning. */
 #include "train_state.h"
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 #define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
 #define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */

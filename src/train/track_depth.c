@@ -6,6 +6,8 @@
  * Invariant: a function of the scene and the step, so there is no state to archive.
  */
 #include "train_parts.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 #define TRACK_DEPTH_STREAM 0x4465707468 /* a random stream of its own */
 #define TRACK_DEPTH_WEIGHT 0.02         /* of the mean over the points, at the start of the run; 0 at its end */

@@ -2,7 +2,8 @@
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 
-#include "../render/render.h"
+#include "../survey/image.h"
+#include "../model/model.h"
 
 /* ---------------------------------------------------------------- train_loop.c: a run */
 

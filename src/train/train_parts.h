@@ -3,6 +3,12 @@
 #define OXL_TRAIN_PARTS_H
 
 #include "train.h"
+#include "../render/render.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
+#include "../survey/photometry.h"
+#include "../survey/survey.h"
+#include "../model/model.h"
 
 /* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
 

@@ -3,6 +3,8 @@
 #define OXL_TRAIN_STATE_H
 
 #include "train_parts.h"
+#include "../survey/imaging.h"
+#include "../model/model.h"
 
 #define TRAIN_ON_DEVICE "a device renders: only the CPU has it" /* why an option with OXL_OPTION_CPU_ONLY is off */
 

@@ -20,6 +20,7 @@
  * number of threads.
  */
 #include "train_parts.h"
+#include "../survey/sparse.h"
 
 #define TRANSIENTS_ERROR     0.05f /* of white: a visible difference */
 #define TRANSIENTS_TIMES     4.0f  /* x the expected error around */
