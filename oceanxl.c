@@ -9,7 +9,6 @@
 #include "src/core/memory.c"     /* errors, memory */
 #include "src/core/text.c"       /* growing text, paths */
 #include "src/core/log.c"        /* log lines */
-#include "src/core/random.c"     /* random numbers: functions of a seed and two numbers */
 #include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */

@@ -119,29 +119,29 @@ static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int c
     return rc;
 }
 
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options)
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                        int (*stop)(void *user, const char *what, long done, long total), void *user)
 {
     const oxl_render_options render = oxl_render_options_default();
-    const int                orbit  = strcmp(options->kind, "orbit") == 0;
-    oxl_result               rc     = oxl_make_folder(ctx, options->folder);
-    if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", options->kind);
+    const int                orbit  = strcmp(a->flight, "orbit") == 0;
+    oxl_result               rc     = oxl_make_folder(ctx, a->out);
+    if (rc == OXL_OK && !orbit && strcmp(a->flight, "survey") != 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", options->kind);
-    if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames);
-    for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
+        return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", a->flight);
+    if (rc == OXL_OK) rc = flight_list_frames(ctx, a->out, a->frames);
+    for (int i = 0; i < a->frames && rc == OXL_OK; i++) {
         oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
-        const double share = orbit ? (double)i / options->frames : (double)i / (options->frames > 1 ? options->frames - 1 : 1);
+        const double share = orbit ? (double)i / a->frames : (double)i / (a->frames > 1 ? a->frames - 1 : 1);
         oxl_image    image = {0};
         char         path[1100];
         if (!orbit) flight_survey(scene, share, &c);
         else if (!flight_orbit(scene, share, &c)) rc = OXL_ERR_MEMORY;
-        snprintf(path, sizeof path, "%s/frame_%05d.png", options->folder, i);
+        snprintf(path, sizeof path, "%s/frame_%05d.png", a->out, i);
         if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, &render, &image, NULL);
         if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
         oxl_image_free(ctx, &image);
-        if (rc == OXL_OK && options->stop && options->stop(options->user, "frames", i + 1, options->frames))
-            rc = OXL_ERR_INTERRUPTED;
+        if (rc == OXL_OK && stop(user, "frames", i + 1, a->frames)) rc = OXL_ERR_INTERRUPTED;
     }
     return rc;
 }

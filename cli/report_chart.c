@@ -127,7 +127,7 @@ void chart_section(struct report *r)
     struct output *t    = &r->page;
     int            rows = 0;
     for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
-    page_section(t, "Training curves");
+    page_section(r, "Training curves");
     if (rows == 0) output_add(t, "<p>There is no log.csv yet.</p>\n");
     else output_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
     for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++) curve_draw(t, r, &CURVES[i]);
@@ -139,5 +139,4 @@ void chart_section(struct report *r)
         output_add(t, "</small></p>\n");
     } else if (rows > 0 && r->parts > CURVE_NAMED)
         output_add(t, "<p><small>One line per block, %d blocks.</small></p>\n", r->blocks);
-    output_add(t, "</section>\n");
 }

@@ -40,6 +40,7 @@ struct report {
     int                  blocks, parts; /* parts: the blocks, then the coarse and the merged model if they are there */
     struct report_block *block;
     struct output        page;
+    int                  sections; /* begun */
 };
 
 /* ---------------------------------------------------------------- report_read.c */
@@ -53,7 +54,7 @@ const char *report_part(const struct report *r, int part, char out[40]);
 /* ---------------------------------------------------------------- report_page.c */
 
 void page_open(struct output *t, const char *title);
-void page_section(struct output *t, const char *title);                            /* the first heading, or the next one */
+void page_section(struct report *r, const char *title);                            /* ends the one before */
 void page_data(struct output *t, const char *type, const void *data, size_t size); /* a data: URI */
 /* A figure that is rendered from an image; q: of the JPEG. */
 void page_jpeg(struct report *r, const oxl_image *image, int q);

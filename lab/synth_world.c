@@ -214,7 +214,7 @@ v3 synth_wreck_frame(const struct synth_world *w, v3 p)
 /* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
 static void world_place_wreck(struct synth_world *w, v3 at)
 {
-    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
+    const double yaw = 2 * SYNTH_PI * random_unit(random_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
                  pitch = 5 * SYNTH_PI / 180;
     const v3 forward   = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
     const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
@@ -357,10 +357,10 @@ static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, d
 /* A bush: stems lean outwards and end in two fingers each. */
 static void world_branching(struct synth_shape *s, uint64_t seed)
 {
-    const int stems = 6 + (int)(3 * synth_unit(synth_bits(seed, 0, 0)));
+    const int stems = 6 + (int)(3 * random_unit(random_bits(seed, 0, 0)));
     s->blend        = 0.08;
     for (int i = 0; i < stems; i++) {
-        const double u = synth_unit(synth_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
+        const double u = random_unit(random_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
         const double turn = 2 * SYNTH_PI * (i + 0.6 * u) / stems;
         const v3     out  = v3_of(cos(turn) * sin(lean), sin(turn) * sin(lean), cos(lean));
         const v3     side = v3_of(-sin(turn), cos(turn), 0.3), middle = v3_of(0.5 * out.x, 0.5 * out.y, 0.5 * out.z - 0.15);
@@ -373,10 +373,10 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
 /* A cluster of tubes. */
 static void world_tubes(struct synth_shape *s, uint64_t seed)
 {
-    const int tubes = 4 + (int)(4 * synth_unit(synth_bits(seed, 0, 1)));
+    const int tubes = 4 + (int)(4 * random_unit(random_bits(seed, 0, 1)));
     s->blend        = 0.06;
     for (int i = 0; i < tubes; i++) {
-        const double turn = 2 * SYNTH_PI * i / tubes, tall = 0.25 + 0.55 * synth_unit(synth_bits(seed, 2, (uint64_t)i));
+        const double turn = 2 * SYNTH_PI * i / tubes, tall = 0.25 + 0.55 * random_unit(random_bits(seed, 2, (uint64_t)i));
         const v3     foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
         world_add_limb(s, foot, v3_of(1.9 * foot.x, 1.9 * foot.y, tall - 0.1), 0.11, 0.16);
     }
@@ -389,7 +389,7 @@ static void world_table(struct synth_shape *s, uint64_t seed)
     world_add_limb(s, v3_of(0, 0, -0.5), v3_of(0, 0, 0.1), 0.14, 0.12);
     for (int i = 0; i < 22; i++) {
         const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
-        const v3 at = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
+        const v3 at = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * random_unit(random_bits(seed, 3, (uint64_t)i)));
         world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
     }
 }
@@ -398,7 +398,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 {
     s->blend = 0.1;
     for (int i = 0; i < 5; i++) {
-        const double turn = 2 * SYNTH_PI * (i + 0.25 * synth_unit(synth_bits(seed, 4, (uint64_t)i))) / 5;
+        const double turn = 2 * SYNTH_PI * (i + 0.25 * random_unit(random_bits(seed, 4, (uint64_t)i))) / 5;
         world_add_limb(s, v3_of(0, 0, 0.06), v3_of(0.85 * cos(turn), 0.85 * sin(turn), -0.05), 0.2, 0.08);
     }
 }
@@ -406,7 +406,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 static void world_make_shapes(struct synth_world *w)
 {
     for (int i = 0; i < SYNTH_SHAPES; i++) {
-        const uint64_t seed = synth_bits(w->seed, 8, (uint64_t)i);
+        const uint64_t seed = random_bits(w->seed, 8, (uint64_t)i);
         if (i < 4) world_branching(&w->shape[i], seed);
         else if (i < 7) world_tubes(&w->shape[i], seed);
         else if (i < 10) world_table(&w->shape[i], seed);
@@ -442,9 +442,9 @@ enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
 static int world_place_object(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
 {
     const struct world_kind *k    = &world_kinds[kind];
-    const uint64_t           seed = synth_bits(w->seed, 100 + (uint64_t)kind, i);
+    const uint64_t           seed = random_bits(w->seed, 100 + (uint64_t)kind, i);
     double                   u[8], reef, x, y;
-    for (uint64_t j = 0; j < 8; j++) u[j] = synth_unit(synth_bits(seed, j, 0));
+    for (uint64_t j = 0; j < 8; j++) u[j] = random_unit(random_bits(seed, j, 0));
     x    = half * (2 * u[0] - 1);
     y    = half * (2 * u[1] - 1);
     reef = world_reef(w, x, y);
@@ -542,7 +542,7 @@ static int world_index(struct synth_world *w, double half)
 int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *w)
 {
     *w = (struct synth_world){
-        .seed = (uint32_t)synth_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
+        .seed = (uint32_t)random_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;
     world_place_wreck(w, wreck);
     world_make_shapes(w);

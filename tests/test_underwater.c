@@ -325,7 +325,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 {
     synth_options o      = synth_test_options("lamp");
     struct colmap survey = {0};
-    o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = "none", o.path = "forward";
+    o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     for (int view = 0; view < o.views; view += 5) {
@@ -363,11 +363,11 @@ static void photometry_test_measure(const char *survey, struct photometry *p)
     oxl_scene_free(test_ctx, scene);
 }
 
-static synth_options photometry_test_make(const char *name, const char *water)
+static synth_options photometry_test_make(const char *name, enum synth_type water)
 {
     synth_options o      = synth_test_options(name);
     struct colmap survey = {0};
-    o.views = 14, o.width = 160, o.height = 104, o.water = water, o.path = "forward", o.threads = 0;
+    o.views = 14, o.width = 160, o.height = 104, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -389,7 +389,7 @@ static void photometry_test_scale(const synth_options *o, const char *survey, in
 TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
 {
     struct photometry p;
-    photometry_test_make("air", "none");
+    photometry_test_make("air", SYNTH_AIR);
     photometry_test_measure("air", &p);
     CHECK(p.points > 50 && p.parts == 0);
     photometry_free(test_ctx, &p);
@@ -403,7 +403,7 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     struct colmap     survey = {0};
     struct photometry p;
     double            truth[N * N], mean = 0, error = 0, square = 0;
-    o.views = 14, o.width = 160, o.height = 104, o.water = "none", o.path = "forward", o.threads = 0;
+    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.lamp = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -428,7 +428,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     synth_options     o      = synth_test_options("lamps");
     struct colmap     survey = {0};
     struct photometry p;
-    o.views = 28, o.width = 160, o.height = 104, o.water = "none", o.path = "forward", o.threads = 0;
+    o.views = 28, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -462,7 +462,7 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     oxl_scene_options      all    = oxl_scene_options_default();
     oxl_scene             *scene;
     int                    of[2] = {0, 0}, last = -1;
-    o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = "none";
+    o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = SYNTH_AIR;
     all.test_every = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -530,7 +530,7 @@ static void photometry_test_ranges(const char *survey, double range[14])
 
 TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
 {
-    const synth_options o = photometry_test_make("far", "7C");
+    const synth_options o = photometry_test_make("far", SYNTH_7C);
     double              range[14], least = DBL_MAX, most = 0;
     CHECK(!photometry_test_warns("far"));
     photometry_test_ranges("far", range);
@@ -549,8 +549,9 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
     synth_options       o         = synth_test_options("tracks");
     struct colmap       survey    = {0};
     struct photometry   p, scaled;
-    o.views = 14, o.width = 160, o.height = 104, o.water = "7C", o.path = "forward", o.exposure_jitter = 0.4, o.threads = 0;
-    o.noise = 0.5;
+    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_7C, o.path = SYNTH_FORWARD, o.exposure_jitter = 0.4,
+    o.threads = 0;
+    o.noise   = 0.5;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     photometry_test_measure("tracks", &p);
@@ -600,7 +601,7 @@ static void photometry_test_clear(const char *survey, double mean[3])
 TEST(tinted_images_in_water_give_the_same_clear_scene_times_the_tint)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
-    const synth_options o         = photometry_test_make("gauge", "3C");
+    const synth_options o         = photometry_test_make("gauge", SYNTH_3C);
     double              mean[3] = {0, 0, 0}, tinted[3] = {0, 0, 0};
     photometry_test_clear("gauge", mean);
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "gauge", v, factor);
@@ -946,7 +947,7 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
     struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
     int                count, same;
     size_t             kept = 0;
-    photometry_test_make("depth_tracks", "3C");
+    photometry_test_make("depth_tracks", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
     CHECK_OK(track_depth_begin(test_ctx, &d, scene, NULL));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
@@ -977,7 +978,7 @@ TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
     struct depth_point   point[DEPTH_POINTS];
     struct image_window *window;
     int                  count, views;
-    photometry_test_make("depth_windows", "3C");
+    photometry_test_make("depth_windows", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
     views  = oxl_scene_view_count(scene);
     window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
@@ -1000,7 +1001,7 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     struct depth_point        point[DEPTH_POINTS];
     struct train              t = {.ctx = test_ctx, .output = &output, .step = 7};
     int                       count;
-    photometry_test_make("depth_window", "3C");
+    photometry_test_make("depth_window", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
     CHECK_OK(renderer_create(test_ctx, &t.renderer));
     for (int v = 0; v < 14; v++) all[v] = window;
@@ -1324,7 +1325,7 @@ static oxl_job_options blocks_test_options(void)
     o.train.lamp             = OXL_ON;
     o.renders                = 0;
     o.partition.block_points = 3000;
-    photometry_test_make("survey", "3C");
+    photometry_test_make("survey", SYNTH_3C);
     return o;
 }
 

@@ -23,6 +23,7 @@
 #endif
 
 #include "../../oceanxl.h"
+#include "random.h"
 
 #include <float.h>
 #include <limits.h>
@@ -160,12 +161,6 @@ OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 
 #define UCD_CAP 5.0                                                      /* largest depth weight of UCD */
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag); /* sets the options with this flag of `use` to off */
-
-/* ---------------------------------------------------------------- random.c */
-
-/* A stateless random number: a function of (seed, a, b), equal on all machines (finaliser of splitmix64). */
-OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
-OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
 
 /* ---------------------------------------------------------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
 

@@ -421,6 +421,7 @@ static void option_describe_range(const oxl_option *o, char out[160])
     case OXL_OPTION_LONG: snprintf(out, 160, "%sa whole number from %s to %s", word, low, high); break;
     case OXL_OPTION_FLOAT:
     case OXL_OPTION_DOUBLE: snprintf(out, 160, "%sa number from %s to %s", word, low, high); break;
+    case OXL_OPTION_SIZE: snprintf(out, 160, "WxH, each from %s to %s", low, high); break;
     case OXL_OPTION_SEED: snprintf(out, 160, "a whole number below 2^64"); break;
     case OXL_OPTION_BYTES: snprintf(out, 160, "a size as 512M or 4G"); break;
     case OXL_OPTION_SECONDS: snprintf(out, 160, "a time as 90s, 20m or 8h"); break;
