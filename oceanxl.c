@@ -19,7 +19,6 @@
 
 /* input: the survey */
 #include "src/core/json.c"            /* JSON reader */
-#include "src/core/ply.c"             /* PLY reader */
 #include "src/survey/colmap.h"        /* shared by the COLMAP readers */
 #include "src/survey/colmap_text.c"   /* lines and fields of text files, and their errors */
 #include "src/survey/colmap_binary.c" /* binary files */
@@ -27,6 +26,7 @@
 #include "src/survey/colmap_points.c" /* points3D.txt, multi-threaded */
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the whole model */
 #include "src/survey/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
+#include "src/survey/ply.c"           /* PLY reader */
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */

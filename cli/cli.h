@@ -69,7 +69,8 @@ struct frame {
 void   frame_of(const oxl_scene *scene, struct frame *out);
 double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
-void   frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
+void   frame_eye(const oxl_view *view, double out[3]);  /* where the camera stood */
+void   frame_place(oxl_camera *c, const double eye[3]); /* the inverse: sets the translation, for its rotation */
 void   frame_cross(const double a[3], const double b[3], double out[3]);
 /* Along right and up: all points but the outermost 1/200 on each side, and all cameras if they are wanted. 0: no memory. */
 int    frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2], double high[2]);

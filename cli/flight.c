@@ -28,8 +28,7 @@ static void flight_look(const double eye[3], double forward[3], double down[3], 
     memcpy(c->rotation, right, sizeof right);
     memcpy(c->rotation + 3, down, 3 * sizeof *down);
     memcpy(c->rotation + 6, forward, 3 * sizeof *forward);
-    for (int i = 0; i < 3; i++)
-        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+    frame_place(c, eye);
 }
 
 /* ---------------------------------------------------------------- around the centre */

@@ -40,8 +40,7 @@ static void ortho_camera(struct ortho *o, const oxl_scene *scene)
         c->rotation[3 + k] = -o->frame.axis[1][k];
         c->rotation[6 + k] = -o->frame.axis[2][k];
     }
-    for (int i = 0; i < 3; i++)
-        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+    frame_place(c, eye);
     o->corner[0] = middle[0] - 0.5 * (c->width - 1) * o->pixel;
     o->corner[1] = middle[1] + 0.5 * (c->height - 1) * o->pixel;
     for (int d = 0; d < 2 && o->frame.is_world; d++) o->corner[d] += o->frame.centre[d] + origin[d];

@@ -7,8 +7,8 @@
 
 enum { REPORT_BLOCKS = 100000 };
 
-static const char *const REPORT_NAMES[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",          "gaussians",
-                                                         "f_mid",     "f_far", "peak_rss_bytes"};
+static const char *const REPORT_NAMES[LOG_COLUMNS] = {"iteration", "loss",  "psnr",          "gaussians",
+                                                      "f_mid",     "f_far", "peak_rss_bytes"};
 
 /* The position of a column in the first line; -1: there is none. */
 static int report_place(const char *line, const char *name)
@@ -32,16 +32,16 @@ static double report_field(const char *line, int place)
 
 static void report_read_log(struct report *r, struct report_block *b, const char *text)
 {
-    int    place[REPORT_COLUMNS];
+    int    place[LOG_COLUMNS];
     size_t lines = 0;
-    for (int k = 0; k < REPORT_COLUMNS; k++) place[k] = report_place(text, REPORT_NAMES[k]);
+    for (int k = 0; k < LOG_COLUMNS; k++) place[k] = report_place(text, REPORT_NAMES[k]);
     for (const char *at = text; *at; at++) lines += *at == '\n';
-    b->log = malloc((lines + 1) * REPORT_COLUMNS * sizeof *b->log);
+    b->log = malloc((lines + 1) * LOG_COLUMNS * sizeof *b->log);
     if (!b->log) r->page.failed = 1;
     for (const char *at = strchr(text, '\n'); b->log && at && at[1]; at = strchr(at + 1, '\n')) {
-        double *row = b->log + (size_t)b->rows * REPORT_COLUMNS;
-        for (int k = 0; k < REPORT_COLUMNS; k++) row[k] = report_field(at + 1, place[k]);
-        b->rows += isfinite(row[REPORT_ITERATION]);
+        double *row = b->log + (size_t)b->rows * LOG_COLUMNS;
+        for (int k = 0; k < LOG_COLUMNS; k++) row[k] = report_field(at + 1, place[k]);
+        b->rows += isfinite(row[LOG_ITERATION]);
     }
 }
 

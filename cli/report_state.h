@@ -12,21 +12,13 @@
 
 #include "cli.h"
 
-enum report_column { /* of log.csv */
-                     REPORT_ITERATION,
-                     REPORT_LOSS,
-                     REPORT_PSNR,
-                     REPORT_GAUSSIANS,
-                     REPORT_F_MID,
-                     REPORT_F_FAR,
-                     REPORT_MEMORY,
-                     REPORT_COLUMNS
-};
+/* Of log.csv. */
+enum log_column { LOG_ITERATION, LOG_LOSS, LOG_PSNR, LOG_GAUSSIANS, LOG_F_MID, LOG_F_FAR, LOG_MEMORY, LOG_COLUMNS };
 
 struct report_block {
     char   *json; /* block.json, or NULL: not trained yet */
     int     rows; /* of log.csv */
-    double *log;  /* (rows,REPORT_COLUMNS); NaN: missing */
+    double *log;  /* (rows,LOG_COLUMNS); NaN: missing */
 };
 
 struct report {

@@ -72,17 +72,17 @@ struct synth_world {
     double            top;     /* maximum height, metres */
     v3                sun;     /* unit, towards it */
 
-    double x0, y0, step; /* baked heights: first sample and spacing, metres */
-    int    nx, ny;
-    float *height; /* (ny,nx) metres */
+    double half, step; /* the world is a square, |x|, |y| <= half; spacing of the baked heights; metres */
+    int    side;       /* samples */
+    float *height;     /* (side,side) metres */
 
     struct synth_shape   shape[SYNTH_SHAPES];
     struct synth_object *object;
     size_t               object_count;
-    int                  cells_x, cells_y; /* of SYNTH_CELL metres, from (x0, y0) */
-    uint32_t            *cell_first;       /* (cells_x cells_y + 1) into near */
-    struct synth_near   *near;             /* objects that come near each cell */
-    float               *ceiling;          /* (cells_y,cells_x) metres: no object within 1 m of the cell is higher */
+    int                  cells;      /* a side, of SYNTH_CELL metres */
+    uint32_t            *cell_first; /* (cells cells + 1) into near */
+    struct synth_near   *near;       /* objects that come near each cell */
+    float               *ceiling;    /* (cells,cells) metres: no object within 1 m of the cell is higher */
 };
 
 struct synth_surface { /* what is nearest to a point */

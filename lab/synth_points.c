@@ -32,9 +32,9 @@ struct points_track {                                /* one point as it is made 
 
 struct points_search { /* cameras by the square of ground below them */
     const struct synth_run *run;
-    double                  side, x0, y0; /* metres; the views of a point are in its square or a neighbouring one */
-    int                     nx, ny;
-    uint32_t               *first; /* (nx ny + 1) into list */
+    double                  side;  /* metres; the views of a point are in its square or a neighbouring one */
+    int                     row;   /* squares in it, and rows */
+    uint32_t               *first; /* (row row + 1) into list */
     uint32_t               *list;
 };
 
@@ -42,21 +42,21 @@ struct points_search { /* cameras by the square of ground below them */
 
 static size_t points_square(const struct points_search *s, v3 p)
 {
-    const int x = (int)synth_clamp((p.x - s->x0) / s->side, 0, s->nx - 1),
-              y = (int)synth_clamp((p.y - s->y0) / s->side, 0, s->ny - 1);
-    return (size_t)y * (size_t)s->nx + (size_t)x;
+    const double half = s->run->trajectory.half;
+    const int    x    = (int)synth_clamp((p.x + half) / s->side, 0, s->row - 1),
+              y       = (int)synth_clamp((p.y + half) / s->side, 0, s->row - 1);
+    return (size_t)y * (size_t)s->row + (size_t)x;
 }
 
 static int points_search_create(struct points_search *s)
 {
     const struct synth_trajectory *trajectory = &s->run->trajectory;
     size_t                         squares;
-    s->side = trajectory->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
-    s->x0 = s->y0 = -trajectory->half;
-    s->nx = s->ny = (int)(2 * trajectory->half / s->side) + 1;
-    squares       = (size_t)s->nx * (size_t)s->ny;
-    s->first      = calloc(squares + 1, sizeof *s->first);
-    s->list       = malloc((size_t)trajectory->count * sizeof *s->list);
+    s->side  = trajectory->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
+    s->row   = (int)(2 * trajectory->half / s->side) + 1;
+    squares  = (size_t)s->row * (size_t)s->row;
+    s->first = calloc(squares + 1, sizeof *s->first);
+    s->list  = malloc((size_t)trajectory->count * sizeof *s->list);
     if (!s->first || !s->list) return 0;
     for (int i = 0; i < trajectory->count; i++) s->first[points_square(s, trajectory->camera[i].centre)]++;
     for (size_t i = 0; i < squares; i++) s->first[i + 1] += s->first[i];
@@ -99,13 +99,13 @@ static float points_measured(double exact, double noise, int size) /* as a text 
 /* Lists the views around that have the point in their frame. */
 static int points_list(const struct points_search *s, const struct points_track *t, struct points_observation *list)
 {
-    const int here = (int)points_square(s, t->position), hx = here % s->nx, hy = here / s->nx;
+    const int here = (int)points_square(s, t->position), hx = here % s->row, hy = here / s->row;
     int       found = 0;
     for (int square = 0; square < 9; square++) {
         const int qx = hx + square % 3 - 1, qy = hy + square / 3 - 1;
         size_t    at;
-        if (qx < 0 || qy < 0 || qx >= s->nx || qy >= s->ny) continue;
-        at = (size_t)qy * (size_t)s->nx + (size_t)qx;
+        if (qx < 0 || qy < 0 || qx >= s->row || qy >= s->row) continue;
+        at = (size_t)qy * (size_t)s->row + (size_t)qx;
         for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < OBSERVATIONS_MAX; i++) {
             list[found].view = (int)s->list[i];
             found += points_in_frame(s, t, list[found].view, &list[found].x, &list[found].y);
