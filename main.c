@@ -294,7 +294,7 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
-        blocks_print(stdout, &report);
+        info_print_blocks(stdout, &report);
         printf("\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out, a->out, a->out);
     }
     oxl_text_free(ctx, json);
@@ -352,16 +352,14 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_render_output what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
-    const ortho_options     ortho  = {a->out, a->pixel, a->scale, a->depth};
-    const flight_options    flight = {a->out, a->flight, a->frames, on_synth, console};
-    oxl_model               model  = {0};
-    oxl_scene              *scene  = NULL;
-    int                     count  = a->frames;
-    oxl_result              rc     = load(ctx, a, console, &model, &scene);
+    const oxl_render_output what  = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
+    oxl_model               model = {0};
+    oxl_scene              *scene = NULL;
+    int                     count = a->frames;
+    oxl_result              rc    = load(ctx, a, console, &model, &scene);
     catch_signals();
-    if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout);
-    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight);
+    if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, a, stdout);
+    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, on_synth, console);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
     console_clear(console);
     if (rc == OXL_OK && !a->ortho) printf("%d images in %s\n", count, a->out);

@@ -2,14 +2,13 @@
  *
  *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
  */
-#include "src/core/core.h"  /* context, errors, memory, text, numbers, files; each layer has one header */
+#include "src/core/core.h"  /* context, errors, memory, text, numbers, files */
 #include "src/core/simd.h"  /* run-time selection of the instruction set */
 #include "src/core/bytes.h" /* little-endian numbers in files */
 
 #include "src/core/memory.c"     /* errors, memory */
 #include "src/core/text.c"       /* growing text, paths */
 #include "src/core/log.c"        /* log lines */
-#include "src/core/random.c"     /* random numbers: functions of a seed and two numbers */
 #include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
@@ -20,7 +19,6 @@
 
 /* input: the survey */
 #include "src/core/json.c"            /* JSON reader */
-#include "src/core/ply.c"             /* PLY reader */
 #include "src/survey/colmap.h"        /* shared by the COLMAP readers */
 #include "src/survey/colmap_text.c"   /* lines and fields of text files, and their errors */
 #include "src/survey/colmap_binary.c" /* binary files */
@@ -28,6 +26,7 @@
 #include "src/survey/colmap_points.c" /* points3D.txt, multi-threaded */
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the whole model */
 #include "src/survey/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
+#include "src/survey/ply.c"           /* PLY reader */
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */

@@ -81,7 +81,7 @@ typedef enum oxl_backend {
 
 typedef struct oxl_context_options {
     int      threads; /* 0: OpenMP's default */
-    uint64_t seed;    /* of all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
+    uint64_t seed;    /* seeds all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
     /* Like realloc: keeps contents up to the smaller size, and `old` on failure; size 0 frees and returns NULL; old may be NULL. Returns
      * memory aligned to 16 bytes. Called by one thread at a time, not always the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
@@ -155,7 +155,7 @@ typedef struct oxl_camera {
 
 typedef struct oxl_view {
     const char *name;    /* as in images.txt, e.g. "dive1/IMG 0001.JPG" */
-    oxl_camera  camera;  /* of the undistorted image at training resolution */
+    oxl_camera  camera;  /* belongs to the undistorted image at training resolution */
     int         is_test; /* 1: held out from training */
 } oxl_view;
 
@@ -175,7 +175,7 @@ typedef struct oxl_scene_options {
     int         max_side;          /* larger images are reduced to this longer side, px */
     int         test_every;        /* every n-th view by name is held out; 0: none */
     size_t      image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
-    double      missing_images;    /* fail if more than this share of the images is missing on disk */
+    double      missing_images;    /* fail if more than this fraction of the images is missing on disk */
     int         read_images;       /* 0: read the COLMAP model only, for check and partition */
     int         allow_truncated;   /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
 } oxl_scene_options;
@@ -237,7 +237,7 @@ typedef struct oxl_model {
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void  *memory;            /* the allocation that holds the planes */
     size_t not_finite;        /* rows of the file that oxl_model_read left out */
-    struct oxl_model_pages *pages; /* of oxl_model_open: the rows are in a file, planes are NULL; or NULL */
+    struct oxl_model_pages *pages; /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
 } oxl_model;
 
 /* All values are 0, except rotations: the identity. */
@@ -264,10 +264,10 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the comment of an .spz's gzip
  * header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
-/* The same, but if the rows of a PLY file take more than `most` bytes (0: half of the free memory), they stay in the file, and rendering
+/* The same, but if the rows of a PLY file take more than max_bytes (0: half of the free memory), they stay in the file, and rendering
  * a view reads those that may be visible; the pixels are the same. Such a model can be rendered, evaluated and moved; the file must not
  * change. */
-OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t most, oxl_model *out);
+OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------------------------------------------------------- rendering */
@@ -313,12 +313,12 @@ typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } ox
 typedef struct oxl_view_metrics {
     int    view; /* index in the scene */
     double psnr, cc_psnr, ssim, ms_ssim;
-    double plain_psnr, half_psnr; /* dB; at mean exposure; of the right half, with gains fitted on the left half */
+    double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
+    double half_psnr;  /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
-    double            psnr, cc_psnr, ssim, ms_ssim; /* means over the views; 0 without views */
-    double            plain_psnr, half_psnr;        /* likewise */
+    double            psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* terciles of the depths of all observations */
@@ -351,7 +351,7 @@ typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_
 /* How many Gaussians Wise Adaptive Pruning keeps [OceanXL sec. 3.2]. */
 typedef enum oxl_keep_kind {
     OXL_KEEP_ALL = 0,
-    OXL_KEEP_FRACTION, /* this share, 0..1 */
+    OXL_KEEP_FRACTION, /* this fraction, 0..1 */
     OXL_KEEP_COUNT,    /* at most this number */
     OXL_KEEP_BYTES,    /* as many as fit into a file of this size */
     OXL_KEEP_AUTO      /* the smallest number without loss on validation views */
@@ -381,12 +381,12 @@ typedef struct oxl_train_options {
     float      background[3]; /* red, green, blue, 0..1 */
     float      ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
-    float      coarse; /* first share of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    /* Share of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: 0.4 where there are
+    float      coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
+    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: 0.4 where there are
      * fewer than 30 training views, fewer than 4.6 images per point and at least 60 steps per view; else 0. */
     float      dropout;
     float      alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    float      sh_degree_interval; /* share of the run after which the SH degree rises by 1 */
+    float      sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */
     /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float      lr_position, lr_position_final, lr_scale, lr_rotation, lr_opacity, lr_sh0, lr_sh;
     /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and rotations by h = (30 000 / n)^e and
@@ -394,12 +394,12 @@ typedef struct oxl_train_options {
      * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by r^2 (at most 0.5)
      * and 1 - beta2 by r^-1.5 (docs/TRADEOFF.md). */
     float      short_run_exponent;
-    float      cooldown; /* last share of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
+    float      cooldown; /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control */
-    float      densify_from, densify_until; /* shares of the run */
+    float      densify_from, densify_until; /* fractions of the run */
     int        densify_every;               /* steps */
     float      densify_gradient;            /* threshold of |dL/d(mean)|, in units of half an image */
-    float      opacity_reset_interval;      /* share of the run */
+    float      opacity_reset_interval;      /* fraction of the run */
     oxl_ucd    ucd;
     oxl_keep   keep;
     oxl_switch exposure; /* a log gain per channel and training image */
@@ -409,19 +409,19 @@ typedef struct oxl_train_options {
     int        mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */
     oxl_dog    dog;
-    float      dog_from;      /* share of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
-    float      dog_threshold; /* of the mean gradient, in units of half an image; <= 0: minus the share without a lobe */
-    float      dog_opacity_factor, dog_scale_factor; /* of a new lobe */
-    int        survey_iterations; /* of a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
+    float      dog_from;      /* fraction of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
+    float      dog_threshold; /* on the mean gradient, in units of half an image; <= 0: minus the fraction without a lobe */
+    float      dog_opacity_factor, dog_scale_factor; /* a new lobe relative to its Gaussian */
+    int        survey_iterations; /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
 OXL_API oxl_result        oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
-/* What a run skipped or cleared: images that cannot be read, values that are not finite. All 0 in a normal run. */
+/* Counts of what a run skipped or cleared because a value was not finite, and of images that could not be read. All 0 in a normal run. */
 typedef struct oxl_nonfinite {
-    size_t images;     /* not readable: left out */
+    size_t images;     /* could not be read: left out */
     size_t steps;      /* loss not finite: skipped */
     size_t rows;       /* updates of single Gaussians with a gradient that was not finite: skipped */
     size_t cleared;    /* Gaussians with a value that was not finite: made invisible, removed at the end */

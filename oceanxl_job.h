@@ -124,13 +124,13 @@ typedef struct oxl_survey {
     int    images, images_missing; /* listed in images.txt; of these, not on disk */
     int    train_views, test_views, masks;
     int    cameras, cameras_distorted;
-    int    width, height; /* of the largest view as trained, px */
+    int    width, height; /* size of the largest view as trained, px */
     size_t points, observations;
     double mean_track, mean_error;        /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3];  /* 1st to 99th percentile of the points, world coordinates */
     double extent;                        /* see oxl_scene_extent */
-    double missed;                        /* share of track observations outside their image, without images of wrong pose */
-    double masked;                        /* black share of the masks; only oxl_check sets this and the next field */
+    double missed;                        /* fraction of track observations outside their image, without images of wrong pose */
+    double masked;                        /* black fraction of the masks; only oxl_check sets this and the next field */
     int    unusable;                      /* images that are not readable, have another aspect ratio or are masked completely */
     int    blurred, badly_exposed;        /* images, against those beside them; only oxl_check_quality sets these */
     double gaussians;                     /* predicted, at the end of the run */
@@ -151,7 +151,7 @@ OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const 
  * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is split (partition.txt,
  * partition.svg). Training then has three stages: a coarse model of the survey (blocks/coarse/), the blocks, each with the Gaussians of
  * the others as context, and the merged model (blocks/whole/), if `ram` allows it. train.iterations is the number of steps of all
- * stages; a step on a window of an image counts as the window's share of the pixels.
+ * stages; a step on a window of an image counts as the window's fraction of the pixels.
  *
  * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called again and ends in the same
  * bytes as an uninterrupted one; a finished run is not changed. If the callback stops the run (OXL_ERR_INTERRUPTED) or

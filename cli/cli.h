@@ -1,4 +1,4 @@
-/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and json.h, eigen.h,
+/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and json.h, eigen.h, random.h,
  * svg.h of src/core, and are not in the library. One section for each file of cli/; synth_options is here because arguments holds it.
  */
 #ifndef CLI_H
@@ -9,11 +9,13 @@
 
 #include <stdio.h>
 
+struct arguments;
+
 struct cli_memory {           /* of the library, in bytes, as main.c counts it */
     size_t used, peak, limit; /* limit: --ram; 0: none */
 };
 
-/* ---------------------------------------------------------------- info.c: statistics of a model */
+/* ---------------------------------------------------------------- info.c: statistics of a model, tables of a partition */
 
 struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none */
     float low, middle, high;
@@ -22,10 +24,7 @@ struct spread info_spread(const float *value, size_t count, float *sorted); /* s
 oxl_result    info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
 int           info_copy_imaging(const char *from, const char *to);
-
-/* ---------------------------------------------------------------- blocks.c: a partition in tables */
-
-void blocks_print(FILE *to, const oxl_partition_report *report);
+void          info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------------------------------------------------------- output.c: text and files independent of the locale */
 
@@ -58,12 +57,6 @@ const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h 
 
 double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
 
-#define json_member    oxl_json_member
-#define json_first     oxl_json_first
-#define json_next      oxl_json_next
-#define json_number    oxl_json_number
-#define json_number_at oxl_json_number_at
-#define json_is_true   oxl_json_is_true
 void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
 char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
@@ -76,30 +69,22 @@ struct frame {
 void   frame_of(const oxl_scene *scene, struct frame *out);
 double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
-void   frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
+void   frame_eye(const oxl_view *view, double out[3]);  /* where the camera stood */
+void   frame_place(oxl_camera *c, const double eye[3]); /* the inverse: sets the translation, for its rotation */
 void   frame_cross(const double a[3], const double b[3], double out[3]);
 /* Along right and up: all points but the outermost 1/200 on each side, and all cameras if they are wanted. 0: no memory. */
 int    frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2], double high[2]);
 
 /* ---------------------------------------------------------------- ortho.c: an orthomosaic */
 
-typedef struct ortho_options {
-    const char *folder; /* gets ortho.png, ortho.pgw and ortho.height.pfm */
-    double      pixel;  /* its size, in units, or metres when `unit` is given; 0: the longer side has 2048 of them */
-    double      unit;   /* metres a unit of the survey; 0: not known */
-    int         heights;
-} ortho_options;
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to);
+/* Writes ortho.png, ortho.pgw and ortho.height.pfm (--depth) to -o, by --pixel (0: the longer side has 2048) and --scale (0: not known). */
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a, FILE *to);
 
 /* ---------------------------------------------------------------- flight.c: frames along a path */
 
-typedef struct flight_options {
-    const char *folder, *kind; /* orbit | survey */
-    int         frames;
-    int (*stop)(void *user, const char *what, long done, long total); /* nonzero stops it; may be NULL */
-    void *user;
-} flight_options;
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options);
+/* Writes --frames of --flight to -o. A nonzero result of stop stops it. */
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                        int (*stop)(void *user, const char *what, long done, long total), void *user);
 
 /* ---------------------------------------------------------------- scale_bar.c: metres per unit */
 
@@ -119,18 +104,29 @@ oxl_result report_write(oxl_context *ctx, const char *out);
 
 /* ---------------------------------------------------------------- lab/synth.c: options of a procedural survey */
 
+enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD, SYNTH_ROV };
+enum synth_scene {
+    SYNTH_ANY_SCENE, /* reef; of the path rov ridge */
+    SYNTH_REEF,      /* reef patches, boulders, corals and a wreck */
+    SYNTH_WRECK,     /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
+    SYNTH_RIDGE      /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
+};
+/* Jerlov's, of water. */
+enum synth_type { SYNTH_AIR, SYNTH_I, SYNTH_IA, SYNTH_IB, SYNTH_II, SYNTH_III, SYNTH_1C, SYNTH_3C, SYNTH_5C, SYNTH_7C, SYNTH_9C };
+
+/* Ranges are checked by the table of options. */
 typedef struct synth_options {
     const char *out;             /* folder */
     int         views;           /* images (40) */
     int         width, height;   /* px (400 x 260) */
     double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
-    const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
-    const char *path;            /* lawnmower | orbit | forward | rov (lawnmower) */
+    int         water;           /* enum synth_type (1C) */
+    int         path;            /* enum synth_path (lawnmower) */
     double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
     double      lamp;            /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
     double      backscatter;     /* of that lamp: what the water near the camera adds, of full white, at most (0) */
     double      stereo;          /* metres between the two cameras of a rig; 0: one camera (0) */
-    const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
+    int         scene;           /* enum synth_scene (any) */
     long        points;          /* sparse points; 0: 400 a view (0) */
     double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
     int         fish;            /* fish in each image (0) */
@@ -148,7 +144,7 @@ synth_options synth_options_default(void); /* everything but out */
 
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
 
-enum { CLI_JOB_OPTIONS = 96 };
+enum { CLI_JOB_OPTIONS = 96, CLI_SEEDS = 99 /* of a study, at most */ };
 
 enum command { /* in the order of the help */
                COMMAND_NONE,
@@ -213,7 +209,7 @@ const char *arguments_given(const struct arguments *a, const char *name);   /* t
 
 /* ---------------------------------------------------------------- help.c: text generated from the tables */
 
-void complete_print(FILE *to);                            /* complete.c */
+void complete_print(FILE *to);
 void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */
 void help_manual(FILE *to);                               /* docs/oceanxl.1: roff, man(7) */
 void help_page(FILE *to);                                 /* docs/OPTIONS.md */

@@ -28,13 +28,12 @@ static void flight_look(const double eye[3], double forward[3], double down[3], 
     memcpy(c->rotation, right, sizeof right);
     memcpy(c->rotation + 3, down, 3 * sizeof *down);
     memcpy(c->rotation + 6, forward, 3 * sizeof *forward);
-    for (int i = 0; i < 3; i++)
-        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+    frame_place(c, eye);
 }
 
 /* ---------------------------------------------------------------- around the centre */
 
-static int flight_orbit(const oxl_scene *scene, double share, oxl_camera *c)
+static int flight_orbit(const oxl_scene *scene, double fraction, oxl_camera *c)
 {
     struct frame f;
     double       low[2], high[2], eye[3], forward[3], down[3], radius, height;
@@ -43,7 +42,7 @@ static int flight_orbit(const oxl_scene *scene, double share, oxl_camera *c)
     radius = 0.5 * fmax(high[0] - low[0], high[1] - low[1]);
     height = fmax(frame_camera_height(&f, scene), 0.6 * radius);
     for (int k = 0; k < 3; k++) {
-        const double out = cos(FLIGHT_TURN * share) * f.axis[0][k] + sin(FLIGHT_TURN * share) * f.axis[1][k];
+        const double out = cos(FLIGHT_TURN * fraction) * f.axis[0][k] + sin(FLIGHT_TURN * fraction) * f.axis[1][k];
         eye[k]           = f.centre[k] + radius * out + height * f.axis[2][k];
         forward[k]       = f.centre[k] - eye[k];
         down[k]          = -f.axis[2][k];
@@ -88,13 +87,13 @@ static void flight_between(const oxl_scene *scene, int i, double t, oxl_camera *
     flight_look(eye, forward, down, c);
 }
 
-static void flight_survey(const oxl_scene *scene, double share, oxl_camera *c)
+static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c)
 {
     const int legs  = oxl_scene_view_count(scene) - 1;
     double    whole = 0, at;
     int       i     = 0;
     for (int k = 0; k < legs; k++) whole += flight_leg(scene, k);
-    for (at = share * whole; i < legs - 1 && at > flight_leg(scene, i); i++) at -= flight_leg(scene, i);
+    for (at = fraction * whole; i < legs - 1 && at > flight_leg(scene, i); i++) at -= flight_leg(scene, i);
     whole = flight_leg(scene, i);
     flight_between(scene, i, whole > 0 ? fmin(at / whole, 1) : 0, c);
 }
@@ -120,29 +119,29 @@ static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int c
     return rc;
 }
 
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options)
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                        int (*stop)(void *user, const char *what, long done, long total), void *user)
 {
     const oxl_render_options render = oxl_render_options_default();
-    const int                orbit  = strcmp(options->kind, "orbit") == 0;
-    oxl_result               rc     = oxl_make_folder(ctx, options->folder);
-    if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", options->kind);
+    const int                orbit  = strcmp(a->flight, "orbit") == 0;
+    oxl_result               rc     = oxl_make_folder(ctx, a->out);
+    if (rc == OXL_OK && !orbit && strcmp(a->flight, "survey") != 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", options->kind);
-    if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames);
-    for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
-        oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
-        const double share = orbit ? (double)i / options->frames : (double)i / (options->frames > 1 ? options->frames - 1 : 1);
-        oxl_image    image = {0};
+        return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", a->flight);
+    if (rc == OXL_OK) rc = flight_list_frames(ctx, a->out, a->frames);
+    for (int i = 0; i < a->frames && rc == OXL_OK; i++) {
+        oxl_camera   c        = oxl_scene_view(scene, 0)->camera;
+        const double fraction = orbit ? (double)i / a->frames : (double)i / (a->frames > 1 ? a->frames - 1 : 1);
+        oxl_image    image    = {0};
         char         path[1100];
-        if (!orbit) flight_survey(scene, share, &c);
-        else if (!flight_orbit(scene, share, &c)) rc = OXL_ERR_MEMORY;
-        snprintf(path, sizeof path, "%s/frame_%05d.png", options->folder, i);
+        if (!orbit) flight_survey(scene, fraction, &c);
+        else if (!flight_orbit(scene, fraction, &c)) rc = OXL_ERR_MEMORY;
+        snprintf(path, sizeof path, "%s/frame_%05d.png", a->out, i);
         if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, &render, &image, NULL);
         if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
         oxl_image_free(ctx, &image);
-        if (rc == OXL_OK && options->stop && options->stop(options->user, "frames", i + 1, options->frames))
-            rc = OXL_ERR_INTERRUPTED;
+        if (rc == OXL_OK && stop(user, "frames", i + 1, a->frames)) rc = OXL_ERR_INTERRUPTED;
     }
     return rc;
 }

@@ -30,6 +30,12 @@ void frame_eye(const oxl_view *view, double out[3])
                    c->rotation[6 + k] * c->translation[2]);
 }
 
+void frame_place(oxl_camera *c, const double eye[3])
+{
+    for (int i = 0; i < 3; i++)
+        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+}
+
 void frame_cross(const double a[3], const double b[3], double out[3])
 {
     for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];

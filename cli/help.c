@@ -1,4 +1,4 @@
-/* help.c - generates --help, the manual page and docs/OPTIONS.md from the tables of commands and options.
+/* help.c - generates --help, the manual page, docs/OPTIONS.md and the completion of shells from the tables of commands and options.
  *
  * Invariant: no option of a command is named here: a row of a table is sufficient.
  */
@@ -31,14 +31,14 @@ static const struct {
     {"partition.txt, partition.svg", "the blocks, of a survey that was split."},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},
-    {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model."},
+    {"blocks/coarse/", "the coarse model that several blocks begin with; blocks/whole/: the merged model."},
 };
 
 enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
 
 /* ---------------------------------------------------------------- one option in words */
 
-/* "8", "draft 2000, standard 7000, paper 40000", or "". */
+/* "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard 7000, paper 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
     const oxl_option      *o        = cli_option_at(index);
@@ -51,6 +51,10 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
     } else if (o->kind == OXL_OPTION_PRESET) snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
     else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 && strcmp(o->preset[0], o->preset[2]) == 0)
         snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
+    else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0)
+        snprintf(out, HELP_DEFAULT, "%s, paper %s", o->preset[0], o->preset[2]);
+    else if (o->preset[0] && strcmp(o->preset[1], o->preset[2]) == 0)
+        snprintf(out, HELP_DEFAULT, "draft %s, otherwise %s", o->preset[0], o->preset[1]);
     else if (o->preset[0])
         snprintf(out, HELP_DEFAULT, "draft %s, standard %s, paper %s", o->preset[0], o->preset[1], o->preset[2]);
     return out;
@@ -182,36 +186,27 @@ static void manual_lines(FILE *to, const char *before, const char *text)
     if (text[0] && text[strlen(text) - 1] != '\n') fputc('\n', to);
 }
 
-static void manual_group(FILE *to, const char *title)
+/* page: 1: of docs/OPTIONS.md, in Markdown; 0: of the manual page. */
+static void help_group(FILE *to, int page, const char *title)
 {
-    manual_lines(to, ".SS ", title);
+    if (page) fprintf(to, "\n## %s\n\n", title);
+    else manual_lines(to, ".SS ", title);
 }
 
-static void manual_entry(FILE *to, const char *name, const char *what)
+static void help_entry(FILE *to, int page, const char *name, const char *what)
 {
+    if (page) {
+        fprintf(to, "- `%s`: %s\n", name, what);
+        return;
+    }
     manual_lines(to, ".TP\n.B ", name);
     manual_lines(to, "", what);
 }
 
-static void page_group(FILE *to, const char *title)
-{
-    fprintf(to, "\n## %s\n\n", title);
-}
-
-static void page_entry(FILE *to, const char *name, const char *what)
-{
-    fprintf(to, "- `%s`: %s\n", name, what);
-}
-
-static const struct help_markup {
-    void (*group)(FILE *to, const char *title);
-    void (*entry)(FILE *to, const char *name, const char *what);
-} HELP_MANUAL = {manual_group, manual_entry}, HELP_PAGE = {page_group, page_entry};
-
 /* "HELP (default; range; limit). Advanced. Formerly --NAME." */
-static void help_full_option(FILE *to, const struct help_markup *m, int index)
+static void help_full_option(FILE *to, int page, int index)
 {
-    const char *const        quote     = m == &HELP_PAGE ? "`" : "";
+    const char *const        quote     = page ? "`" : "";
     static const char *const tiers[]   = {"", " Advanced.", " Expert."};
     const oxl_option        *o         = cli_option_at(index);
     const int                has_range = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
@@ -224,10 +219,10 @@ static void help_full_option(FILE *to, const struct help_markup *m, int index)
                  o->alias + (o->alias[0] == '='), quote);
     help_note(index, standard, range, note);
     snprintf(text, sizeof text, note[0] ? "%s (%s).%s%s" : "%s%.0s.%s%s", o->help, note, tiers[o->tier], alias);
-    m->entry(to, help_option_text(o, name), text);
+    help_entry(to, page, help_option_text(o, name), text);
 }
 
-static void help_not_refined(FILE *to, const struct help_markup *m)
+static void help_not_refined(FILE *to, int page)
 {
     char   names[400], word[40];
     size_t used = 0;
@@ -235,22 +230,22 @@ static void help_not_refined(FILE *to, const struct help_markup *m)
         if (cli_option_of_job(i) >= 0 && cli_option_at(i)->use & OXL_OPTION_NOT_REFINED && used < sizeof names)
             used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "",
                                      cli_option_word(cli_option_at(i), word));
-    m->group(to, "Refinements");
-    m->entry(to, names, "off while a finished model is refined: after merging, for viewers, to continue a run.");
+    help_group(to, page, "Refinements");
+    help_entry(to, page, names, "off while a finished model is refined: after merging, for viewers, to continue a run.");
 }
 
-static void help_full(FILE *to, const struct help_markup *m)
+static void help_full(FILE *to, int page)
 {
     for (int g = 0; g < cli_option_count(); g++) {
         if (!help_group_begins(g)) continue;
-        m->group(to, cli_option_at(g)->group);
+        help_group(to, page, cli_option_at(g)->group);
         for (int i = g; i < cli_option_count(); i++)
-            if (help_is_of_group(i, g)) help_full_option(to, m, i);
+            if (help_is_of_group(i, g)) help_full_option(to, page, i);
     }
-    help_not_refined(to, m);
-    m->group(to, "What train writes to OUT");
+    help_not_refined(to, page);
+    help_group(to, page, "What train writes to OUT");
     for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++)
-        m->entry(to, HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
+        help_entry(to, page, HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
 }
 
 /* ---------------------------------------------------------------- the manual page, in roff (man(7) macros) */
@@ -288,7 +283,7 @@ void help_manual(FILE *to)
     manual_lines(to, ".SH COMMANDS\n", HELP_SCENE);
     for (enum command i = COMMAND_TRAIN; i < COMMANDS; i++) manual_command(to, i);
     fputs(".SH OPTIONS AND OUTPUTS\nDefaults and ranges are in parentheses.\n", to);
-    help_full(to, &HELP_MANUAL);
+    help_full(to, 0);
     manual_lines(to, ".SH EXIT STATUS\n", HELP_CODES);
 }
 
@@ -298,11 +293,57 @@ void help_page(FILE *to)
 {
     fputs(
         "# Options and outputs\n\n"
-        "Made by `make man` from the tables in `src/core/options.c` (the training job) and `cli/options.c` (the program): change it "
-        "there.\n"
-        "Defaults and ranges are in parentheses; shares and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
+        "Made by `make man` from the tables in `src/core/options.c` and `cli/options.c`.\n"
+        "Defaults and ranges are in parentheses; fractions and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
         "A resumed run keeps the options in OUT/run.json.\n",
         to);
-    help_full(to, &HELP_PAGE);
+    help_full(to, 1);
     fprintf(to, "\nExit codes: %s", HELP_CODES);
+}
+
+/* ---------------------------------------------------------------- completion in bash, and in zsh by its bashcompinit */
+
+/* Words that an option accepts, separated by blanks; 0: any value, so file names are offered. */
+static int complete_choices(const oxl_option *o, char out[200])
+{
+    size_t n = 0;
+    if (o->kind != OXL_OPTION_CHOICE && o->kind != OXL_OPTION_PRESET) return 0;
+    for (const char *at = o->value; *at && n + 1 < 200; at++) out[n++] = *at == '|' ? ' ' : *at;
+    out[n] = 0;
+    return 1;
+}
+
+static void complete_command(FILE *to, enum command command)
+{
+    char word[40], choices[200];
+    fprintf(to, "    %s)\n        case $prev in\n", CLI_COMMANDS[command].name);
+    for (int i = 0; i < cli_option_count(); i++) {
+        const oxl_option *o = cli_option_at(i);
+        if (!cli_option_is_of(i, command) || !complete_choices(o, choices)) continue;
+        fprintf(to, "        %s) COMPREPLY=($(compgen -W '%s' -- \"$cur\")); return ;;\n", cli_option_word(o, word), choices);
+    }
+    fputs("        esac\n        words='", to);
+    for (int i = 0; i < cli_option_count(); i++)
+        if (cli_option_is_of(i, command)) fprintf(to, " %s", cli_option_word(cli_option_at(i), word));
+    fputs("' ;;\n", to);
+}
+
+void complete_print(FILE *to)
+{
+    fputs(
+        "# completion of oceanxl in bash and zsh; made by: oceanxl --completion\n"
+        "[ -z \"$ZSH_VERSION\" ] || { autoload -U compinit bashcompinit; whence compdef >/dev/null || compinit; bashcompinit; }\n"
+        "_oceanxl() {\n"
+        "    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]} words=\n"
+        "    if [ \"$COMP_CWORD\" = 1 ]; then\n"
+        "        COMPREPLY=($(compgen -W '",
+        to);
+    for (int i = 1; i < COMMANDS; i++) fprintf(to, "%s ", CLI_COMMANDS[i].name);
+    fputs("--help --version' -- \"$cur\"))\n        return\n    fi\n    case ${COMP_WORDS[1]} in\n", to);
+    for (enum command i = COMMAND_TRAIN; i < COMMANDS; i++) complete_command(to, i);
+    fputs("    esac\n"
+          "    case $cur in -*) COMPREPLY=($(compgen -W \"$words\" -- \"$cur\")) ;; esac\n"
+          "}\n"
+          "complete -o default -F _oceanxl oceanxl\n",
+          to);
 }

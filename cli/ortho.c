@@ -40,8 +40,7 @@ static void ortho_camera(struct ortho *o, const oxl_scene *scene)
         c->rotation[3 + k] = -o->frame.axis[1][k];
         c->rotation[6 + k] = -o->frame.axis[2][k];
     }
-    for (int i = 0; i < 3; i++)
-        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+    frame_place(c, eye);
     o->corner[0] = middle[0] - 0.5 * (c->width - 1) * o->pixel;
     o->corner[1] = middle[1] + 0.5 * (c->height - 1) * o->pixel;
     for (int d = 0; d < 2 && o->frame.is_world; d++) o->corner[d] += o->frame.centre[d] + origin[d];
@@ -69,36 +68,36 @@ static oxl_result ortho_heights(oxl_context *ctx, const struct ortho *o, const o
     return oxl_write_pfm(ctx, path, depth, o->camera.width, o->camera.height);
 }
 
-static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options,
+static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
                              const struct ortho *o)
 {
     oxl_render_options render = oxl_render_options_default();
     oxl_image          image  = {0};
-    const double       unit   = options->unit > 0 ? options->unit : 1;
+    const double       unit   = a->scale > 0 ? a->scale : 1;
     char               path[1100];
-    float     *depth  = options->heights ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
-    oxl_result rc     = OXL_OK;
-    render.near_plane = (float)(0.5 * o->distance);
-    if (options->heights && !depth) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
+    float             *depth = a->depth ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
+    oxl_result         rc    = OXL_OK;
+    render.near_plane        = (float)(0.5 * o->distance);
+    if (a->depth && !depth) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
     if (rc == OXL_OK) rc = oxl_render(ctx, model, &o->camera, &render, &image, depth);
-    snprintf(path, sizeof path, "%s/ortho.png", options->folder);
+    snprintf(path, sizeof path, "%s/ortho.png", a->out);
     if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
-    if (rc == OXL_OK && !ortho_world_file(o, options->folder, unit))
+    if (rc == OXL_OK && !ortho_world_file(o, a->out, unit))
         rc = oxl_fail(ctx, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
-    if (rc == OXL_OK && depth) rc = ortho_heights(ctx, o, scene, options->folder, unit, depth);
+    if (rc == OXL_OK && depth) rc = ortho_heights(ctx, o, scene, a->out, unit, depth);
     oxl_image_free(ctx, &image);
     free(depth);
     return rc;
 }
 
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to)
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a, FILE *to)
 {
-    const double unit = options->unit > 0 ? options->unit : 1;
-    struct ortho o    = {.pixel = options->pixel / unit};
+    const double unit = a->scale > 0 ? a->scale : 1;
+    struct ortho o    = {.pixel = a->pixel / unit};
     double       side;
-    oxl_result   rc = oxl_make_folder(ctx, options->folder);
+    oxl_result   rc = oxl_make_folder(ctx, a->out);
     if (rc != OXL_OK) return rc;
-    if (strlen(options->folder) > 1000)
+    if (strlen(a->out) > 1000)
         return oxl_fail(ctx, OXL_ERR_USAGE, "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
         return oxl_fail(ctx, OXL_ERR_INPUT,
@@ -111,10 +110,10 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     if (side / o.pixel > ORTHO_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_USAGE, "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
     ortho_camera(&o, scene);
-    rc = ortho_draw(ctx, model, scene, options, &o);
+    rc = ortho_draw(ctx, model, scene, a, &o);
     if (rc != OXL_OK) return rc;
-    fprintf(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", options->folder, o.camera.width, o.camera.height,
-            o.pixel * unit, options->unit > 0 ? "metres" : "units",
+    fprintf(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", a->out, o.camera.width, o.camera.height,
+            o.pixel * unit, a->scale > 0 ? "metres" : "units",
             o.frame.is_world ? "in the world's x and y" : "along the survey's principal axes: its world's z is not up");
     return OXL_OK;
 }

@@ -20,34 +20,30 @@ enum {
     OVERLAP_SIDE   = 160 /* reduced to so many px on the longer side */
 };
 
-struct overlap_box { /* of nine tenths along each axis */
-    struct spread axis[3];
-};
-
-static double overlap_diagonal(const struct overlap_box *b)
+/* box: of nine tenths along each axis. */
+static double overlap_diagonal(const struct spread box[3])
 {
     double sum = 0;
-    for (int a = 0; a < 3; a++) sum += pow((double)b->axis[a].high - (double)b->axis[a].low, 2);
+    for (int a = 0; a < 3; a++) sum += pow((double)box[a].high - (double)box[a].low, 2);
     return sqrt(sum);
 }
 
-/* Share of the points in the box, which is widened by a tenth of its diagonal. */
-static double overlap_inside(const struct overlap_box *b, const oxl_point *point, size_t count)
+/* Fraction of the points in the box, which is widened by a tenth of its diagonal. */
+static double overlap_inside(const struct spread box[3], const oxl_point *point, size_t count)
 {
-    const double margin = 0.1 * overlap_diagonal(b);
+    const double margin = 0.1 * overlap_diagonal(box);
     size_t       inside = 0;
     for (size_t i = 0; i < count; i++) {
         int in = 1;
         for (int a = 0; a < 3; a++)
-            in &= point[i].position[a] >= (double)b->axis[a].low - margin &&
-                  point[i].position[a] <= (double)b->axis[a].high + margin;
+            in &= point[i].position[a] >= (double)box[a].low - margin && point[i].position[a] <= (double)box[a].high + margin;
         inside += (size_t)in;
     }
     return (double)inside / (double)count;
 }
 
 /* The pixels of a few views, reduced, in which no Gaussian is met. */
-static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, double *share)
+static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, double *fraction)
 {
     const int views = oxl_scene_view_count(scene), asked = views < OVERLAP_VIEWS ? views : OVERLAP_VIEWS;
     size_t    empty = 0, all = 0;
@@ -68,31 +64,31 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const 
         free(depth);
         if (rc != OXL_OK) return rc;
     }
-    *share = all ? (double)empty / (double)all : 0;
+    *fraction = all ? (double)empty / (double)all : 0;
     return OXL_OK;
 }
 
 oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name, char *warning,
                          size_t size)
 {
-    const size_t       points = oxl_scene_point_count(scene);
-    const oxl_point   *point  = oxl_scene_points(scene);
-    const int          boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
-    float             *value  = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
-    struct overlap_box its = {{{0}}}, own = {{{0}}};
-    double             ratio = 1, inside = 1, empty = 0;
-    oxl_result         rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
-    warning[0]            = 0;
+    const size_t     points = oxl_scene_point_count(scene);
+    const oxl_point *point  = oxl_scene_points(scene);
+    const int        boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
+    float           *value  = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
+    struct spread    its[3] = {{0}}, own[3] = {{0}};
+    double           ratio = 1, inside = 1, empty = 0;
+    oxl_result       rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
+    warning[0]          = 0;
     for (int a = 0; a < 3 && rc == OXL_OK && boxes; a++) {
         for (size_t i = 0; i < points; i++) value[i] = (float)point[i].position[a];
-        its.axis[a] = info_spread(value, points, value);
-        own.axis[a] = info_spread(model->plane[OXL_MEAN + a], model->count, value);
+        its[a] = info_spread(value, points, value);
+        own[a] = info_spread(model->plane[OXL_MEAN + a], model->count, value);
     }
     free(value);
     if (rc != OXL_OK) return rc;
-    if (boxes && overlap_diagonal(&its) > 0) {
-        ratio  = overlap_diagonal(&own) / overlap_diagonal(&its);
-        inside = overlap_inside(&own, point, points);
+    if (boxes && overlap_diagonal(its) > 0) {
+        ratio  = overlap_diagonal(own) / overlap_diagonal(its);
+        inside = overlap_inside(own, point, points);
     }
     if (model->count > 0 && (ratio < OVERLAP_SMALL || ratio > OVERLAP_LARGE || inside < OVERLAP_INSIDE || empty > OVERLAP_EMPTY))
         snprintf(warning, size,

@@ -18,39 +18,34 @@ static void report_tile(struct output *t, const char *figure, const char *what)
     output_add(t, "<div class=\"tile\"><b>%s</b><span>%s</span></div>\n", figure, what);
 }
 
-static double report_metric(const struct report *r, const char *name)
-{
-    return json_number(r->metrics, name);
-}
-
 static void report_tiles(struct report *r)
 {
     struct output *t = &r->page;
     output_add(t, "<div class=\"tiles\">\n");
     if (r->metrics) {
-        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n", report_metric(r, "psnr"));
-        report_tile(t, OUTPUT_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
-        report_tile(t, OUTPUT_COUNT(report_metric(r, "gaussians")), "Gaussians");
-        report_tile(t, OUTPUT_SIZE(report_metric(r, "bytes")), "model");
-        report_tile(t, OUTPUT_SECONDS(report_metric(r, "seconds")), "training time");
-        report_tile(t, OUTPUT_SIZE(report_metric(r, "peak_rss_bytes")), "peak memory");
+        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n", oxl_json_number(r->metrics, "psnr"));
+        report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
+        report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
+        report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
+        report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");
+        report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "peak_rss_bytes")), "peak memory");
     }
-    report_tile(t, OUTPUT_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "images");
-    report_tile(t, OUTPUT_COUNT(json_number(r->survey, "points")), "initial points");
+    report_tile(t, OUTPUT_COUNT(oxl_json_number(r->survey, "images") - oxl_json_number(r->survey, "images_missing")), "images");
+    report_tile(t, OUTPUT_COUNT(oxl_json_number(r->survey, "points")), "initial points");
     output_add(t, "</div>\n");
 }
 
 static void report_head(struct report *r)
 {
     struct output *t        = &r->page;
-    const int      finished = json_is_true(r->run, "finished");
+    const int      finished = oxl_json_is_true(r->run, "finished");
     const char    *name     = r->scene ? r->scene : r->out;
     page_open(t, name);
     output_add(t,
                "<header><span class=\"pale\">OceanXL report</span><h1>%S"
                "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
                name, finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
-               OUTPUT_COUNT(json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
+               OUTPUT_COUNT(oxl_json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
     report_tiles(r);
 }
 
@@ -78,8 +73,9 @@ static void report_notes(struct report_list *list)
 {
     struct report *r = list->r;
     for (int k = -1; k < r->parts; k++)
-        for (const char *e = json_first(json_member(k < 0 ? r->run : r->block[k].json, "notes")); e; e = json_next(e)) {
-            char *level = json_string(json_member(e, "level")), *text = json_string(json_member(e, "text"));
+        for (const char *e = oxl_json_first(oxl_json_member(k < 0 ? r->run : r->block[k].json, "notes")); e;
+             e             = oxl_json_next(e)) {
+            char *level = json_string(oxl_json_member(e, "level")), *text = json_string(oxl_json_member(e, "text"));
             if (level && text && strcmp(level, "warning") == 0) report_line(list, k, text);
             free(level);
             free(text);
@@ -98,21 +94,21 @@ static void report_list_end(struct report_list *list)
 static void report_survey(struct report *r)
 {
     struct output *t       = &r->page;
-    const char    *origin  = json_first(json_member(r->run, "origin"));
-    const double   missing = json_number(r->survey, "images_missing"), masks = json_number(r->survey, "masks");
+    const char    *origin  = oxl_json_first(oxl_json_member(r->run, "origin"));
+    const double   missing = oxl_json_number(r->survey, "images_missing"), masks = oxl_json_number(r->survey, "masks");
     output_add(t, "<dl>\n<dt>Images</dt><dd>%s training views, %s held-out views",
-               OUTPUT_COUNT(json_number(r->survey, "train_views")), OUTPUT_COUNT(json_number(r->survey, "test_views")));
+               OUTPUT_COUNT(oxl_json_number(r->survey, "train_views")), OUTPUT_COUNT(oxl_json_number(r->survey, "test_views")));
     if (missing > 0) output_add(t, "; <b class=\"warn\">%s missing</b>", OUTPUT_COUNT(missing));
     if (masks > 0) output_add(t, "; %s masks", OUTPUT_COUNT(masks));
     output_add(t, "</dd>\n<dt>Cameras</dt><dd>%J<small>trained at up to %s x %s px</small></dd>\n",
-               json_member(r->survey, "cameras_text"), OUTPUT_COUNT(json_number(r->survey, "width")),
-               OUTPUT_COUNT(json_number(r->survey, "height")));
+               oxl_json_member(r->survey, "cameras_text"), OUTPUT_COUNT(oxl_json_number(r->survey, "width")),
+               OUTPUT_COUNT(oxl_json_number(r->survey, "height")));
     output_add(t, "<dt>Points</dt><dd>%s, each in %.1f images on average<small>reprojection error %.2f px</small></dd>\n",
-               OUTPUT_COUNT(json_number(r->survey, "points")), json_number(r->survey, "mean_track"),
-               json_number(r->survey, "mean_error"));
+               OUTPUT_COUNT(oxl_json_number(r->survey, "points")), oxl_json_number(r->survey, "mean_track"),
+               oxl_json_number(r->survey, "mean_error"));
     output_add(t, "<dt>Origin</dt><dd>world = model + (");
     for (int k = 0; k < 3 && origin; k++) {
-        output_add(t, "%s%.6f", k ? ", " : "", json_number_at(&origin));
+        output_add(t, "%s%.6f", k ? ", " : "", oxl_json_number_at(&origin));
         origin += strspn(origin, ", \n");
     }
     output_add(t, ")<small>the origin is also a comment in scene.ply</small></dd>\n</dl>\n");
@@ -124,9 +120,10 @@ static void report_survey(struct report *r)
 static void report_decision(struct report_list *list, int block, const char *name)
 {
     const char *json     = block < 0 ? list->r->run : list->r->block[block].json;
-    const char *decision = json_member(json_member(json, "decisions"), name);
-    char       *chosen = json_string(json_member(decision, "chosen")), *evidence = json_string(json_member(decision, "evidence"));
-    char        text[1000];
+    const char *decision = oxl_json_member(oxl_json_member(json, "decisions"), name);
+    char       *chosen   = json_string(oxl_json_member(decision, "chosen")),
+         *evidence       = json_string(oxl_json_member(decision, "evidence"));
+    char text[1000];
     snprintf(text, sizeof text, "%s: %s", chosen ? chosen : "", evidence ? evidence : "");
     if (chosen && evidence) report_line(list, block, text);
     free(chosen);
@@ -154,31 +151,32 @@ static void report_decisions(struct report *r)
                                              {"Dropout (--dropout)", "dropout"},
                                              {"Second lobes (--dog)", "dog"}};
     struct output           *t            = &r->page;
-    page_section(t, "Decisions and evidence");
-    output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", json_member(r->run, "preset"),
-               OUTPUT_COUNT(json_number(r->job, "iterations")), json_number(r->job, "seed"));
+    page_section(r, "Decisions and evidence");
+    output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", oxl_json_member(r->run, "preset"),
+               OUTPUT_COUNT(oxl_json_number(r->job, "iterations")), oxl_json_number(r->job, "seed"));
     output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
-    if (r->blocks > 1) output_add(t, ", %J cuts", json_member(r->job, "cut"));
+    if (r->blocks > 1) output_add(t, ", %J cuts", oxl_json_member(r->job, "cut"));
     report_evidence(r, "partition", -1, 0);
     for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
-        output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], json_member(r->job, choices[i][1]));
+        output_add(t, "<dt>%s</dt><dd>%J", choices[i][0], oxl_json_member(r->job, choices[i][1]));
         report_evidence(r, choices[i][1], 0, r->parts);
     }
-    output_add(t, "</dl>\n</section>\n");
+    output_add(t, "</dl>\n");
 }
 
 /* ---------------------------------------------------------------- warnings */
 
 static void report_warnings(struct report *r)
 {
-    const double       predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");
+    const double predicted  = oxl_json_number(r->metrics, "predicted_memory_bytes"),
+                 peak       = oxl_json_number(r->metrics, "peak_rss_bytes");
     struct report_list list = {r, "li", REPORT_NOTES, 0};
     char               words[160];
-    page_section(&r->page, "Warnings");
+    page_section(r, "Warnings");
     output_add(&r->page, "<ul>\n");
-    if (!json_is_true(r->run, "finished"))
+    if (!oxl_json_is_true(r->run, "finished"))
         report_line(&list, -1, "the run is not finished; run the same command again to resume");
-    if (r->metrics && json_number(r->survey, "test_views") <= 0)
+    if (r->metrics && oxl_json_number(r->survey, "test_views") <= 0)
         report_line(&list, -1,
                     "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
     if (peak > 1.5 * predicted) {
@@ -187,7 +185,7 @@ static void report_warnings(struct report *r)
     }
     report_notes(&list);
     report_list_end(&list);
-    output_add(&r->page, "</ul>\n%s</section>\n", list.count > 0 ? "" : "<p>None.</p>\n");
+    output_add(&r->page, "</ul>\n%s", list.count > 0 ? "" : "<p>None.</p>\n");
 }
 
 /* ---------------------------------------------------------------- blocks, seams, sizes, times */
@@ -195,6 +193,7 @@ static void report_warnings(struct report *r)
 static void report_block_rows(struct report *r)
 {
     struct output *t = &r->page;
+    page_section(r, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
     output_add(t,
                "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
                "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
@@ -203,9 +202,9 @@ static void report_block_rows(struct report *r)
         output_add(
             t,
             "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
-            REPORT_PART(r, k), OUTPUT_COUNT(json_number(b, "iterations_done")), OUTPUT_COUNT(json_number(b, "gaussians")),
-            OUTPUT_SECONDS(json_number(b, "seconds")), OUTPUT_SECONDS(json_number(b, "predicted_seconds")),
-            OUTPUT_SIZE(json_number(b, "peak_rss_bytes")), OUTPUT_SIZE(json_number(b, "predicted_memory_bytes")));
+            REPORT_PART(r, k), OUTPUT_COUNT(oxl_json_number(b, "iterations_done")), OUTPUT_COUNT(oxl_json_number(b, "gaussians")),
+            OUTPUT_SECONDS(oxl_json_number(b, "seconds")), OUTPUT_SECONDS(oxl_json_number(b, "predicted_seconds")),
+            OUTPUT_SIZE(oxl_json_number(b, "peak_rss_bytes")), OUTPUT_SIZE(oxl_json_number(b, "predicted_memory_bytes")));
     }
     output_add(
         t,
@@ -214,23 +213,15 @@ static void report_block_rows(struct report *r)
 
 static void report_seam(struct report *r)
 {
-    const char  *seam      = json_member(r->metrics, "seam");
-    const double near_psnr = json_number(seam, "near_psnr"), elsewhere = json_number(seam, "elsewhere_psnr");
+    const char  *seam      = oxl_json_member(r->metrics, "seam");
+    const double near_psnr = oxl_json_number(seam, "near_psnr"), elsewhere = oxl_json_number(seam, "elsewhere_psnr");
     if (!isfinite(near_psnr) || !isfinite(elsewhere)) return;
     output_add(
         &r->page,
         "<h3>Seams</h3>\n<p>PSNR within %.0f %% of a block's size from a border: <b>%.2f dB</b> (%s px); elsewhere: <b>%.2f dB</b>. "
         "Difference: %.2f dB.</p>\n",
-        100 * json_number(seam, "width"), near_psnr, OUTPUT_COUNT(json_number(seam, "near_pixels")), elsewhere,
+        100 * oxl_json_number(seam, "width"), near_psnr, OUTPUT_COUNT(oxl_json_number(seam, "near_pixels")), elsewhere,
         near_psnr - elsewhere);
-}
-
-static void report_sizes(struct report *r)
-{
-    page_section(&r->page, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
-    report_block_rows(r);
-    report_seam(r);
-    output_add(&r->page, "</section>\n");
 }
 
 /* ---------------------------------------------------------------- to repeat it */
@@ -259,7 +250,7 @@ static void report_command(struct report *r)
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         char              member[40], usual[4096], seen[4096];
-        if (!json_member(r->job, oxl_option_member(o, member))) continue;
+        if (!oxl_json_member(r->job, oxl_option_member(o, member))) continue;
         if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen), oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
             continue;
         output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
@@ -271,7 +262,7 @@ static void report_command(struct report *r)
 static void report_reproduction(struct report *r)
 {
     struct output *t = &r->page;
-    page_section(t, "Reproduction");
+    page_section(r, "Reproduction");
     output_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
     report_command(r);
     output_add(t, "oceanxl eval ");
@@ -280,8 +271,9 @@ static void report_reproduction(struct report *r)
     report_shell(t, r->scene ? r->scene : "SCENE");
     output_add(t,
                "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. "
-               "All options are in run.json, line \"job\".</small></p>\n</section>\n",
-               json_member(r->run, "oceanxl"), OUTPUT_COUNT(json_number(r->run, "threads")), json_member(r->run, "instructions"));
+               "All options are in run.json, line \"job\".</small></p>\n",
+               oxl_json_member(r->run, "oceanxl"), OUTPUT_COUNT(oxl_json_number(r->run, "threads")),
+               oxl_json_member(r->run, "instructions"));
 }
 
 /* ---------------------------------------------------------------- the page */
@@ -292,16 +284,16 @@ static void report_compose(struct report *r)
     report_warnings(r);
     views_section(r);
     views_training_section(r);
-    page_section(&r->page, "Survey");
+    page_section(r, "Survey");
     map_section(r);
     report_survey(r);
-    output_add(&r->page, "</section>\n");
     report_decisions(r);
     chart_section(r);
-    report_sizes(r);
+    report_block_rows(r);
+    report_seam(r);
     report_reproduction(r);
-    output_add(&r->page,
-               "<footer>Written by OceanXL " OXL_VERSION ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
+    output_add(&r->page, "</section>\n<footer>Written by OceanXL " OXL_VERSION
+                         ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
 oxl_result report_write(oxl_context *ctx, const char *out)
@@ -309,7 +301,7 @@ oxl_result report_write(oxl_context *ctx, const char *out)
     struct report r  = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
     oxl_result    rc = OXL_ERR_MEMORY;
     char          path[1024];
-    if (!json_member(r.run, "job")) {
+    if (!oxl_json_member(r.run, "job")) {
         free(r.run);
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
     }

@@ -20,16 +20,16 @@ enum {
 };
 
 static const struct curve {
-    const char        *title, *unit; /* the unit with its comma */
-    enum report_column column[2];    /* the second: dashed, when it is another */
-    double             scale;        /* shown = value / scale */
-    int                from_zero;
+    const char     *title, *unit; /* the unit with its comma */
+    enum log_column column[2];    /* the second: dashed, when it is another */
+    double          scale;        /* shown = value / scale */
+    int             from_zero;
 } CURVES[] = {
-    {"Loss, smoothed", "", {REPORT_LOSS, REPORT_LOSS}, 1, 1},
-    {"PSNR of training views, smoothed", ", dB", {REPORT_PSNR, REPORT_PSNR}, 1, 0},
-    {"Gaussians", ", thousand", {REPORT_GAUSSIANS, REPORT_GAUSSIANS}, 1e3, 1},
-    {"Depth weights f_mid and f_far (dashed)", "", {REPORT_F_MID, REPORT_F_FAR}, 1, 0},
-    {"Peak memory of the process", ", MB", {REPORT_MEMORY, REPORT_MEMORY}, 1e6, 1},
+    {"Loss, smoothed", "", {LOG_LOSS, LOG_LOSS}, 1, 1},
+    {"PSNR of training views, smoothed", ", dB", {LOG_PSNR, LOG_PSNR}, 1, 0},
+    {"Gaussians", ", thousand", {LOG_GAUSSIANS, LOG_GAUSSIANS}, 1e3, 1},
+    {"Depth weights f_mid and f_far (dashed)", "", {LOG_F_MID, LOG_F_FAR}, 1, 0},
+    {"Peak memory of the process", ", MB", {LOG_MEMORY, LOG_MEMORY}, 1e6, 1},
 };
 
 struct curve_axis {
@@ -52,15 +52,15 @@ static int curve_axes(const struct report *r, const struct curve *c, struct curv
     double low = INFINITY, high = -INFINITY, last = 0;
     for (int k = 0; k < r->parts; k++)
         for (int i = 0; i < r->block[k].rows; i++) {
-            const double *row = r->block[k].log + (size_t)i * REPORT_COLUMNS;
-            if (row[REPORT_ITERATION] > last) last = row[REPORT_ITERATION];
+            const double *row = r->block[k].log + (size_t)i * LOG_COLUMNS;
+            if (row[LOG_ITERATION] > last) last = row[LOG_ITERATION];
             for (int j = 0; j < 2; j++) {
                 const double value = row[c->column[j]] / c->scale;
                 if (value < low) low = value;
                 if (value > high) high = value;
             }
         }
-    if (!(low <= high) || (c->column[0] == REPORT_F_MID && high <= 1)) return 0; /* weights that stayed at 1 are no curve */
+    if (!(low <= high) || (c->column[0] == LOG_F_MID && high <= 1)) return 0; /* weights that stayed at 1 are no curve */
     *x = curve_axis_round(0, last);
     *y = curve_axis_round(c->from_zero && low > 0 ? 0 : low, high);
     return 1;
@@ -98,9 +98,9 @@ static void curve_line(struct output *t, const struct report *r, int block, cons
     const char                *command = "M";
     output_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
     for (int i = 0; i < b->rows; i++) {
-        const double *row = b->log + (size_t)i * REPORT_COLUMNS, value = row[c->column[second]] / c->scale;
+        const double *row = b->log + (size_t)i * LOG_COLUMNS, value = row[c->column[second]] / c->scale;
         if (!isfinite(value) || (i % every != 0 && i + 1 < b->rows)) continue;
-        output_add(t, "%s%.1f %.1f", command, curve_x(x, row[REPORT_ITERATION]), curve_y(y, value));
+        output_add(t, "%s%.1f %.1f", command, curve_x(x, row[LOG_ITERATION]), curve_y(y, value));
         command = "L";
     }
     output_add(t, "\"/>\n");
@@ -127,7 +127,7 @@ void chart_section(struct report *r)
     struct output *t    = &r->page;
     int            rows = 0;
     for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
-    page_section(t, "Training curves");
+    page_section(r, "Training curves");
     if (rows == 0) output_add(t, "<p>There is no log.csv yet.</p>\n");
     else output_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
     for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++) curve_draw(t, r, &CURVES[i]);
@@ -139,5 +139,4 @@ void chart_section(struct report *r)
         output_add(t, "</small></p>\n");
     } else if (rows > 0 && r->parts > CURVE_NAMED)
         output_add(t, "<p><small>One line per block, %d blocks.</small></p>\n", r->blocks);
-    output_add(t, "</section>\n");
 }

@@ -58,9 +58,9 @@ void page_open(struct output *t, const char *title)
     output_add(t, "</style>\n</head>\n<body>\n<main>\n");
 }
 
-void page_section(struct output *t, const char *title)
+void page_section(struct report *r, const char *title)
 {
-    output_add(t, "<section>\n<h2>%s</h2>\n", title);
+    output_add(&r->page, "%s<section>\n<h2>%s</h2>\n", r->sections++ ? "</section>\n" : "", title);
 }
 
 /* RFC 4648, table 1. */

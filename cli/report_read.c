@@ -7,47 +7,42 @@
 
 enum { REPORT_BLOCKS = 100000 };
 
-static const char *const REPORT_NAMES[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",          "gaussians",
-                                                         "f_mid",     "f_far", "peak_rss_bytes"};
+static const char *const REPORT_NAMES[LOG_COLUMNS] = {"iteration", "loss",  "psnr",          "gaussians",
+                                                      "f_mid",     "f_far", "peak_rss_bytes"};
 
-/* Our column at each position of the file; -1: none. */
-static int report_columns(const char *text, int *column, int most)
+/* The position of a column in the first line; -1: there is none. */
+static int report_place(const char *line, const char *name)
 {
-    int n = 0;
-    for (const char *at = text; n < most;) {
-        const size_t length = strcspn(at, ",\r\n");
-        column[n]           = -1;
-        for (int k = 0; k < REPORT_COLUMNS; k++)
-            if (strlen(REPORT_NAMES[k]) == length && strncmp(at, REPORT_NAMES[k], length) == 0) column[n] = k;
-        n++;
-        if (at[length] != ',') break;
-        at += length + 1;
+    for (int i = 0;; i++, line++) {
+        const size_t length = strcspn(line, ",\r\n");
+        if (strlen(name) == length && strncmp(line, name, length) == 0) return i;
+        line += length;
+        if (*line != ',') return -1;
     }
-    return n;
 }
 
-static int report_log_row(const char *at, const int *column, int columns, double *row)
+static double report_field(const char *line, int place)
 {
-    for (int k = 0; k < REPORT_COLUMNS; k++) row[k] = NAN;
-    for (int i = 0; i < columns; i++) {
-        const double value = json_number_at(&at);
-        if (column[i] >= 0) row[column[i]] = value;
-        at += strcspn(at, ",\r\n");
-        if (*at != ',') break;
-        at++;
+    for (; place > 0; place--) {
+        line += strcspn(line, ",\r\n");
+        if (*line++ != ',') return NAN;
     }
-    return isfinite(row[REPORT_ITERATION]);
+    return place == 0 ? oxl_json_number_at(&line) : NAN;
 }
 
-static void report_read_log(struct report *r, struct report_block *b, char *text)
+static void report_read_log(struct report *r, struct report_block *b, const char *text)
 {
-    int    column[32], columns = report_columns(text, column, 32);
+    int    place[LOG_COLUMNS];
     size_t lines = 0;
+    for (int k = 0; k < LOG_COLUMNS; k++) place[k] = report_place(text, REPORT_NAMES[k]);
     for (const char *at = text; *at; at++) lines += *at == '\n';
-    b->log = malloc((lines + 1) * REPORT_COLUMNS * sizeof *b->log);
+    b->log = malloc((lines + 1) * LOG_COLUMNS * sizeof *b->log);
     if (!b->log) r->page.failed = 1;
-    for (const char *at = strchr(text, '\n'); b->log && at && at[1]; at = strchr(at + 1, '\n'))
-        if (report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS)) b->rows++;
+    for (const char *at = strchr(text, '\n'); b->log && at && at[1]; at = strchr(at + 1, '\n')) {
+        double *row = b->log + (size_t)b->rows * LOG_COLUMNS;
+        for (int k = 0; k < LOG_COLUMNS; k++) row[k] = report_field(at + 1, place[k]);
+        b->rows += isfinite(row[LOG_ITERATION]);
+    }
 }
 
 const char *report_part(const struct report *r, int part, char out[40])
@@ -59,23 +54,21 @@ const char *report_part(const struct report *r, int part, char out[40])
 
 static void report_read_block(struct report *r, int k)
 {
-    char name[64], folder[32], *log;
-    if (k < r->blocks) snprintf(folder, sizeof folder, "blocks/%03d", k);
-    else snprintf(folder, sizeof folder, "blocks/%s", k == r->blocks ? "coarse" : "whole");
-    snprintf(name, sizeof name, "%s/block.json", folder);
-    r->block[k].json = output_read(r->out, name, NULL);
-    snprintf(name, sizeof name, "%s/log.csv", folder);
-    log = output_read(r->out, name, NULL);
+    char folder[2048], *log;
+    snprintf(folder, sizeof folder, "%s/blocks/%s", r->out, k == r->blocks ? "coarse" : "whole");
+    if (k < r->blocks) snprintf(folder, sizeof folder, "%s/blocks/%03d", r->out, k);
+    r->block[k].json = output_read(folder, "block.json", NULL);
+    log              = output_read(folder, "log.csv", NULL);
     if (log) report_read_log(r, &r->block[k], log);
     free(log);
 }
 
 void report_open(struct report *r)
 {
-    const double blocks = json_number(r->run, "blocks");
-    r->job              = json_member(r->run, "job");
-    r->survey           = json_member(r->run, "survey");
-    r->scene            = json_string(json_member(r->job, "scene"));
+    const double blocks = oxl_json_number(r->run, "blocks");
+    r->job              = oxl_json_member(r->run, "job");
+    r->survey           = oxl_json_member(r->run, "survey");
+    r->scene            = json_string(oxl_json_member(r->job, "scene"));
     r->metrics          = output_read(r->out, "metrics.json", NULL);
     r->options          = oxl_job_options_default(OXL_PRESET_DRAFT);
     if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);

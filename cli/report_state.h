@@ -12,21 +12,13 @@
 
 #include "cli.h"
 
-enum report_column { /* of log.csv */
-                     REPORT_ITERATION,
-                     REPORT_LOSS,
-                     REPORT_PSNR,
-                     REPORT_GAUSSIANS,
-                     REPORT_F_MID,
-                     REPORT_F_FAR,
-                     REPORT_MEMORY,
-                     REPORT_COLUMNS
-};
+/* Of log.csv. */
+enum log_column { LOG_ITERATION, LOG_LOSS, LOG_PSNR, LOG_GAUSSIANS, LOG_F_MID, LOG_F_FAR, LOG_MEMORY, LOG_COLUMNS };
 
 struct report_block {
     char   *json; /* block.json, or NULL: not trained yet */
     int     rows; /* of log.csv */
-    double *log;  /* (rows,REPORT_COLUMNS); NaN: missing */
+    double *log;  /* (rows,LOG_COLUMNS); NaN: missing */
 };
 
 struct report {
@@ -40,6 +32,7 @@ struct report {
     int                  blocks, parts; /* parts: the blocks, then the coarse and the merged model if they are there */
     struct report_block *block;
     struct output        page;
+    int                  sections; /* begun */
 };
 
 /* ---------------------------------------------------------------- report_read.c */
@@ -53,7 +46,7 @@ const char *report_part(const struct report *r, int part, char out[40]);
 /* ---------------------------------------------------------------- report_page.c */
 
 void page_open(struct output *t, const char *title);
-void page_section(struct output *t, const char *title);                            /* the first heading, or the next one */
+void page_section(struct report *r, const char *title);                            /* ends the one before */
 void page_data(struct output *t, const char *type, const void *data, size_t size); /* a data: URI */
 /* A figure that is rendered from an image; q: of the JPEG. */
 void page_jpeg(struct report *r, const oxl_image *image, int q);

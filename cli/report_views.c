@@ -36,12 +36,12 @@ static struct views views_read(struct report *r, const char *list)
 {
     struct views v = {0};
     int          n = 0;
-    for (const char *e = json_first(list); e; e = json_next(e)) n++;
+    for (const char *e = oxl_json_first(list); e; e = oxl_json_next(e)) n++;
     v.row = calloc((size_t)n + 1, sizeof *v.row);
     if (!v.row) r->page.failed = 1;
-    for (const char *e = json_first(list); v.row && e; e = json_next(e)) {
-        struct views_row row = {json_string(json_member(e, "name")), json_number(e, "psnr"), json_number(e, "ssim"),
-                                json_string(json_member(e, "flag"))};
+    for (const char *e = oxl_json_first(list); v.row && e; e = oxl_json_next(e)) {
+        struct views_row row = {json_string(oxl_json_member(e, "name")), oxl_json_number(e, "psnr"), oxl_json_number(e, "ssim"),
+                                json_string(oxl_json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
     }
@@ -59,16 +59,15 @@ static void views_free(struct views *v)
 /* OUT/FOLDER/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
 static int views_image(struct report *r, const char *folder, const char *name, const char *suffix, oxl_image *out)
 {
-    const size_t size = strlen(r->out) + strlen(folder) + strlen(name) + strlen(suffix) + 16;
-    char        *path = malloc(size);
-    int          rc;
-    if (!path) return 0;
-    snprintf(path, size, "%s/%s/%s%s", r->out, folder, name, suffix);
-    for (char *c = path + strlen(r->out) + strlen(folder) + 2; (name[0] == '/' || strstr(name, "..")) && *c; c++)
-        if (*c == '/') *c = '_';
-    rc = oxl_image_read(r->ctx, path, out) == OXL_OK;
-    free(path);
-    return rc;
+    const int     is_flat = name[0] == '/' || strstr(name, ".."); /* its slashes are underscores */
+    struct output path    = {0};
+    int           found;
+    output_add(&path, "%s/%s/", r->out, folder);
+    for (const char *c = name; *c; c++) output_bytes(&path, is_flat && *c == '/' ? "_" : c, 1);
+    output_add(&path, "%s", suffix);
+    found = !path.failed && oxl_image_read(r->ctx, path.data, out) == OXL_OK;
+    free(path.data);
+    return found;
 }
 
 /* The mean of n x n pixels becomes one, until the longer side is at most VIEWS_SIDE. */
@@ -165,11 +164,11 @@ static void views_rows(struct output *t, const struct views *v, int from, int to
 void views_section(struct report *r)
 {
     struct output *t     = &r->page;
-    struct views   v     = views_read(r, json_member(r->metrics, "views"));
-    const char    *split = json_member(r->metrics, "split");
+    struct views   v     = views_read(r, oxl_json_member(r->metrics, "views"));
+    const char    *split = oxl_json_member(r->metrics, "split");
     const int      held  = split && strncmp(split, "\"test\"", 6) == 0;
     if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
-    page_section(t, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
+    page_section(r, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
     if (v.count == 0) output_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
     else {
         output_add(
@@ -186,8 +185,7 @@ void views_section(struct report *r)
             views_rows(t, &v, VIEWS_OPEN, v.count, 0);
             output_add(t, "</details>\n");
         }
-        output_add(t, "</section>\n");
-        page_section(t, "Worst views");
+        page_section(r, "Worst views");
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "renders", &v.row[i]);
         output_add(
             t,
@@ -195,7 +193,6 @@ void views_section(struct report *r)
             "yellow (%.0f %% of full white and above).</small></p>\n",
             100 * VIEWS_ERROR_FULL);
     }
-    output_add(t, "</section>\n");
     views_free(&v);
 }
 
@@ -204,12 +201,12 @@ void views_section(struct report *r)
 void views_training_section(struct report *r)
 {
     struct output *t       = &r->page;
-    const char    *list    = json_member(r->metrics, "training");
-    const double   flagged = json_number(list, "flagged");
-    struct views   v       = views_read(r, json_member(list, "views"));
+    const char    *list    = oxl_json_member(r->metrics, "training");
+    const double   flagged = oxl_json_number(list, "flagged");
+    struct views   v       = views_read(r, oxl_json_member(list, "views"));
     int            shown   = 0;
     if (v.count > 0) {
-        page_section(t, "Training images that fit worst");
+        page_section(r, "Training images that fit worst");
         output_add(
             t,
             "<p>%d of %d fit far worse than neighbouring images. The cause is a wrong pose, another exposure or blur: leave "
@@ -218,7 +215,6 @@ void views_training_section(struct report *r)
         while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
         views_rows(t, &v, 0, shown, 1);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
-        output_add(t, "</section>\n");
     }
     views_free(&v);
 }

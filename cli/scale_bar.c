@@ -69,7 +69,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
     const char      *end = text + length, *at = text;
     double           ray[64][6];
     for (int k = 0; k < 3; k++) {
-        out[k] = json_number_at(&at);
+        out[k] = oxl_json_number_at(&at);
         if (isnan(out[k]) || (k < 2 && !scale_comma(&at, end))) break;
         if (k == 2 && at == end) {
             for (int i = 0; i < 3; i++) out[i] -= oxl_scene_origin(scene)[i];
@@ -85,7 +85,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         if (view < 0) return scale_fail(ctx, "no image is called", at, name);
         at += name;
         for (int k = 0; k < 2; k++) {
-            pixel[k] = scale_comma(&at, end) ? json_number_at(&at) : NAN;
+            pixel[k] = scale_comma(&at, end) ? oxl_json_number_at(&at) : NAN;
             if (isnan(pixel[k])) return scale_fail(ctx, "a pixel is expected in", text, length);
         }
         rc = oxl_scene_ray(ctx, scene, view, pixel[0], pixel[1], r, r + 3);

@@ -18,8 +18,7 @@ static void fuzz_write_seed(const char *path)
     struct os_file_map      map;
     struct text             log, notes;
     struct train_output     place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
-    oxl_model               model = {0};
-    struct train            t     = {.options = &options, .model = &model, .output = &place};
+    struct train            t     = {.options = &options, .output = &place};
     const size_t            head  = 27;
     fuzz_promise(oxl_context_create(NULL, &ctx) == OXL_OK, "a context");
     log             = (struct text){.ctx = ctx};

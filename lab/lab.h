@@ -9,7 +9,7 @@
 /* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). */
 oxl_result synth_run(oxl_context *ctx, const synth_options *options);
 
-/* ---------------------------------------------------------------- ablate.c, tradeoff.c: many trainings of one survey, compared */
+/* ---------------------------------------------------------------- studies.c: many trainings of one survey, compared */
 
 typedef struct study_options {
     const char        *scene, *out;   /* folders */

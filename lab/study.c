@@ -63,8 +63,6 @@ static oxl_result study_choose_rows(struct study *s)
 {
     oxl_result  rc   = OXL_OK;
     const char *rows = s->options->rows;
-    if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS)
-        return oxl_fail(s->meter.ctx, OXL_ERR_USAGE, "--seeds: found %d, expected 1 to %d", s->options->seeds, STUDY_SEEDS);
     if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
     for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)
@@ -72,45 +70,23 @@ static oxl_result study_choose_rows(struct study *s)
     return rc;
 }
 
-static void study_change(const struct study *s, int row, int seed, const struct study_change *c, oxl_job_options *job)
-{
-    const int like = study_row_index(s, s->row[row]->like);
-    switch (c->what) {
-    case STUDY_UNCHANGED: break;
-    case STUDY_PRESET:
-        job->train               = oxl_train_options_default((oxl_preset)c->value);
-        job->train.max_gaussians = s->base.train.max_gaussians;
-        break;
-    case STUDY_ITERATIONS: job->train.iterations = (int)(c->value * s->base.train.iterations + 0.5); break;
-    case STUDY_CUT: job->partition.cut = (oxl_cut)c->value; break;
-    case STUDY_UCD: job->train.ucd.mode = (oxl_ucd_mode)c->value; break;
-    case STUDY_KEEP: job->train.keep = (oxl_keep){c->value < 1 ? OXL_KEEP_FRACTION : OXL_KEEP_ALL, c->value}; break;
-    case STUDY_DOG: job->train.dog = (oxl_dog)c->value; break;
-    case STUDY_COARSE: job->train.coarse = (float)c->value; break;
-    case STUDY_ALPHA_MIN: job->train.alpha_min = (float)c->value; break;
-    case STUDY_SH_DEGREE: job->train.sh_degree = (int)c->value; break;
-    case STUDY_SHORT_RUN: job->train.short_run_exponent = (float)c->value; break;
-    case STUDY_COOLDOWN: job->train.cooldown = (float)c->value; break;
-    case STUDY_EQUAL_COUNT: job->train.densify_gradient = (float)s->threshold[row]; break;
-    case STUDY_EQUAL_BYTES: job->train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[like][seed - 1][STUDY_BYTES]}; break;
-    }
-}
-
 static oxl_job_options study_job(const struct study *s, int row, int seed)
 {
-    oxl_job_options job = s->base;
-    job.seed            = (uint64_t)seed;
-    job.block           = -1;
-    job.renders         = 0;
-    for (int i = 0; i < STUDY_CHANGES; i++) study_change(s, row, seed, &s->row[row]->change[i], &job);
+    const struct study_row *r   = s->row[row];
+    oxl_job_options         job = s->base;
+    job.seed                    = (uint64_t)seed;
+    job.block                   = -1;
+    job.renders                 = 0;
+    if (r->preset) job.train = oxl_train_options_default((oxl_preset)(r->preset - 1));
+    job.train.max_gaussians = s->base.train.max_gaussians;
+    if (r->iterations > 0) job.train.iterations = (int)(r->iterations * s->base.train.iterations + 0.5);
+    for (int i = 0; i < STUDY_OPTIONS && r->option[i][0]; i++)
+        oxl_option_set(oxl_option_find(r->option[i][0]), &job, r->option[i][1], NULL, 0);
+    if (!r->preset) job.train.ucd.learn = s->base.train.ucd.learn; /* rows differ by the mode alone */
+    if (r->equal == STUDY_GAUSSIANS) job.train.densify_gradient = (float)s->threshold[row];
+    if (r->equal == STUDY_BYTES)
+        job.train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[study_row_index(s, r->like)][seed - 1][STUDY_BYTES]};
     return job;
-}
-
-static int study_changes(const struct study_row *row, enum study_setting what)
-{
-    for (int i = 0; i < STUDY_CHANGES; i++)
-        if (row->change[i].what == what) return 1;
-    return 0;
 }
 
 /* ---------------------------------------------------------------- time */
@@ -118,7 +94,7 @@ static int study_changes(const struct study_row *row, enum study_setting what)
 /* Steps of the row, in the base's. */
 static double study_steps(const struct study *s, int row)
 {
-    const int trials = study_changes(s->row[row], STUDY_EQUAL_COUNT) ? STUDY_TRIALS : 1;
+    const int trials = s->row[row]->equal == STUDY_GAUSSIANS ? STUDY_TRIALS : 1;
     return (double)trials * study_job(s, row, 1).train.iterations / s->base.train.iterations;
 }
 
@@ -127,7 +103,7 @@ static double study_steps(const struct study *s, int row)
 static oxl_result study_choose_side(struct study *s)
 {
     char         *before = output_read(s->options->out, "study.json", NULL);
-    const double  chosen = json_number(before, "max_side");
+    const double  chosen = oxl_json_number(before, "max_side");
     double        steps  = 0;
     oxl_survey    survey;
     struct output t  = {0};
@@ -150,7 +126,7 @@ static oxl_result study_choose_side(struct study *s)
 static int study_is_finished(const char *folder)
 {
     char     *run      = output_read(folder, "run.json", NULL);
-    const int finished = run && strstr(run, "\"finished\": true") != NULL;
+    const int finished = oxl_json_is_true(run, "finished");
     free(run);
     return finished;
 }
@@ -209,7 +185,7 @@ static oxl_result study_train_row(struct study *s, int row, int seed, time_t sta
     s->wanted[row] = row == 0 ? 0 : study_steps(s, row) * study_mean(s, 0, STUDY_SECONDS).mean;
     if (s->row[row]->like && s->done[study_row_index(s, s->row[row]->like)] < seed) return OXL_OK;
     if (s->done[row] < seed - 1 || (s->wanted[row] > left && !study_is_finished(folder))) return OXL_OK;
-    if (study_changes(s->row[row], STUDY_EQUAL_COUNT)) rc = study_train_equal(s, row, seed, &got);
+    if (s->row[row]->equal == STUDY_GAUSSIANS) rc = study_train_equal(s, row, seed, &got);
     else rc = study_train_in(s, row, seed, 0, &got);
     if (rc != OXL_OK) return rc;
     s->done[row]   = seed;

@@ -4,7 +4,7 @@
  *     study_train.c    one training in a folder of its own: memory counted, CPU time, figures read back
  *     study_report.c   means, spreads, comparisons, the Pareto front; the page (Markdown) and the CSV
  *     study_plot.c     the drawing: PSNR over cost, twice
- *     ablate.c, tradeoff.c   the two studies, as tables of rows
+ *     studies.c        the two studies, as tables of rows
  */
 #ifndef STUDY_H
 #define STUDY_H
@@ -13,7 +13,7 @@
 
 #include <stddef.h>
 
-enum { STUDY_SEEDS = 99, STUDY_ROWS = 20, STUDY_CHANGES = 5, STUDY_AGAINST = 4 };
+enum { STUDY_SEEDS = CLI_SEEDS, STUDY_ROWS = 20, STUDY_OPTIONS = 4, STUDY_AGAINST = 4 };
 
 /* ---------------------------------------------------------------- what a study is */
 
@@ -32,34 +32,15 @@ enum study_measure {
     STUDY_MEASURES
 };
 
-enum study_setting { /* what a change sets, to its value */
-                     STUDY_UNCHANGED,
-                     STUDY_PRESET,     /* enum oxl_preset: all training options */
-                     STUDY_ITERATIONS, /* times the base's */
-                     STUDY_CUT,
-                     STUDY_UCD,
-                     STUDY_KEEP, /* fraction; 1: all */
-                     STUDY_DOG,
-                     STUDY_COARSE,
-                     STUDY_ALPHA_MIN,
-                     STUDY_SH_DEGREE,
-                     STUDY_SHORT_RUN,
-                     STUDY_COOLDOWN,
-                     STUDY_EQUAL_COUNT, /* densify threshold such that the row ends with as many Gaussians as the row `like` */
-                     STUDY_EQUAL_BYTES  /* as many Gaussians kept as fit the bytes of the row `like` */
-};
-
-struct study_change {
-    enum study_setting what;
-    double             value;
-};
-
 struct study_row {
-    const char         *name, *label; /* in --rows and the folders' names; in the page */
-    struct study_change change[STUDY_CHANGES];
-    const char         *against[STUDY_AGAINST]; /* names of the rows that it is compared with */
-    const char         *like;                   /* of a control */
-    double              paper[STUDY_MEASURES];  /* the paper's own figures; 0: not stated */
+    const char        *name, *label;             /* in --rows and the folders' names; in the page */
+    const char        *option[STUDY_OPTIONS][2]; /* name and value of the options that it sets */
+    int                preset;                   /* 1 + enum oxl_preset: all training options; 0: the base's */
+    double             iterations;               /* times the base's; 0: not set */
+    const char        *against[STUDY_AGAINST];   /* names of the rows that it is compared with */
+    const char        *like;                     /* of a control: the row whose `equal` it reaches, */
+    enum study_measure equal;                    /* STUDY_GAUSSIANS by the densify threshold, or STUDY_BYTES by pruning */
+    double             paper[STUDY_MEASURES];    /* the paper's own figures; 0: not stated */
 };
 
 struct study_kind {

@@ -80,7 +80,7 @@ int study_is_pareto_optimal(const struct study *s, int row)
 
 static int table_is_of_iterations(const struct study_row *r)
 {
-    return r->change[0].what == STUDY_ITERATIONS && r->change[1].what == STUDY_UNCHANGED;
+    return r->iterations > 0;
 }
 
 /* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the logarithm of time

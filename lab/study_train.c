@@ -47,8 +47,8 @@ static oxl_result study_record_cost(struct study_meter *s, const char *folder, d
     const double  peak   = (double)s->options->memory->peak;
     char         *before = output_read(folder, "study.json", NULL);
     struct output t      = {0};
-    value[STUDY_MEMORY]  = json_number(before, "library_peak_bytes");
-    value[STUDY_CPU]     = json_number(before, "cpu_seconds");
+    value[STUDY_MEMORY]  = oxl_json_number(before, "library_peak_bytes");
+    value[STUDY_CPU]     = oxl_json_number(before, "cpu_seconds");
     free(before);
     if (s->started == 0) return OXL_OK;
     if (s->started == 1 || !(value[STUDY_MEMORY] > peak)) value[STUDY_MEMORY] = peak;
@@ -69,10 +69,10 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
                            {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
                            {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0}};
     char        *text   = output_read(folder, "metrics.json", NULL);
-    const double blocks = json_number(text, "blocks");
+    const double blocks = oxl_json_number(text, "blocks");
     int          whole  = !isnan(blocks);
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++) {
-        const double value          = json_number(fields[i].of_depth ? json_member(text, "by_depth") : text, fields[i].name);
+        const double value = oxl_json_number(fields[i].of_depth ? oxl_json_member(text, "by_depth") : text, fields[i].name);
         r->value[fields[i].measure] = value;
         whole                       = whole && (fields[i].of_depth || !isnan(value));
     }

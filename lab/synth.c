@@ -22,67 +22,27 @@
 #endif
 
 #define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
-#define EDGE_DEPTH  0.02 /* share of the depth */
+#define EDGE_DEPTH  0.02 /* fraction of the depth */
 
 /* ---------------------------------------------------------------- options */
 
-#define SYNTH_FIX "\nfix: oceanxl help synth lists what there is"
-
 synth_options synth_options_default(void)
 {
-    return (synth_options){.views        = 40,
-                           .width        = 400,
-                           .height       = 260,
-                           .water        = "1C",
-                           .path         = "lawnmower",
-                           .lamp         = -1,
-                           .noise        = 1.5,
-                           .seed         = 1,
-                           .write_images = 1};
+    return (synth_options){
+        .views = 40, .width = 400, .height = 260, .water = SYNTH_1C, .lamp = -1, .noise = 1.5, .seed = 1, .write_images = 1};
 }
 
+/* What the table of options does not know. */
 static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 {
-    const struct {
-        double      value, low, high;
-        const char *wanted;
-    } limits[] = {{o->views, 2, 1000000, "2 to 1000000 views can be made"},
-                  {o->width, 16, 8192, "images can have 16 to 8192 px a side"},
-                  {o->height, 16, 8192, "images can have 16 to 8192 px a side"},
-                  {o->extent, 0, 2000, "the extent can be 0 to 2000 metres"},
-                  {o->noise, 0, 100, "the noise can be 0 to 100 levels"},
-                  {o->fish, 0, SYNTH_FISH_MAX, "0 to 100 fish per image are possible"},
-                  {(double)o->points, 0, 100000000, "0 to 100000000 points can be made"},
-                  {o->origin[0], -8e6, 8e6, "the origin can lie 8000 km off"},
-                  {o->origin[1], -8e6, 8e6, "the origin can lie 8000 km off"},
-                  {o->origin[2], -8e6, 8e6, "the origin can lie 8000 km off"},
-                  {o->exposure_jitter, 0, 4, "exposure can jitter by 0 to 4 stops"},
-                  {o->lamp, -1, 2, "a lamp can fall off with a power of 0 to 2"},
-                  {o->backscatter, 0, 1, "backscatter can be 0 to 1 of white"},
-                  {o->stereo, 0, 10, "stereo cameras can be 0 to 10 metres apart"}};
-    if (!o->out || !o->out[0]) return oxl_fail(ctx, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER");
-    if (strlen(o->out) > 900)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters" SYNTH_FIX);
-    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
-        if (!(limits[i].value >= limits[i].low && limits[i].value <= limits[i].high))
-            return oxl_fail(ctx, OXL_ERR_USAGE, "synth: %s" SYNTH_FIX, limits[i].wanted);
-    if (o->lamp < 0 && (o->lamp != -1 || o->backscatter > 0))
+    if (!o->out[0] || strlen(o->out) > 900)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the folder's name has no or more than 900 letters\nfix: -o FOLDER");
+    if (o->lamp < 0 && o->backscatter > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1");
-    if (synth_scene_of(o) < 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not %s" SYNTH_FIX, o->scene);
-    if (!synth_is_path(o->path))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not %s" SYNTH_FIX, o->path);
+    for (int k = 0; k < 3; k++)
+        if (fabs(o->origin[k]) > 8e6)
+            return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off\nfix: a smaller --origin");
     return OXL_OK;
-}
-
-static const char *const synth_scenes[] = {"reef", "wreck", "ridge"};
-
-int synth_scene_of(const synth_options *o)
-{
-    if (!o->scene) return strcmp(o->path, "rov") == 0 ? SYNTH_RIDGE : SYNTH_REEF;
-    for (int i = 0; i < 3; i++)
-        if (strcmp(o->scene, synth_scenes[i]) == 0) return i;
-    return -1;
 }
 
 /* ---------------------------------------------------------------- water */
@@ -90,6 +50,7 @@ int synth_scene_of(const synth_options *o)
 /* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter changes from blue in
  * the ocean to green and brown at the coast. */
 static const struct synth_water synth_waters[] = {
+    /* by enum synth_type */
     {"none", {0, 0, 0}, {0, 0, 0}},
     {"I", {.163, .040, .018}, {.06, .27, .52}},
     {"IA", {.174, .046, .025}, {.06, .28, .51}},
@@ -103,33 +64,23 @@ static const struct synth_water synth_waters[] = {
     {"9C", {.598, .777, 1.24}, {.22, .40, .20}},
 };
 
-static oxl_result synth_find_water(struct synth_run *s)
-{
-    for (size_t i = 0; i < sizeof synth_waters / sizeof *synth_waters; i++)
-        if (strcmp(s->options->water, synth_waters[i].name) == 0) {
-            s->water = synth_waters[i];
-            return OXL_OK;
-        }
-    return oxl_fail(s->ctx, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not %s" SYNTH_FIX,
-                    s->options->water);
-}
-
 /* ---------------------------------------------------------------- images */
 
-static size_t synth_plane(const synth_options *o)
-{
-    return (size_t)o->width * (size_t)o->height;
-}
-
-/* Colour along one ray; *depth gets the camera z, 0 when there is only water. share: width of the ray in pixels. */
-static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double share, float *depth)
+/* Colour along one ray; *depth gets the camera z, 0 when there is only water. width: that of the ray in pixels. */
+static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double width, float *depth)
 {
     static const v3 far_off = {0.08, 0.32, 0.45};
     const v3        ray     = synth_pixel_ray(c, x, y);
     const double    range   = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
     if (depth) *depth = range < 0 ? 0 : (float)(range * v3_dot(c->rotation[2], ray));
-    if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), share * range / c->f);
-    return s->water.veil[1] > 0 ? v3_of(s->water.veil[0], s->water.veil[1], s->water.veil[2]) : far_off;
+    if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), width * range / c->f);
+    return s->water.veil.y > 0 ? s->water.veil : far_off;
+}
+
+static v3 synth_pixel(const oxl_image *image, size_t at)
+{
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    return v3_of(image->rgb[at], image->rgb[at + plane], image->rgb[at + 2 * plane]);
 }
 
 static void synth_set(oxl_image *image, size_t at, v3 colour)
@@ -151,23 +102,20 @@ static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, in
 
 static int synth_differs(const struct synth_run *s, size_t a, size_t b)
 {
-    const float *rgb = s->image.rgb, za = s->depth[a], zb = s->depth[b];
-    if (fabsf(za - zb) > EDGE_DEPTH * (za + zb)) return 1;
-    for (int c = 0; c < 3; c++)
-        if (fabsf(rgb[a + (size_t)c * synth_plane(s->options)] - rgb[b + (size_t)c * synth_plane(s->options)]) > EDGE_COLOUR)
-            return 1;
-    return 0;
+    const v3    step = v3_sub(synth_pixel(&s->image, a), synth_pixel(&s->image, b));
+    const float za = s->depth[a], zb = s->depth[b];
+    return fabsf(za - zb) > EDGE_DEPTH * (za + zb) || fabsf((float)step.x) > EDGE_COLOUR || fabsf((float)step.y) > EDGE_COLOUR ||
+           fabsf((float)step.z) > EDGE_COLOUR;
 }
 
 /* The clean image: where neighbours differ, the mean of four rays, the one that is there among them. */
 static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     static const double around[3][2] = {{0.50, 0.12}, {0.83, 0.69}, {0.17, 0.69}};
-    const size_t        width = (size_t)c->width, plane = synth_plane(s->options);
+    const size_t        width        = (size_t)c->width;
     for (int x = 0; x < c->width; x++) {
         const size_t at     = (size_t)y * width + (size_t)x;
-        const float *rgb    = s->image.rgb;
-        v3           colour = v3_of(rgb[at], rgb[at + plane], rgb[at + 2 * plane]);
+        v3           colour = synth_pixel(&s->image, at);
         const int    edge   = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
                          (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
         if (edge && s->depth[at] > 0) { /* where only water is, no range would dim what is mixed in */
@@ -185,38 +133,36 @@ static double synth_range(const struct synth_run *s, const struct synth_camera *
     return depth * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
 }
 
-/* Noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
-static void synth_expose(struct synth_run *s, int view, size_t at, int channel, double seen)
+/* The clean colour lit by the lamp, through water. */
+static v3 synth_observed(const struct synth_run *s, size_t at, double range)
 {
-    const synth_options *o                     = s->options;
-    const size_t         plane                 = synth_plane(o);
-    const uint64_t       bits                  = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)channel);
-    const double         level                 = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
-    s->image.rgb[at + (size_t)channel * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
+    return synth_through_water(&s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(s->options, range)), range);
 }
 
-/* Lit by the lamp, through water, as exposed. */
-static double synth_observed(const struct synth_run *s, size_t at, int channel, double range)
+/* With the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+static void synth_expose(struct synth_run *s, int view, v3 gain, int x, int y, v3 seen)
 {
-    const double colour = s->clean.rgb[at + (size_t)channel * synth_plane(s->options)];
-    return synth_through_water(&s->water, channel, colour * synth_lamp_falloff(s->options, range), range);
-}
-
-static double synth_exposed(const synth_options *o, const v3 *gain, int channel, double x, double y, double seen)
-{
-    return seen * (channel == 0 ? gain->x : channel == 1 ? gain->y : gain->z) * synth_lamp_radial(o, x + 0.5, y + 0.5);
+    const synth_options *o        = s->options;
+    const size_t         at       = (size_t)y * (size_t)o->width + (size_t)x;
+    const v3             exposed  = v3_scale(v3_times(seen, gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
+    double               level[3] = {255 * exposed.x, 255 * exposed.y, 255 * exposed.z};
+    for (size_t k = 0; k < 3; k++) {
+        const uint64_t bits = random_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k);
+        if (o->noise > 0) level[k] += o->noise * synth_random_normal(bits);
+        level[k] = floor(synth_clamp(level[k], 0, 255) + 0.5) / 255;
+    }
+    synth_set(&s->image, at, v3_of(level[0], level[1], level[2]));
 }
 
 static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
-    const v3 gain = synth_gain(s->options, view);
+    const v3 gain = synth_gain(s->options, view), direct = s->water.direct;
     for (int x = 0; x < c->width; x++) {
-        const size_t at    = (size_t)y * (size_t)c->width + (size_t)x;
         const double range = synth_range(s, c, x, y);
-        for (int k = 0; k < 3; k++) {
-            const double near = synth_lamp_backscatter(s->options, s->water.direct[k], x + 0.5, y + 0.5, range);
-            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_observed(s, at, k, range) + near));
-        }
+        const v3     near  = v3_of(synth_lamp_backscatter(s->options, direct.x, x + 0.5, y + 0.5, range),
+                                   synth_lamp_backscatter(s->options, direct.y, x + 0.5, y + 0.5, range),
+                                   synth_lamp_backscatter(s->options, direct.z, x + 0.5, y + 0.5, range));
+        synth_expose(s, view, gain, x, y, v3_add(synth_observed(s, (size_t)y * (size_t)c->width + (size_t)x, range), near));
     }
 }
 
@@ -226,27 +172,22 @@ static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *
     static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
     const v3            gain         = synth_gain(s->options, view);
     for (int x = 0; x < c->width; x++) {
-        const size_t at      = (size_t)y * (size_t)c->width + (size_t)x;
-        const double behind  = synth_range(s, c, x, y);
-        double       seen[3] = {0, 0, 0};
-        int          hits    = 0;
+        const size_t at     = (size_t)y * (size_t)c->width + (size_t)x;
+        const double behind = synth_range(s, c, x, y);
+        v3           seen   = {0, 0, 0};
+        int          hits   = 0;
         for (int k = 0; k < 4; k++) {
+            const v3     ray    = synth_pixel_ray(c, x + within[k][0], y + within[k][1]);
             v3           colour = {0, 0, 0};
             const double range =
-                synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre,
-                                synth_pixel_ray(c, x + within[k][0], y + within[k][1]), behind > 0 ? behind : SYNTH_FAR, &colour);
+                synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre, ray, behind > 0 ? behind : SYNTH_FAR, &colour);
             if (range < 0) continue;
             hits++;
             colour = v3_scale(colour, synth_lamp_falloff(s->options, range));
-            seen[0] += 0.25 * synth_through_water(&s->water, 0, colour.x, range);
-            seen[1] += 0.25 * synth_through_water(&s->water, 1, colour.y, range);
-            seen[2] += 0.25 * synth_through_water(&s->water, 2, colour.z, range);
+            seen   = v3_along(seen, synth_through_water(&s->water, colour, range), 0.25);
         }
         synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
-        for (int k = 0; hits && k < 3; k++)
-            synth_expose(
-                s, view, at, k,
-                synth_exposed(s->options, &gain, k, x, y, seen[k] + 0.25 * (4 - hits) * synth_observed(s, at, k, behind)));
+        if (hits) synth_expose(s, view, gain, x, y, v3_along(seen, synth_observed(s, at, behind), 0.25 * (4 - hits)));
     }
 }
 
@@ -300,7 +241,7 @@ static oxl_result synth_make_images(struct synth_run *s)
     oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
     if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
     if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
-    s->depth = malloc(synth_plane(o) * sizeof *s->depth);
+    s->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *s->depth);
     s->fish  = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
     return rc == OXL_OK && s->depth && s->fish ? OXL_OK : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
 }
@@ -315,84 +256,6 @@ static oxl_result synth_views(struct synth_run *s)
             rc = oxl_fail(s->ctx, OXL_ERR_INTERRUPTED, "synth: stopped");
     }
     return rc;
-}
-
-/* ---------------------------------------------------------------- truth in words and numbers */
-
-static void synth_triple(struct output *t, const char *name, v3 value)
-{
-    output_add(t, "%s %.6f %.6f %.6f\n", name, value.x, value.y, value.z);
-}
-
-static void synth_write_water(const struct synth_run *s, struct output *t)
-{
-    const double *bd = s->water.direct, *veil = s->water.veil;
-    output_add(t,
-               "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-               "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
-               "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
-               "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
-               s->water.name);
-    synth_triple(t, "bD", v3_of(bd[0], bd[1], bd[2]));
-    synth_triple(t, "bB", v3_of(SYNTH_SCATTER * bd[0], SYNTH_SCATTER * bd[1], SYNTH_SCATTER * bd[2]));
-    synth_triple(t, "Binf", v3_of(veil[0], veil[1], veil[2]));
-    output_add(t, "noise %.6f\n", s->options->noise);
-}
-
-static void synth_write_model(const struct synth_run *s, struct output *t)
-{
-    const synth_options *o      = s->options;
-    const v3             origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
-    output_add(t, "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
-                  "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                  "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                  "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                  "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                  "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                  "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                  "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                  "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                  "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
-    if (o->fish > 0)
-        output_add(t, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
-                      "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                      "         black where they are. No points are on them, they throw no shadow.\n\n");
-    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path, synth_scenes[s->world.scene],
-               o->views);
-    synth_triple(t, "origin", origin);
-    synth_triple(t, "wreck", v3_add(s->world.wreck, origin));
-    synth_triple(t, "sun", s->world.sun);
-}
-
-/* The truth, and last what makes a survey: one that can be read is whole. */
-static oxl_result synth_write_files(struct synth_run *s)
-{
-    const synth_options *o = s->options;
-    const struct {
-        const char *name;
-        void (*write)(const struct synth_run *s, struct output *t);
-        int is_wanted;
-    } files[] = {{"truth/water.txt", synth_write_water, 1},
-                 {"truth/model.txt", synth_write_model, 1},
-                 {"truth/outliers.txt", synth_write_outliers, 1},
-                 {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
-                 {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
-                 {"sparse/0/cameras.txt", synth_write_cameras, 1},
-                 {"sparse/0/points3D.txt", synth_write_points, 1},
-                 {"sparse/0/images.txt", synth_write_images, 1}};
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        struct output t = {0};
-        char          path[1024];
-        if (!files[i].is_wanted) continue;
-        snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
-        output_open(&t, path);
-        files[i].write(s, &t);
-        if (!output_close(&t))
-            return oxl_fail(s->ctx, OXL_ERR_IO,
-                            "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
-                            path);
-    }
-    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- the run */
@@ -432,25 +295,26 @@ static oxl_result synth_make_folders(struct synth_run *s)
 
 static oxl_result synth_make_points(struct synth_run *s)
 {
-    const oxl_result rc = synth_points_create(s->options, &s->world, &s->trajectory, &s->water, &s->points);
+    const oxl_result rc = synth_points_create(s, &s->points);
     if (rc == OXL_ERR_INTERRUPTED) return oxl_fail(s->ctx, rc, "synth: stopped");
     return rc == OXL_OK ? rc : oxl_fail(s->ctx, rc, "synth: no memory for the points\nfix: fewer --points");
 }
 
 static oxl_result synth_make(struct synth_run *s)
 {
-    oxl_result rc = synth_check(s->ctx, s->options);
-    if (rc == OXL_OK) rc = synth_find_water(s);
+    const synth_options   *o     = s->options;
+    const enum synth_scene scene = o->scene ? (enum synth_scene)o->scene : o->path == SYNTH_ROV ? SYNTH_RIDGE : SYNTH_REEF;
+    oxl_result             rc    = synth_check(s->ctx, o);
     if (rc == OXL_OK) rc = synth_refuse_survey(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
     if (rc != OXL_OK) return rc;
-    if (!synth_trajectory_create(s->options, &s->trajectory) ||
-        !synth_world_create(s->options->seed, s->trajectory.half, s->trajectory.wreck,
-                            (enum synth_scene)synth_scene_of(s->options), &s->world))
+    s->water = synth_waters[o->water];
+    if (!synth_trajectory_create(o, &s->trajectory) ||
+        !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, scene, &s->world))
         return oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
-    if (rc == OXL_OK && s->options->write_images) rc = synth_views(s);
+    if (rc == OXL_OK && o->write_images) rc = synth_views(s);
     return rc == OXL_OK ? synth_write_files(s) : rc;
 }
 

@@ -7,7 +7,7 @@
  *     synth_fish.c    fish in the images
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
- *     synth_export.c  the three text files
+ *     synth_export.c  the text files
  *
  * Frame: x east, y north, z up, metres, zero in the middle of the survey; options.origin is added at export.
  */
@@ -63,12 +63,6 @@ struct synth_near { /* an object's sphere, side by side with its neighbours' in 
     uint32_t object;
 };
 
-enum synth_scene {
-    SYNTH_REEF,  /* reef patches, boulders, corals and a wreck */
-    SYNTH_WRECK, /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
-    SYNTH_RIDGE  /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
-};
-
 struct synth_world {
     uint32_t          seed;
     enum synth_scene  scene;
@@ -78,17 +72,17 @@ struct synth_world {
     double            top;     /* maximum height, metres */
     v3                sun;     /* unit, towards it */
 
-    double x0, y0, step; /* baked heights: first sample and spacing, metres */
-    int    nx, ny;
-    float *height; /* (ny,nx) metres */
+    double half, step; /* the world is a square, |x|, |y| <= half; spacing of the baked heights; metres */
+    int    side;       /* samples */
+    float *height;     /* (side,side) metres */
 
     struct synth_shape   shape[SYNTH_SHAPES];
     struct synth_object *object;
     size_t               object_count;
-    int                  cells_x, cells_y; /* of SYNTH_CELL metres, from (x0, y0) */
-    uint32_t            *cell_first;       /* (cells_x cells_y + 1) into near */
-    struct synth_near   *near;             /* objects that come near each cell */
-    float               *ceiling;          /* (cells_y,cells_x) metres: no object within 1 m of the cell is higher */
+    int                  cells;      /* a side, of SYNTH_CELL metres */
+    uint32_t            *cell_first; /* (cells cells + 1) into near */
+    struct synth_near   *near;       /* objects that come near each cell */
+    float               *ceiling;    /* (cells,cells) metres: no object within 1 m of the cell is higher */
 };
 
 struct synth_surface { /* what is nearest to a point */
@@ -97,14 +91,15 @@ struct synth_surface { /* what is nearest to a point */
 };
 
 /* half: the world is baked for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
-int    synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
+int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
+extern const char *const synth_scenes[3];
 /* Of options.scene; NULL: of the path. -1: it is not known. */
-int    synth_scene_of(const synth_options *options);
-void   synth_world_free(struct synth_world *world);
-double synth_ground(const struct synth_world *world, double x, double y); /* height, metres, without objects */
+int                      synth_scene_of(const synth_options *options);
+void                     synth_world_free(struct synth_world *world);
+double                   synth_ground(const struct synth_world *world, double x, double y); /* height, metres, without objects */
 /* Metres that a ray may safely go from p; negative inside. surface may be NULL. */
-double synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
-v3     synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
+double                   synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
+v3                       synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
 
 /* ---------------------------------------------------------------- synth_shade.c */
 
@@ -114,7 +109,7 @@ double synth_cast(const struct synth_world *world, v3 from, v3 direction, double
 v3     synth_normal(const struct synth_world *world, v3 p, double footprint);
 /* Display colour 0..1 of a surface point in clear water. */
 v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
-/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: share of the sky that it sees. */
+/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: fraction of the sky that it sees. */
 v3     synth_light(v3 albedo, v3 normal, double sun, double open);
 
 /* ---------------------------------------------------------------- synth_trajectory.c */
@@ -137,7 +132,6 @@ struct synth_trajectory {
 /* Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground. 0: out of memory. */
 int  synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
-int  synth_is_path(const char *name);
 void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
@@ -165,9 +159,9 @@ double synth_fish_cast(const struct synth_fish *fish, int count, const struct sy
 #define SYNTH_SCATTER 1.2 /* the veil builds up so many times as fast as the direct light fades */
 struct synth_water {      /* I = J exp(-direct z) + veil (1 - exp(-SYNTH_SCATTER direct z)), z: range in metres; display values */
     const char *name;
-    double      direct[3], veil[3]; /* per metre, 0..1 */
+    v3          direct, veil; /* per metre, 0..1 */
 };
-double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
+v3 synth_through_water(const struct synth_water *water, v3 colour, double range);
 
 v3     synth_gain(const synth_options *options, int view);                  /* what an image is multiplied by */
 double synth_lamp_falloff(const synth_options *options, double range);      /* what J is multiplied by; range in metres */
@@ -202,11 +196,10 @@ struct synth_points {
     int                       views;
 };
 
+struct synth_run;
 /* OXL_ERR_INTERRUPTED, OXL_ERR_MEMORY or OXL_OK. With images (options.write_images) colours stay 0 until
  * synth_points_collect has seen each of them. */
-oxl_result                      synth_points_create(const synth_options *options, const struct synth_world *world,
-                                                    const struct synth_trajectory *trajectory, const struct synth_water *water,
-                                                    struct synth_points *out);
+oxl_result                      synth_points_create(const struct synth_run *run, struct synth_points *out);
 void                            synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
 void                            synth_points_free(struct synth_points *points);
 /* The observation of a point in a view that sees it. */
@@ -229,19 +222,11 @@ struct synth_run {
     float                  *depth; /* (H,W) camera z, metres; 0: nothing there */
 };
 
-/* ---------------------------------------------------------------- what is written: synth_light.c, synth_export.c */
+/* ---------------------------------------------------------------- what is written: synth_export.c, synth_light.c */
 
-struct synth_ids { /* sparse and unordered, as COLMAP's: id(i) = 1 + (i x stride) mod modulus, one to one */
-    uint64_t stride, modulus;
-};
-struct synth_ids   synth_ids_for(uint64_t count);
-unsigned long long synth_id(struct synth_ids ids, uint64_t index);
-
-void synth_write_exposure(const struct synth_run *s, struct output *t);
-void synth_write_lamp(const struct synth_run *s, struct output *t);
-void synth_write_cameras(const struct synth_run *s, struct output *t);
-void synth_write_points(const struct synth_run *s, struct output *t);
-void synth_write_images(const struct synth_run *s, struct output *t);
-void synth_write_outliers(const struct synth_run *s, struct output *t);
+/* The truth, and last what makes a survey: one that can be read is whole. */
+oxl_result synth_write_files(const struct synth_run *s);
+void       synth_write_exposure(const struct synth_run *s, struct output *t);
+void       synth_write_lamp(const struct synth_run *s, struct output *t);
 
 #endif

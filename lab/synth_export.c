@@ -1,4 +1,5 @@
-/* synth_export.c - the three text files of a survey, in the layout of COLMAP's documentation ("Output Format").
+/* synth_export.c - the text files of a survey: the poses and points in the layout of COLMAP's documentation ("Output Format"), and the
+ * truth in words and numbers.
  *
  * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways
  * round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
@@ -6,6 +7,10 @@
 #include "synth.h"
 
 #include <string.h>
+
+struct synth_ids { /* sparse and unordered, as COLMAP's: id(i) = 1 + (i x stride) mod modulus, one to one */
+    uint64_t stride, modulus;
+};
 
 enum { CAMERA_ID = 3 };
 
@@ -19,7 +24,7 @@ static uint64_t export_common_divisor(uint64_t a, uint64_t b)
     return a;
 }
 
-struct synth_ids synth_ids_for(uint64_t count)
+static struct synth_ids synth_ids_for(uint64_t count)
 {
     struct synth_ids ids = {.modulus = count + count / 2 + 7};
     ids.stride           = (uint64_t)(0.381966 * (double)ids.modulus) | 1;
@@ -27,7 +32,7 @@ struct synth_ids synth_ids_for(uint64_t count)
     return ids;
 }
 
-unsigned long long synth_id(struct synth_ids ids, uint64_t index)
+static unsigned long long synth_id(struct synth_ids ids, uint64_t index)
 {
     return 1 + index * ids.stride % ids.modulus;
 }
@@ -56,7 +61,7 @@ static double export_mean(const struct synth_points *points, size_t count)
     return count > 0 ? (double)points->observation_count / (double)count : 0;
 }
 
-void synth_write_cameras(const struct synth_run *s, struct output *t)
+static void export_cameras(const struct synth_run *s, struct output *t)
 {
     const struct synth_camera *c = &s->trajectory.camera[0];
     output_add(t,
@@ -82,14 +87,14 @@ static void export_view(const struct synth_run *s, struct output *t, struct synt
     const size_t               first  = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
-        const uint64_t                  h  = synth_bits(o->seed, 300 + k, (uint64_t)view);
+        const uint64_t                  h  = random_bits(o->seed, 300 + k, (uint64_t)view);
         output_add(t, "%s%.3f %.3f %llu", k ? " " : "", (double)at->x, (double)at->y, synth_id(ids, points->by_view[first + k]));
         if (synth_has_stray(o->seed, view, k))
-            output_add(t, " %.3f %.3f -1", synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
+            output_add(t, " %.3f %.3f -1", random_unit(h) * o->width, random_unit(random_mix(h)) * o->height);
     }
 }
 
-void synth_write_images(const struct synth_run *s, struct output *t)
+static void export_images(const struct synth_run *s, struct output *t)
 {
     const int              count = s->trajectory.count;
     const struct synth_ids views = synth_ids_for((uint64_t)count), ids = synth_ids_for(s->points.count);
@@ -108,7 +113,7 @@ void synth_write_images(const struct synth_run *s, struct output *t)
     }
 }
 
-void synth_write_points(const struct synth_run *s, struct output *t)
+static void export_points(const struct synth_run *s, struct output *t)
 {
     const struct synth_points *points = &s->points;
     const struct synth_ids     views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
@@ -132,10 +137,88 @@ void synth_write_points(const struct synth_run *s, struct output *t)
     }
 }
 
-void synth_write_outliers(const struct synth_run *s, struct output *t)
+static void export_outliers(const struct synth_run *s, struct output *t)
 {
     const struct synth_ids ids = synth_ids_for(s->points.count);
     output_add(t, "# POINT3D_ID of the points that lie off the surface\n");
     for (size_t i = 0; i < s->points.count; i++)
         if (s->points.point[i].is_outlier) output_add(t, "%llu\n", synth_id(ids, i));
+}
+
+/* ---------------------------------------------------------------- truth in words and numbers */
+
+static void export_triple(struct output *t, const char *name, v3 value)
+{
+    output_add(t, "%s %.6f %.6f %.6f\n", name, value.x, value.y, value.z);
+}
+
+static void export_water(const struct synth_run *s, struct output *t)
+{
+    output_add(t,
+               "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
+               "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
+               "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
+               "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
+               s->water.name);
+    export_triple(t, "bD", s->water.direct);
+    export_triple(t, "bB", v3_scale(s->water.direct, SYNTH_SCATTER));
+    export_triple(t, "Binf", s->water.veil);
+    output_add(t, "noise %.6f\n", s->options->noise);
+}
+
+static void export_model(const struct synth_run *s, struct output *t)
+{
+    const synth_options     *o       = s->options;
+    const v3                 origin  = v3_of(o->origin[0], o->origin[1], o->origin[2]);
+    static const char *const paths[] = {"lawnmower", "orbit", "forward", "rov"}, *const scenes[] = {"", "reef", "wreck", "ridge"};
+    output_add(t, "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
+                  "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+                  "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+                  "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+                  "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+                  "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+                  "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+                  "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                  "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+                  "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+    if (o->fish > 0)
+        output_add(t, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
+                      "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+                      "         black where they are. No points are on them, they throw no shadow.\n\n");
+    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path], scenes[s->world.scene],
+               o->views);
+    export_triple(t, "origin", origin);
+    export_triple(t, "wreck", v3_add(s->world.wreck, origin));
+    export_triple(t, "sun", s->world.sun);
+}
+
+/* The truth, and last what makes a survey: one that can be read is whole. */
+oxl_result synth_write_files(const struct synth_run *s)
+{
+    const synth_options *o = s->options;
+    const struct {
+        const char *name;
+        void (*write)(const struct synth_run *s, struct output *t);
+        int is_wanted;
+    } files[] = {{"truth/water.txt", export_water, 1},
+                 {"truth/model.txt", export_model, 1},
+                 {"truth/outliers.txt", export_outliers, 1},
+                 {"truth/exposure.txt", synth_write_exposure, o->exposure_jitter > 0 || o->stereo > 0},
+                 {"truth/lamp.txt", synth_write_lamp, o->lamp >= 0},
+                 {"sparse/0/cameras.txt", export_cameras, 1},
+                 {"sparse/0/points3D.txt", export_points, 1},
+                 {"sparse/0/images.txt", export_images, 1}};
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        struct output t = {0};
+        char          path[1024];
+        if (!files[i].is_wanted) continue;
+        snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
+        output_open(&t, path);
+        files[i].write(s, &t);
+        if (!output_close(&t))
+            return oxl_fail(s->ctx, OXL_ERR_IO,
+                            "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
+                            path);
+    }
+    return OXL_OK;
 }

@@ -12,7 +12,7 @@
 #define FISH_REACH   0.75 /* lengths: radius of the sphere that holds a fish */
 enum { FISH_PARTS = 5 };
 
-/* Of a fish of length 1 that looks along x; z is up. turn: share of the beat of its tail that a part follows. */
+/* Of a fish of length 1 that looks along x; z is up. turn: fraction of the beat of its tail that a part follows. */
 static const struct fish_part {
     v3     centre, axes;
     double turn;
@@ -26,7 +26,7 @@ static const struct fish_part {
 
 static uint64_t fish_bits(const synth_options *o, int view, int number, uint64_t what)
 {
-    return synth_bits(o->seed, 400 + what, (uint64_t)view * SYNTH_FISH_MAX + (uint64_t)number);
+    return random_bits(o->seed, 400 + what, (uint64_t)view * SYNTH_FISH_MAX + (uint64_t)number);
 }
 
 /* The number-th fish of a view, `after` seconds later. */
@@ -37,7 +37,7 @@ static struct synth_fish fish_of(const synth_options *o, const struct synth_worl
     struct synth_fish f;
     v3                ray;
     double            range;
-    for (int k = 0; k < 8; k++) u[k] = synth_unit(fish_bits(o, view, number, (uint64_t)k));
+    for (int k = 0; k < 8; k++) u[k] = random_unit(fish_bits(o, view, number, (uint64_t)k));
     ray      = synth_pixel_ray(c, u[0] * c->width, u[1] * c->height);
     range    = synth_cast(w, c->centre, ray, SYNTH_FAR);
     range    = synth_min(range < 0 ? 6 : range, 6) * (0.35 + 0.5 * u[2]);

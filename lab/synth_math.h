@@ -1,4 +1,4 @@
-/* synth_math.h - vectors, hashes and noise for the synthetic survey.
+/* synth_math.h - vectors and noise for the synthetic survey.
  *
  * Noise is Perlin's gradient noise (Perlin 2002: quintic interpolation) on a hashed lattice; it needs no tables that a seed
  * would have to shuffle. Invariant: every value is a pure function of its arguments, so pixels and points may be computed in
@@ -7,8 +7,9 @@
 #ifndef SYNTH_MATH_H
 #define SYNTH_MATH_H
 
+#include "../src/core/random.h"
+
 #include <math.h>
-#include <stdint.h>
 
 #define SYNTH_PI 3.14159265358979323846
 
@@ -31,6 +32,11 @@ static inline v3 v3_sub(v3 a, v3 b)
 static inline v3 v3_scale(v3 a, double s)
 {
     return v3_of(a.x * s, a.y * s, a.z * s);
+}
+/* Element by element, as light by colour. */
+static inline v3 v3_times(v3 a, v3 b)
+{
+    return v3_of(a.x * b.x, a.y * b.y, a.z * b.z);
 }
 static inline v3 v3_along(v3 a, v3 direction, double t)
 {
@@ -81,28 +87,11 @@ static inline double synth_step(double a, double b, double x)
     return t * t * (3 - 2 * t);
 }
 
-/* ---------------------------------------------------------------- random numbers without a state */
-
-static inline uint64_t synth_mix(uint64_t x) /* splitmix64 (Steele, Lea & Flood 2014) */
-{
-    x += UINT64_C(0x9E3779B97F4A7C15);
-    x = (x ^ (x >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
-    x = (x ^ (x >> 27)) * UINT64_C(0x94D049BB133111EB);
-    return x ^ (x >> 31);
-}
-static inline uint64_t synth_bits(uint64_t seed, uint64_t a, uint64_t b)
-{
-    return synth_mix(synth_mix(synth_mix(seed) ^ a) ^ b);
-}
-static inline double synth_unit(uint64_t bits) /* [0,1) */
-{
-    return (double)(bits >> 11) * (1.0 / 9007199254740992.0); /* 2^-53 */
-}
 /* A standard normal number (Box & Muller 1958). */
 static inline double synth_random_normal(uint64_t bits)
 {
-    const double radius = sqrt(-2 * log(1 - synth_unit(bits)));
-    return radius * cos(2 * SYNTH_PI * synth_unit(synth_mix(bits)));
+    const double radius = sqrt(-2 * log(1 - random_unit(bits)));
+    return radius * cos(2 * SYNTH_PI * random_unit(random_mix(bits)));
 }
 
 /* ---------------------------------------------------------------- noise */
@@ -170,38 +159,34 @@ static inline double synth_noise3(uint32_t seed, v3 p)
 }
 
 /* How much of a wave of this length survives in pixels this wide: none under two pixels, all from four on. */
-static inline double synth_visible_share(double wavelength, double footprint)
+static inline double synth_visible_fraction(double wavelength, double footprint)
 {
     return synth_clamp(0.5 * wavelength / footprint - 1, 0, 1);
 }
 
 /* Sums of octaves from `wavelength` (metres) down to `finest`, each `gain` times the one before; octaves finer than the pixel
- * (footprint, metres) fade out instead of flickering. The turn by 37 degrees keeps lattices from lining up. */
-static inline double synth_fbm2(uint32_t seed, double x, double y, double wavelength, double finest, double gain,
-                                double footprint)
+ * (footprint, metres) fade out instead of flickering. The turn by 37 degrees keeps lattices from lining up. solid: 0 in a plane. */
+static inline double synth_fbm(int solid, uint32_t seed, v3 p, double wavelength, double finest, double gain, double footprint)
 {
     double sum = 0, amplitude = 1;
     for (double w = wavelength; w >= finest; w *= 0.47) {
-        const double share = synth_visible_share(w, footprint), turned = 0.8 * x - 0.6 * y;
-        if (share <= 0) break;
-        sum += amplitude * share * synth_noise2(seed++, x / w, y / w);
-        y = 0.6 * x + 0.8 * y;
-        x = turned;
+        const double fraction = synth_visible_fraction(w, footprint);
+        if (fraction <= 0) break;
+        sum += amplitude * fraction * (solid ? synth_noise3(seed, v3_scale(p, 1 / w)) : synth_noise2(seed, p.x / w, p.y / w));
+        p = v3_of(0.8 * p.x - 0.6 * p.y, 0.6 * p.x + 0.8 * p.y, p.z + 0.37 * w);
         amplitude *= gain;
+        seed++;
     }
     return sum;
 }
+static inline double synth_fbm2(uint32_t seed, double x, double y, double wavelength, double finest, double gain,
+                                double footprint)
+{
+    return synth_fbm(0, seed, v3_of(x, y, 0), wavelength, finest, gain, footprint);
+}
 static inline double synth_fbm3(uint32_t seed, v3 p, double wavelength, double finest, double gain, double footprint)
 {
-    double sum = 0, amplitude = 1;
-    for (double w = wavelength; w >= finest; w *= 0.47) {
-        const double share = synth_visible_share(w, footprint);
-        if (share <= 0) break;
-        sum += amplitude * share * synth_noise3(seed++, v3_scale(p, 1 / w));
-        p = v3_of(0.8 * p.x - 0.6 * p.y, 0.6 * p.x + 0.8 * p.y, p.z + 0.37 * w);
-        amplitude *= gain;
-    }
-    return sum;
+    return synth_fbm(1, seed, p, wavelength, finest, gain, footprint);
 }
 
 #endif

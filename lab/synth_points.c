@@ -12,14 +12,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DETECTED      0.75 /* probability that a view which could see a point has it */
-#define SIMILAR_SIDE  0.68 /* cosine: descriptors match up to about 47 degrees apart */
-#define FACING        0.15 /* cosine between normal and view when no ray is cast */
-#define NOISE         0.3  /* px, each axis */
-#define SAND_SHARE    0.05 /* of the features that a reef has, on the sand of the scenes wreck and ridge */
-#define OUTLIER_SHARE 0.01
-#define OUTLIER_NOISE 1.5 /* px */
-#define FRAME         2.0 /* px at the border where no feature is found */
+#define DETECTED         0.75 /* probability that a view which could see a point has it */
+#define SIMILAR_SIDE     0.68 /* cosine: descriptors match up to about 47 degrees apart */
+#define FACING           0.15 /* cosine between normal and view when no ray is cast */
+#define NOISE            0.3  /* px, each axis */
+#define SAND_FRACTION    0.05 /* of the features that a reef has, on the sand of the scenes wreck and ridge */
+#define OUTLIER_FRACTION 0.01
+#define OUTLIER_NOISE    1.5 /* px */
+#define FRAME            2.0 /* px at the border where no feature is found */
 enum { MOST_VIEWS = 64, OBSERVATIONS_MAX = 512, ATTEMPTS = 12, BARE_ATTEMPTS = 60, CHUNK = 8192 };
 
 struct points_track {                                /* one point as it is made */
@@ -31,35 +31,32 @@ struct points_track {                                /* one point as it is made 
 };
 
 struct points_search { /* cameras by the square of ground below them */
-    const synth_options           *options;
-    const struct synth_world      *world;
-    const struct synth_trajectory *trajectory;
-    const struct synth_water      *water;
-    double                         side, x0, y0; /* metres; the views of a point are in its square or a neighbouring one */
-    int                            nx, ny;
-    uint32_t                      *first; /* (nx ny + 1) into list */
-    uint32_t                      *list;
+    const struct synth_run *run;
+    double                  side;  /* metres; the views of a point are in its square or a neighbouring one */
+    int                     row;   /* squares in it, and rows */
+    uint32_t               *first; /* (row row + 1) into list */
+    uint32_t               *list;
 };
 
 /* ---------------------------------------------------------------- cameras near a point */
 
 static size_t points_square(const struct points_search *s, v3 p)
 {
-    const int x = (int)synth_clamp((p.x - s->x0) / s->side, 0, s->nx - 1),
-              y = (int)synth_clamp((p.y - s->y0) / s->side, 0, s->ny - 1);
-    return (size_t)y * (size_t)s->nx + (size_t)x;
+    const double half = s->run->trajectory.half;
+    const int    x    = (int)synth_clamp((p.x + half) / s->side, 0, s->row - 1),
+              y       = (int)synth_clamp((p.y + half) / s->side, 0, s->row - 1);
+    return (size_t)y * (size_t)s->row + (size_t)x;
 }
 
 static int points_search_create(struct points_search *s)
 {
-    const struct synth_trajectory *trajectory = s->trajectory;
+    const struct synth_trajectory *trajectory = &s->run->trajectory;
     size_t                         squares;
-    s->side = trajectory->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
-    s->x0 = s->y0 = -trajectory->half;
-    s->nx = s->ny = (int)(2 * trajectory->half / s->side) + 1;
-    squares       = (size_t)s->nx * (size_t)s->ny;
-    s->first      = calloc(squares + 1, sizeof *s->first);
-    s->list       = malloc((size_t)trajectory->count * sizeof *s->list);
+    s->side  = trajectory->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
+    s->row   = (int)(2 * trajectory->half / s->side) + 1;
+    squares  = (size_t)s->row * (size_t)s->row;
+    s->first = calloc(squares + 1, sizeof *s->first);
+    s->list  = malloc((size_t)trajectory->count * sizeof *s->list);
     if (!s->first || !s->list) return 0;
     for (int i = 0; i < trajectory->count; i++) s->first[points_square(s, trajectory->camera[i].centre)]++;
     for (size_t i = 0; i < squares; i++) s->first[i + 1] += s->first[i];
@@ -78,7 +75,7 @@ struct points_observation {
 /* Whether a view has the point in its frame and from a similar side. */
 static int points_in_frame(const struct points_search *s, const struct points_track *t, int view, double *x, double *y)
 {
-    const struct synth_camera *c = &s->trajectory->camera[view];
+    const struct synth_camera *c = &s->run->trajectory.camera[view];
     double                     z;
     if (!synth_project(c, t->position, x, y, &z) || z > SYNTH_FAR) return 0;
     if (*x < FRAME || *y < FRAME || *x > c->width - FRAME || *y > c->height - FRAME) return 0;
@@ -87,11 +84,11 @@ static int points_in_frame(const struct points_search *s, const struct points_tr
 
 static int points_visible(const struct points_search *s, const struct points_track *t, int view)
 {
-    const v3     from = s->trajectory->camera[view].centre, toward = v3_sub(t->position, from);
+    const v3     from = s->run->trajectory.camera[view].centre, toward = v3_sub(t->position, from);
     const double range = v3_length(toward);
     if (t->is_outlier) return 1;
-    if (!s->options->write_images) return -v3_dot(t->normal, toward) > FACING * range;
-    return synth_cast(s->world, from, v3_scale(toward, 1 / range), 0.997 * range - 0.004) < 0;
+    if (!s->run->options->write_images) return -v3_dot(t->normal, toward) > FACING * range;
+    return synth_cast(&s->run->world, from, v3_scale(toward, 1 / range), 0.997 * range - 0.004) < 0;
 }
 
 static float points_measured(double exact, double noise, int size) /* as a text export with three decimals holds it */
@@ -102,13 +99,13 @@ static float points_measured(double exact, double noise, int size) /* as a text 
 /* Lists the views around that have the point in their frame. */
 static int points_list(const struct points_search *s, const struct points_track *t, struct points_observation *list)
 {
-    const int here = (int)points_square(s, t->position), hx = here % s->nx, hy = here / s->nx;
+    const int here = (int)points_square(s, t->position), hx = here % s->row, hy = here / s->row;
     int       found = 0;
     for (int square = 0; square < 9; square++) {
         const int qx = hx + square % 3 - 1, qy = hy + square / 3 - 1;
         size_t    at;
-        if (qx < 0 || qy < 0 || qx >= s->nx || qy >= s->ny) continue;
-        at = (size_t)qy * (size_t)s->nx + (size_t)qx;
+        if (qx < 0 || qy < 0 || qx >= s->row || qy >= s->row) continue;
+        at = (size_t)qy * (size_t)s->row + (size_t)qx;
         for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < OBSERVATIONS_MAX; i++) {
             list[found].view = (int)s->list[i];
             found += points_in_frame(s, t, list[found].view, &list[found].x, &list[found].y);
@@ -125,15 +122,15 @@ static void points_detect(const struct points_search *s, uint64_t seed, const st
     const int    most   = t->is_outlier ? 3 : MOST_VIEWS;
     int          others = 0;
     for (int i = 0; i < found; i++) {
-        const uint64_t bits = synth_bits(seed, 5, (uint64_t)list[i].view);
+        const uint64_t bits = random_bits(seed, 5, (uint64_t)list[i].view);
         if (list[i].view != t->source) {
-            if (others + 1 >= most || synth_unit(bits) >= chance || !points_visible(s, t, list[i].view)) continue;
+            if (others + 1 >= most || random_unit(bits) >= chance || !points_visible(s, t, list[i].view)) continue;
             others++;
         }
         t->seen[t->count++] = (struct synth_observation){
             .view = (uint32_t)list[i].view,
-            .x    = points_measured(list[i].x, sigma * synth_random_normal(synth_mix(bits ^ 1)), s->options->width),
-            .y    = points_measured(list[i].y, sigma * synth_random_normal(synth_mix(bits ^ 2)), s->options->height)};
+            .x    = points_measured(list[i].x, sigma * synth_random_normal(random_mix(bits ^ 1)), s->run->options->width),
+            .y    = points_measured(list[i].y, sigma * synth_random_normal(random_mix(bits ^ 2)), s->run->options->height)};
     }
 }
 
@@ -145,52 +142,52 @@ static int points_by_view(const void *a, const void *b)
 
 static void points_colour(const struct points_search *s, double range, struct points_track *t)
 {
-    const v3     clean    = synth_shade(s->world, t->position, range / s->trajectory->camera[t->source].f);
-    const double value[3] = {clean.x, clean.y, clean.z};
-    for (int c = 0; c < 3; c++)
-        t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
+    const v3     clean  = synth_shade(&s->run->world, t->position, range / s->run->trajectory.camera[t->source].f);
+    const v3     seen   = synth_through_water(&s->run->water, clean, range);
+    const double rgb[3] = {seen.x, seen.y, seen.z};
+    for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(rgb[c], 0, 1) + 0.5);
 }
 
 /* Bare sand has few features: so most points lie on the objects on it. */
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;
-    if (s->world->scene == SYNTH_REEF || synth_unit(synth_bits(seed, 4, 0)) < SAND_SHARE) return 0;
-    synth_distance(s->world, p, &surface);
+    if (s->run->world.scene == SYNTH_REEF || random_unit(random_bits(seed, 4, 0)) < SAND_FRACTION) return 0;
+    synth_distance(&s->run->world, p, &surface);
     return surface.material == SYNTH_SAND;
 }
 
 /* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
 static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least, struct points_track *t)
 {
-    const uint64_t seed   = synth_bits(s->options->seed ^ 0x9017, number, attempt);
-    const uint64_t pick   = s->world->scene == SYNTH_REEF ? number : synth_bits(seed, 3, 0); /* of cameras over sand less */
-    const int      source = (int)(pick % (uint64_t)s->trajectory->count);
-    const struct synth_camera *c = &s->trajectory->camera[source];
-    const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
+    const uint64_t seed   = random_bits(s->run->options->seed ^ 0x9017, number, attempt);
+    const uint64_t pick   = s->run->world.scene == SYNTH_REEF ? number : random_bits(seed, 3, 0); /* of cameras over sand less */
+    const int      source = (int)(pick % (uint64_t)s->run->trajectory.count);
+    const struct synth_camera *c = &s->run->trajectory.camera[source];
+    const double               u = random_unit(random_bits(seed, 0, 0)), v = random_unit(random_bits(seed, 1, 0));
     const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
-    double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
+    double                     range = synth_cast(&s->run->world, c->centre, ray, SYNTH_FAR);
     struct points_observation  list[OBSERVATIONS_MAX];
     int                        found;
     if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
     t->count      = 0;
     t->source     = source;
-    t->is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
-    if (t->is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
+    t->is_outlier = random_unit(random_bits(s->run->options->seed ^ 0x0dd, number, 0)) < OUTLIER_FRACTION;
+    if (t->is_outlier) range *= 0.6 + 0.8 * random_unit(random_bits(seed, 2, 0));
     t->position = v3_along(c->centre, ray, range);
     t->side     = v3_scale(ray, -1);
-    if (!s->options->write_images) t->normal = synth_normal(s->world, t->position, 0.02);
+    if (!s->run->options->write_images) t->normal = synth_normal(&s->run->world, t->position, 0.02);
     found = points_list(s, t, list);
     if (found >= least) points_detect(s, seed, list, found, t);
     if (t->count < least) return 0;
     qsort(t->seen, (size_t)t->count, sizeof *t->seen, points_by_view);
-    if (!s->options->write_images) points_colour(s, range, t);
+    if (!s->run->options->write_images) points_colour(s, range, t);
     return 1;
 }
 
 static void points_make(const struct points_search *s, uint64_t number, struct points_track *t)
 {
-    const uint64_t attempts = s->world->scene == SYNTH_REEF ? ATTEMPTS : BARE_ATTEMPTS;
+    const uint64_t attempts = s->run->world.scene == SYNTH_REEF ? ATTEMPTS : BARE_ATTEMPTS;
     t->count                = 0;
     for (uint64_t attempt = 0; attempt < attempts; attempt++)
         if (points_try(s, number, attempt, attempt < attempts / 2 ? 3 : 2, t)) return;
@@ -222,9 +219,11 @@ static int points_append(struct synth_points *out, const struct synth_trajectory
         out->observation = grown;
         *capacity        = more;
     }
-    *p = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(trajectory, t)};
-    p->count      = (uint16_t)t->count;
-    p->is_outlier = (uint8_t)t->is_outlier;
+    *p = (struct synth_point){.position   = t->position,
+                              .first      = out->observation_count,
+                              .error      = points_error(trajectory, t),
+                              .count      = (uint16_t)t->count,
+                              .is_outlier = (uint8_t)t->is_outlier};
     for (int c = 0; c < 3; c++) p->sum[c] = (uint16_t)(t->rgb[c] * t->count);
     memcpy(out->observation + out->observation_count, t->seen, (size_t)t->count * sizeof *t->seen);
     out->observation_count += (size_t)t->count;
@@ -263,25 +262,25 @@ static int points_index(struct synth_points *out, uint64_t seed, int views)
 static oxl_result points_fill(const struct points_search *s, uint64_t wanted, struct points_track *tracks,
                               struct synth_points *out)
 {
-    const synth_options *o        = s->options;
+    const synth_options *o        = s->run->options;
     size_t               capacity = 0;
     for (uint64_t from = 0; from < wanted; from += CHUNK) {
         const int chunk = wanted - from < CHUNK ? (int)(wanted - from) : CHUNK;
 #pragma omp parallel for schedule(dynamic, 32)
         for (int i = 0; i < chunk; i++) points_make(s, from + (uint64_t)i, &tracks[i]);
         for (int i = 0; i < chunk; i++)
-            if (!points_append(out, s->trajectory, &tracks[i], &capacity)) return OXL_ERR_MEMORY;
+            if (!points_append(out, &s->run->trajectory, &tracks[i], &capacity)) return OXL_ERR_MEMORY;
         if (o->progress && o->progress(o->user, "points", (long)(from + (uint64_t)chunk), (long)wanted))
             return OXL_ERR_INTERRUPTED;
     }
     return OXL_OK;
 }
 
-oxl_result synth_points_create(const synth_options *o, const struct synth_world *world, const struct synth_trajectory *trajectory,
-                               const struct synth_water *water, struct synth_points *out)
+oxl_result synth_points_create(const struct synth_run *run, struct synth_points *out)
 {
+    const synth_options *o      = run->options;
     const uint64_t       wanted = o->points > 0 ? (uint64_t)o->points : 400 * (uint64_t)o->views;
-    struct points_search s      = {.options = o, .world = world, .trajectory = trajectory, .water = water};
+    struct points_search s      = {.run = run};
     struct points_track *tracks = malloc(CHUNK * sizeof *tracks);
     oxl_result           rc     = OXL_ERR_MEMORY;
     *out                        = (struct synth_points){.point = calloc((size_t)wanted, sizeof *out->point)};
@@ -315,7 +314,7 @@ const struct synth_observation *synth_observation_in(const struct synth_points *
 
 int synth_has_stray(uint64_t seed, int view, size_t k)
 {
-    return synth_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
+    return random_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
 }
 
 /* Bilinear, 0..255. */

@@ -9,7 +9,7 @@
 
 #include <stddef.h>
 
-#define HIT_SHARE 2e-4 /* of the range: a ray this near to a surface has met it; half a millimetre at 3 m */
+#define HIT_FRACTION 2e-4 /* of the range: a ray this near to a surface has met it; half a millimetre at 3 m */
 
 double synth_cast(const struct synth_world *w, v3 from, v3 direction, double far)
 {
@@ -21,7 +21,7 @@ double synth_cast(const struct synth_world *w, v3 from, v3 direction, double far
     for (int i = 0; i < 256 && t < far; i++) {
         const v3     p = v3_along(from, direction, t);
         const double d = synth_distance(w, p, NULL);
-        if (d < HIT_SHARE * t) return t + d;
+        if (d < HIT_FRACTION * t) return t + d;
         if (p.z > w->top && direction.z >= 0) return -1;
         t += d;
     }
@@ -38,7 +38,7 @@ static double shade_relief(const struct synth_world *w, v3 p, enum synth_materia
     case SYNTH_ROCK: return 0.014 * synth_fbm3(seed + 10, p, 0.12, 0.006, 0.6, footprint);
     case SYNTH_BRAIN_CORAL: {
         const double maze = synth_fbm3(seed + 20, p, 0.07, 0.03, 0.5, footprint);
-        return 0.012 * synth_visible_share(0.05, footprint) * fabs(maze);
+        return 0.012 * synth_visible_fraction(0.05, footprint) * fabs(maze);
     }
     case SYNTH_BRANCH_CORAL:
     case SYNTH_STARFISH: return 0.006 * synth_fbm3(seed + 30, p, 0.025, 0.006, 0.7, footprint);
@@ -72,8 +72,8 @@ v3 synth_normal(const struct synth_world *w, v3 p, double footprint)
 /* ---------------------------------------------------------------- colours (linear light, 0..1) */
 
 /* Specks of many sizes, one in each cell of a grid at most, at a random place of it; 1 within a speck.
- * size: cell, metres. share: of the cells that have one. */
-static double shade_specks(uint32_t seed, double x, double y, double size, double share, double footprint, uint32_t *which)
+ * size: cell, metres. fraction: of the cells that have one. */
+static double shade_specks(uint32_t seed, double x, double y, double size, double fraction, double footprint, uint32_t *which)
 {
     const int      ix = synth_floor(x / size), iy = synth_floor(y / size);
     const uint32_t h = synth_lattice(seed, ix, iy, 7), k = synth_lattice(seed, ix, iy, 8);
@@ -83,8 +83,8 @@ static double shade_specks(uint32_t seed, double x, double y, double size, doubl
     const double turn = (k & 255) * (SYNTH_PI / 256), along = dx * cos(turn) + dy * sin(turn),
                  across = dy * cos(turn) - dx * sin(turn);
     *which              = k;
-    if ((h >> 16 & 255) > 255 * share) return 0;
-    return synth_visible_share(4 * radius * size, footprint) *
+    if ((h >> 16 & 255) > 255 * fraction) return 0;
+    return synth_visible_fraction(4 * radius * size, footprint) *
            synth_step(radius * 1.15, radius * 0.85, sqrt(along * along + (1 + 0.01 * (k >> 24)) * across * across));
 }
 
@@ -126,7 +126,7 @@ static v3 shade_coral(const struct synth_object *o, v3 p, double footprint)
     if (o->material == SYNTH_BRAIN_CORAL) { /* dark valleys */
         const double maze = fabs(synth_fbm3(o->seed + 9, p, 0.05, 0.02, 0.5, footprint));
         return v3_scale(colour,
-                        synth_lerp(0.8, 0.55 + 0.75 * synth_step(0.02, 0.25, maze), synth_visible_share(0.04, footprint)));
+                        synth_lerp(0.8, 0.55 + 0.75 * synth_step(0.02, 0.25, maze), synth_visible_fraction(0.04, footprint)));
     }
     if (o->material == SYNTH_BRANCH_CORAL)
         return v3_mix(colour, v3_of(0.85, 0.80, 0.70), 0.5 * synth_step(0.35, 0.85, up)); /* pale tips */
@@ -142,7 +142,7 @@ static v3 shade_sponge(const struct synth_object *o, v3 p, double footprint)
 
 static v3 shade_starfish(const struct synth_object *o, v3 p, double footprint)
 {
-    const double dots = synth_noise3(o->seed, v3_scale(p, 1 / 0.012)) * synth_visible_share(0.012, footprint);
+    const double dots = synth_noise3(o->seed, v3_scale(p, 1 / 0.012)) * synth_visible_fraction(0.012, footprint);
     return v3_mix(o->seed & 64 ? v3_of(0.70, 0.18, 0.06) : v3_of(0.20, 0.22, 0.55), v3_of(0.85, 0.70, 0.5),
                   synth_step(0.15, 0.5, dots));
 }
@@ -156,7 +156,7 @@ static v3 shade_steel(const struct synth_world *w, v3 p, double footprint)
     v3             colour = v3_mix(v3_of(0.13, 0.09, 0.075), v3_of(0.42, 0.17, 0.06), synth_step(-0.6, 0.7, rust));
     colour                = v3_mix(colour, v3_of(0.30, 0.33, 0.20), 0.8 * synth_step(0.1, 0.65, growth));
     colour                = v3_mix(colour, v3_of(0.58, 0.40, 0.42), 0.7 * synth_step(0.45, 0.75, -growth));
-    return v3_scale(colour, 1 - 0.5 * synth_step(0.06, 0.02, seams) * synth_visible_share(0.05, footprint));
+    return v3_scale(colour, 1 - 0.5 * synth_step(0.06, 0.02, seams) * synth_visible_fraction(0.05, footprint));
 }
 
 static v3 shade_wood(const struct synth_world *w, v3 p, double footprint)
@@ -164,7 +164,7 @@ static v3 shade_wood(const struct synth_world *w, v3 p, double footprint)
     const v3     q     = synth_wreck_frame(w, p);
     const double fibre = synth_fbm3(w->seed + 500, v3_of(0.12 * q.x, q.y, q.z), 0.05, 0.003, 0.8, footprint);
     const double plank = q.y / 0.12 - floor(q.y / 0.12), tone = synth_noise2(w->seed + 510, floor(q.y / 0.12) * 1.7, 0.5);
-    const double gap  = synth_step(0.10, 0.04, synth_min(plank, 1 - plank)) * synth_visible_share(0.05, footprint);
+    const double gap  = synth_step(0.10, 0.04, synth_min(plank, 1 - plank)) * synth_visible_fraction(0.05, footprint);
     const v3     wood = v3_scale(v3_of(0.27, 0.20, 0.13), synth_clamp(1 + 0.4 * fibre + 0.4 * tone, 0.2, 2));
     return v3_scale(
         v3_mix(wood, v3_of(0.25, 0.28, 0.14), 0.6 * synth_step(0, 0.7, synth_fbm3(w->seed + 520, p, 0.3, 0.02, 0.7, footprint))),
@@ -208,11 +208,11 @@ static double shade_sunlit(const struct synth_world *w, v3 p)
 /* Ambient occlusion: 1 in the open, less where surfaces along the normal are nearer than on a plane. */
 static double shade_open(const struct synth_world *w, v3 p, v3 normal)
 {
-    static const double reach[2] = {0.05, 0.2}, share[2] = {0.45, 0.5};
+    static const double reach[2] = {0.05, 0.2}, fraction[2] = {0.45, 0.5};
     double              open = 1;
     for (int i = 0; i < 2; i++) {
         const double d = synth_distance(w, v3_along(p, normal, reach[i]), NULL);
-        open -= share[i] * (1 - synth_clamp(d / (0.75 * reach[i]), 0, 1)); /* 0.75: distances to the ground are cautious */
+        open -= fraction[i] * (1 - synth_clamp(d / (0.75 * reach[i]), 0, 1)); /* 0.75: distances to the ground are cautious */
     }
     return synth_clamp(open, 0.1, 1);
 }

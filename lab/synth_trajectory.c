@@ -12,7 +12,7 @@
 #include <string.h>
 
 #define ALTITUDE       3.0  /* metres over the ground */
-#define FOCAL_SHARE    0.8  /* f / width: 64 degrees across */
+#define FOCAL_FRACTION 0.8  /* f / width: 64 degrees across */
 #define STEP_FORWARD   0.25 /* of an image's height on the ground: 75 % overlap */
 #define STEP_SIDEWAYS  0.40 /* of its width: 60 % */
 #define TILT           8.0  /* degrees ahead of straight down */
@@ -25,7 +25,7 @@ static const double degree = SYNTH_PI / 180;
 
 static double trajectory_waver(const synth_options *o, int view, uint64_t what, double sigma)
 {
-    const double n = synth_random_normal(synth_bits(o->seed, 200 + what, (uint64_t)view));
+    const double n = synth_random_normal(random_bits(o->seed, 200 + what, (uint64_t)view));
     return sigma * synth_clamp(n, -2.5, 2.5);
 }
 
@@ -48,43 +48,42 @@ static int trajectory_leg(const synth_options *o, int legs, int view, double *al
     return leg;
 }
 
-static void trajectory_lawnmower(const synth_options *o, struct synth_trajectory *trajectory)
+/* Flies along `level`, horizontal, and looks down from it by the angle whose cosine and sine are given; turns by roll. */
+static void trajectory_look(const synth_options *o, int view, v3 level, double along, double down, v3 up, struct synth_camera *c)
 {
-    const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_SHARE * o->width);
-    const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_SHARE;
+    trajectory_aim(c, v3_add(v3_scale(level, along), v3_of(0, 0, -down)), up, trajectory_waver(o, view, 5, 2 * degree));
+}
+
+/* Each of these poses the camera of a view and returns where the wreck should lie. */
+static v3 trajectory_lawnmower(const synth_options *o, int i, struct synth_camera *c)
+{
+    const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_FRACTION * o->width);
+    const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_FRACTION;
     const int    rows   = (int)synth_max(1, sqrt(o->views * step / apart) + 0.5);
     const double length = o->extent > 0 ? o->extent : step * synth_max(1, (double)o->views / rows - 1);
     const double width  = o->extent > 0 ? o->extent : apart * (rows - 1);
-    for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c = &trajectory->camera[i];
-        double               along;
-        const int            row     = trajectory_leg(o, rows, i, &along);
-        const double         across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
-        const double         there   = row % 2 ? -1 : 1; /* to and fro */
-        const double         heading = trajectory_waver(o, i, 0, 3 * degree),
-                     pitch           = TILT * degree + trajectory_waver(o, i, 1, 2 * degree);
-        const v3 ahead               = v3_of(there * sin(heading), there * cos(heading), 0);
-        c->centre                    = v3_of(width * across + trajectory_waver(o, i, 2, 0.05),
-                                             there * length * along + trajectory_waver(o, i, 3, 0.05), ALTITUDE + trajectory_waver(o, i, 4, 0.1));
-        trajectory_aim(c, v3_add(v3_scale(ahead, sin(pitch)), v3_of(0, 0, -cos(pitch))), ahead,
-                       trajectory_waver(o, i, 5, 2 * degree));
-    }
-    trajectory->wreck = v3_of(0.18 * width, 0.12 * length, 0);
+    double       along;
+    const int    row     = trajectory_leg(o, rows, i, &along);
+    const double across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
+    const double there   = row % 2 ? -1 : 1; /* to and fro */
+    const double heading = trajectory_waver(o, i, 0, 3 * degree), pitch = TILT * degree + trajectory_waver(o, i, 1, 2 * degree);
+    const v3     ahead = v3_of(there * sin(heading), there * cos(heading), 0);
+    c->centre = v3_of(width * across + trajectory_waver(o, i, 2, 0.05), there * length * along + trajectory_waver(o, i, 3, 0.05),
+                      ALTITUDE + trajectory_waver(o, i, 4, 0.1));
+    trajectory_look(o, i, ahead, sin(pitch), cos(pitch), ahead, c);
+    return v3_of(0.18 * width, 0.12 * length, 0);
 }
 
-static void trajectory_orbit(const synth_options *o, struct synth_trajectory *trajectory)
+static v3 trajectory_orbit(const synth_options *o, int i, struct synth_camera *c)
 {
     const double radius = o->extent > 0 ? 0.5 * o->extent : 4.2;
-    const int    rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings;
-    for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c      = &trajectory->camera[i];
-        const int            ring   = i / first;
-        const double         turn   = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
-        const double         out    = (ring ? 0.8 : 1) * radius + trajectory_waver(o, i, 0, 0.1);
-        const v3             target = v3_of(trajectory_waver(o, i, 1, 0.15), trajectory_waver(o, i, 2, 0.15), 0.25);
-        c->centre = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + trajectory_waver(o, i, 3, 0.1));
-        trajectory_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), trajectory_waver(o, i, 4, 2 * degree));
-    }
+    const int    rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings, ring = i / first;
+    const double turn   = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
+    const double out    = (ring ? 0.8 : 1) * radius + trajectory_waver(o, i, 0, 0.1);
+    const v3     target = v3_of(trajectory_waver(o, i, 1, 0.15), trajectory_waver(o, i, 2, 0.15), 0.25);
+    c->centre           = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + trajectory_waver(o, i, 3, 0.1));
+    trajectory_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), trajectory_waver(o, i, 4, 2 * degree));
+    return v3_of(0, 0, 0);
 }
 
 #define ROV_STEP  0.4  /* metres from image to image */
@@ -98,40 +97,30 @@ static const struct path_leg {
 } path_legs[] = {{-4.2, 1.3, 1, -38, 8}, {0.4, 1.1, 1, 0, 22}, {4.5, 1.5, -1, -25, 12}};
 enum { PATH_LEGS = sizeof path_legs / sizeof *path_legs };
 
-static void trajectory_rov(const synth_options *o, struct synth_trajectory *trajectory)
+static v3 trajectory_rov(const synth_options *o, int i, struct synth_camera *c)
 {
-    const double length = o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
-    for (int i = 0; i < o->views; i++) {
-        double                 along;
-        const struct path_leg *leg  = &path_legs[trajectory_leg(o, PATH_LEGS, i, &along)];
-        const double           turn = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree,
-                     down           = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
-        const v3 ahead              = v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0);
-        trajectory->camera[i].centre =
-            v3_of(leg->x + trajectory_waver(o, i, 2, 0.15), leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
-                  leg->altitude + trajectory_waver(o, i, 4, 0.12));
-        trajectory_aim(&trajectory->camera[i], v3_add(v3_scale(ahead, cos(down)), v3_of(0, 0, -sin(down))), v3_of(0, 0, 1),
-                       trajectory_waver(o, i, 5, 2 * degree));
-    }
-    trajectory->wreck = v3_of(7.5, 0.2 * length, 0);
+    const double           length = o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
+    double                 along;
+    const struct path_leg *leg  = &path_legs[trajectory_leg(o, PATH_LEGS, i, &along)];
+    const double           turn = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree;
+    const double           down = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
+    c->centre = v3_of(leg->x + trajectory_waver(o, i, 2, 0.15), leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
+                      leg->altitude + trajectory_waver(o, i, 4, 0.12));
+    trajectory_look(o, i, v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0), cos(down), sin(down), v3_of(0, 0, 1), c);
+    return v3_of(7.5, 0.2 * length, 0);
 }
 
-static void trajectory_forward(const synth_options *o, struct synth_trajectory *trajectory)
+static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera *c)
 {
-    const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
-    for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c = &trajectory->camera[i];
-        double               along;
-        const double         heading = trajectory_waver(o, i, 0, 3 * degree),
-                     pitch           = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
-        const v3 level               = v3_of(sin(heading), cos(heading), 0);
-        trajectory_leg(o, 1, i, &along);
-        c->centre = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
-                          FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
-        trajectory_aim(c, v3_add(v3_scale(level, cos(pitch)), v3_of(0, 0, -sin(pitch))), v3_of(0, 0, 1),
-                       trajectory_waver(o, i, 5, 2 * degree));
-    }
-    trajectory->wreck = v3_of(1.5, 0.1 * length, 0);
+    const double length  = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
+    const double heading = trajectory_waver(o, i, 0, 3 * degree),
+                 pitch   = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
+    double along;
+    trajectory_leg(o, 1, i, &along);
+    c->centre = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
+                      FORWARD_HEIGHT + trajectory_waver(o, i, 4, 0.1));
+    trajectory_look(o, i, v3_of(sin(heading), cos(heading), 0), cos(pitch), sin(pitch), v3_of(0, 0, 1), c);
+    return v3_of(1.5, 0.1 * length, 0);
 }
 
 /* Where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world, metres. */
@@ -160,44 +149,28 @@ static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
     }
 }
 
-static const struct trajectory_path {
-    const char *name;
-    void (*fly)(const synth_options *o, struct synth_trajectory *trajectory);
+static const struct trajectory_path { /* by enum synth_path */
+    v3 (*fly)(const synth_options *o, int i, struct synth_camera *c);
     double range; /* metres: farther objects are out of sight */
-} trajectory_paths[] = {{"lawnmower", trajectory_lawnmower, SYNTH_FAR},
-                        {"orbit", trajectory_orbit, SYNTH_FAR},
-                        {"forward", trajectory_forward, SYNTH_FAR},
-                        {"rov", trajectory_rov, ROV_RANGE}};
-
-static const struct trajectory_path *trajectory_find_path(const char *name)
-{
-    for (size_t i = 0; i < sizeof trajectory_paths / sizeof *trajectory_paths; i++)
-        if (strcmp(name, trajectory_paths[i].name) == 0) return &trajectory_paths[i];
-    return NULL;
-}
-
-int synth_is_path(const char *name)
-{
-    return trajectory_find_path(name) != NULL;
-}
+} trajectory_paths[] = {{trajectory_lawnmower, SYNTH_FAR},
+                        {trajectory_orbit, SYNTH_FAR},
+                        {trajectory_forward, SYNTH_FAR},
+                        {trajectory_rov, ROV_RANGE}};
 
 int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
 {
-    const struct trajectory_path *path = trajectory_find_path(o->path);
+    const struct trajectory_path *path = &trajectory_paths[o->path];
     synth_options                 rig  = *o;
     *trajectory                        = (struct synth_trajectory){.count = o->views};
     trajectory->camera                 = calloc((size_t)o->views, sizeof *trajectory->camera);
     if (!trajectory->camera) return 0;
-    for (int i = 0; i < o->views; i++) { /* the principal point is off the middle, as calibration finds it */
-        struct synth_camera *c = &trajectory->camera[i];
-        c->width               = o->width;
-        c->height              = o->height;
-        c->f                   = FOCAL_SHARE * o->width;
-        c->cx                  = 0.504 * o->width;
-        c->cy                  = 0.497 * o->height;
-    }
     if (o->stereo > 0) rig.views = (o->views + 1) / 2;
-    path->fly(&rig, trajectory);
+    for (int i = 0; i < o->views; i++) {
+        struct synth_camera *c = &trajectory->camera[i];
+        *c                     = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
+        c->cx = 0.504 * o->width, c->cy = 0.497 * o->height; /* off the middle, as calibration finds it */
+        if (i < rig.views) trajectory->wreck = path->fly(&rig, i, c);
+    }
     if (o->stereo > 0) trajectory_pair(o->stereo, trajectory);
     trajectory_measure(trajectory, path->range);
     return 1;

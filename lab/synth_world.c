@@ -77,15 +77,15 @@ static double world_height(const struct synth_world *w, double x, double y)
 
 static int world_bake(struct synth_world *w, double half)
 {
-    w->step = synth_max(BAKED_STEP, 2 * half / sqrt(MAX_BAKED));
-    w->x0 = w->y0 = -half;
-    w->nx = w->ny = (int)(2 * half / w->step) + 2;
-    w->height     = malloc((size_t)w->nx * (size_t)w->ny * sizeof *w->height);
+    w->step   = synth_max(BAKED_STEP, 2 * half / sqrt(MAX_BAKED));
+    w->half   = half;
+    w->side   = (int)(2 * half / w->step) + 2;
+    w->height = malloc((size_t)w->side * (size_t)w->side * sizeof *w->height);
     if (!w->height) return 0;
 #pragma omp parallel for schedule(dynamic, 16)
-    for (int j = 0; j < w->ny; j++)
-        for (int i = 0; i < w->nx; i++)
-            w->height[(size_t)j * (size_t)w->nx + (size_t)i] = (float)world_height(w, w->x0 + i * w->step, w->y0 + j * w->step);
+    for (int j = 0; j < w->side; j++)
+        for (int i = 0; i < w->side; i++)
+            w->height[(size_t)j * (size_t)w->side + (size_t)i] = (float)world_height(w, i * w->step - half, j * w->step - half);
     return 1;
 }
 
@@ -101,14 +101,14 @@ static void world_spline(double t, double weight[4])
 
 double synth_ground(const struct synth_world *w, double x, double y)
 {
-    const double gx = (x - w->x0) / w->step, gy = (y - w->y0) / w->step;
+    const double gx = (x + w->half) / w->step, gy = (y + w->half) / w->step;
     const int    ix = synth_floor(gx), iy = synth_floor(gy);
     double       wx[4], wy[4], sum = 0;
-    if (ix < 1 || iy < 1 || ix + 2 >= w->nx || iy + 2 >= w->ny) return world_height(w, x, y);
+    if (ix < 1 || iy < 1 || ix + 2 >= w->side || iy + 2 >= w->side) return world_height(w, x, y);
     world_spline(gx - ix, wx);
     world_spline(gy - iy, wy);
     for (int j = 0; j < 4; j++) {
-        const float *row = w->height + (size_t)(iy - 1 + j) * (size_t)w->nx + (size_t)(ix - 1);
+        const float *row = w->height + (size_t)(iy - 1 + j) * (size_t)w->side + (size_t)(ix - 1);
         sum += wy[j] * (wx[0] * row[0] + wx[1] * row[1] + wx[2] * row[2] + wx[3] * row[3]);
     }
     return sum;
@@ -214,7 +214,7 @@ v3 synth_wreck_frame(const struct synth_world *w, v3 p)
 /* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
 static void world_place_wreck(struct synth_world *w, v3 at)
 {
-    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
+    const double yaw = 2 * SYNTH_PI * random_unit(random_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
                  pitch = 5 * SYNTH_PI / 180;
     const v3 forward   = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
     const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
@@ -266,14 +266,14 @@ static double world_object(const struct synth_world *w, const struct synth_objec
  * under the cell's ceiling or 1 m away. */
 static double world_objects(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
 {
-    const double gx = (p.x - w->x0) / SYNTH_CELL, gy = (p.y - w->y0) / SYNTH_CELL;
+    const double gx = (p.x + w->half) / SYNTH_CELL, gy = (p.y + w->half) / SYNTH_CELL;
     const int    ix = synth_floor(gx), iy = synth_floor(gy);
     const double fx = gx - ix, fy = gy - iy;
     const double wall = SYNTH_CELL * synth_min(synth_min(fx, 1 - fx), synth_min(fy, 1 - fy)) + SYNTH_NEAR;
     size_t       cell;
     double       over;
-    if (ix < 0 || iy < 0 || ix >= w->cells_x || iy >= w->cells_y) return least;
-    cell = (size_t)iy * (size_t)w->cells_x + (size_t)ix;
+    if (ix < 0 || iy < 0 || ix >= w->cells || iy >= w->cells) return least;
+    cell = (size_t)iy * (size_t)w->cells + (size_t)ix;
     over = synth_min(p.z - w->ceiling[cell], 1);
     if (over > wall) return synth_min(least, over);
     least = synth_min(least, wall);
@@ -303,9 +303,9 @@ static enum synth_material world_ground_material(const struct synth_world *w, v3
 /* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken away. */
 static double world_height_above(const struct synth_world *w, v3 p)
 {
-    const int ix = synth_floor((p.x - w->x0) / w->step + 0.5), iy = synth_floor((p.y - w->y0) / w->step + 0.5);
-    if (ix >= 0 && iy >= 0 && ix < w->nx && iy < w->ny) {
-        const double above = p.z - w->height[(size_t)iy * (size_t)w->nx + (size_t)ix] - 1.5 * w->step;
+    const int ix = synth_floor((p.x + w->half) / w->step + 0.5), iy = synth_floor((p.y + w->half) / w->step + 0.5);
+    if (ix >= 0 && iy >= 0 && ix < w->side && iy < w->side) {
+        const double above = p.z - w->height[(size_t)iy * (size_t)w->side + (size_t)ix] - 1.5 * w->step;
         if (above > 0.2) return above;
     }
     return p.z - synth_ground(w, p.x, p.y);
@@ -357,10 +357,10 @@ static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, d
 /* A bush: stems lean outwards and end in two fingers each. */
 static void world_branching(struct synth_shape *s, uint64_t seed)
 {
-    const int stems = 6 + (int)(3 * synth_unit(synth_bits(seed, 0, 0)));
+    const int stems = 6 + (int)(3 * random_unit(random_bits(seed, 0, 0)));
     s->blend        = 0.08;
     for (int i = 0; i < stems; i++) {
-        const double u = synth_unit(synth_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
+        const double u = random_unit(random_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
         const double turn = 2 * SYNTH_PI * (i + 0.6 * u) / stems;
         const v3     out  = v3_of(cos(turn) * sin(lean), sin(turn) * sin(lean), cos(lean));
         const v3     side = v3_of(-sin(turn), cos(turn), 0.3), middle = v3_of(0.5 * out.x, 0.5 * out.y, 0.5 * out.z - 0.15);
@@ -373,10 +373,10 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
 /* A cluster of tubes. */
 static void world_tubes(struct synth_shape *s, uint64_t seed)
 {
-    const int tubes = 4 + (int)(4 * synth_unit(synth_bits(seed, 0, 1)));
+    const int tubes = 4 + (int)(4 * random_unit(random_bits(seed, 0, 1)));
     s->blend        = 0.06;
     for (int i = 0; i < tubes; i++) {
-        const double turn = 2 * SYNTH_PI * i / tubes, tall = 0.25 + 0.55 * synth_unit(synth_bits(seed, 2, (uint64_t)i));
+        const double turn = 2 * SYNTH_PI * i / tubes, tall = 0.25 + 0.55 * random_unit(random_bits(seed, 2, (uint64_t)i));
         const v3     foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
         world_add_limb(s, foot, v3_of(1.9 * foot.x, 1.9 * foot.y, tall - 0.1), 0.11, 0.16);
     }
@@ -389,7 +389,7 @@ static void world_table(struct synth_shape *s, uint64_t seed)
     world_add_limb(s, v3_of(0, 0, -0.5), v3_of(0, 0, 0.1), 0.14, 0.12);
     for (int i = 0; i < 22; i++) {
         const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
-        const v3 at = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
+        const v3 at = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * random_unit(random_bits(seed, 3, (uint64_t)i)));
         world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
     }
 }
@@ -398,7 +398,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 {
     s->blend = 0.1;
     for (int i = 0; i < 5; i++) {
-        const double turn = 2 * SYNTH_PI * (i + 0.25 * synth_unit(synth_bits(seed, 4, (uint64_t)i))) / 5;
+        const double turn = 2 * SYNTH_PI * (i + 0.25 * random_unit(random_bits(seed, 4, (uint64_t)i))) / 5;
         world_add_limb(s, v3_of(0, 0, 0.06), v3_of(0.85 * cos(turn), 0.85 * sin(turn), -0.05), 0.2, 0.08);
     }
 }
@@ -406,7 +406,7 @@ static void world_star(struct synth_shape *s, uint64_t seed)
 static void world_make_shapes(struct synth_world *w)
 {
     for (int i = 0; i < SYNTH_SHAPES; i++) {
-        const uint64_t seed = synth_bits(w->seed, 8, (uint64_t)i);
+        const uint64_t seed = random_bits(w->seed, 8, (uint64_t)i);
         if (i < 4) world_branching(&w->shape[i], seed);
         else if (i < 7) world_tubes(&w->shape[i], seed);
         else if (i < 10) world_table(&w->shape[i], seed);
@@ -420,7 +420,7 @@ struct world_kind {
     enum synth_material material;
     int                 shape, shapes;    /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
     double              density;          /* tries on a square metre */
-    double              on_sand, on_reef; /* share of accepted candidates */
+    double              on_sand, on_reef; /* fraction of accepted candidates */
     double              small, large;     /* radius, metres */
     double              sunk;             /* radii that the centre lies under the ground; negative: above */
 };
@@ -442,9 +442,9 @@ enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
 static int world_place_object(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
 {
     const struct world_kind *k    = &world_kinds[kind];
-    const uint64_t           seed = synth_bits(w->seed, 100 + (uint64_t)kind, i);
+    const uint64_t           seed = random_bits(w->seed, 100 + (uint64_t)kind, i);
     double                   u[8], reef, x, y;
-    for (uint64_t j = 0; j < 8; j++) u[j] = synth_unit(synth_bits(seed, j, 0));
+    for (uint64_t j = 0; j < 8; j++) u[j] = random_unit(random_bits(seed, j, 0));
     x    = half * (2 * u[0] - 1);
     y    = half * (2 * u[1] - 1);
     reef = world_reef(w, x, y);
@@ -478,21 +478,24 @@ static int world_scatter_objects(struct synth_world *w, double half)
     return 1;
 }
 
+/* The cell of a coordinate: below 0 or beyond the last for what lies outside. */
+static int world_cell(const struct synth_world *w, double x)
+{
+    return synth_floor((x + w->half) / SYNTH_CELL);
+}
+
 /* Calls for each cell that an object comes near: counts it, or lists it from the back. */
 static void world_list(struct synth_world *w, int listing)
 {
     for (size_t i = 0; i < w->object_count; i++) {
-        const struct synth_object *o    = &w->object[i];
-        const double               r    = o->radius + SYNTH_NEAR;
-        const struct synth_near    near = {(float)o->centre.x, (float)o->centre.y, (float)o->centre.z, (float)o->radius + 1e-4f,
-                                           (uint32_t)i};
-        const int                  low  = synth_floor((o->centre.x - r - w->x0) / SYNTH_CELL),
-                  high                  = synth_floor((o->centre.x + r - w->x0) / SYNTH_CELL);
-        const int from                  = synth_floor((o->centre.y - r - w->y0) / SYNTH_CELL),
-                  to                    = synth_floor((o->centre.y + r - w->y0) / SYNTH_CELL);
-        for (int y = from < 0 ? 0 : from; y <= to && y < w->cells_y; y++)
-            for (int x = low < 0 ? 0 : low; x <= high && x < w->cells_x; x++) {
-                uint32_t *cell = &w->cell_first[(size_t)y * (size_t)w->cells_x + (size_t)x];
+        const v3                c      = w->object[i].centre;
+        const double            radius = w->object[i].radius, r = radius + SYNTH_NEAR;
+        const struct synth_near near = {(float)c.x, (float)c.y, (float)c.z, (float)radius + 1e-4f, (uint32_t)i};
+        const int               low = world_cell(w, c.x - r), high = world_cell(w, c.x + r), from = world_cell(w, c.y - r),
+                  to = world_cell(w, c.y + r);
+        for (int y = from < 0 ? 0 : from; y <= to && y < w->cells; y++)
+            for (int x = low < 0 ? 0 : low; x <= high && x < w->cells; x++) {
+                uint32_t *cell = &w->cell_first[(size_t)y * (size_t)w->cells + (size_t)x];
                 if (listing) w->near[--*cell] = near;
                 else ++*cell;
             }
@@ -509,15 +512,15 @@ static float world_highest(const struct synth_world *w, size_t cell)
 static int world_bake_ceilings(struct synth_world *w)
 {
     const int reach = (int)(1 / SYNTH_CELL);
-    w->ceiling      = malloc((size_t)w->cells_x * (size_t)w->cells_y * sizeof *w->ceiling);
+    w->ceiling      = malloc((size_t)w->cells * (size_t)w->cells * sizeof *w->ceiling);
     if (!w->ceiling) return 0;
-    for (int i = 0; i < w->cells_x * w->cells_y; i++) w->ceiling[i] = -1e9f;
-    for (int y = 0; y < w->cells_y; y++)
-        for (int x = 0; x < w->cells_x; x++) {
-            const float top = world_highest(w, (size_t)y * (size_t)w->cells_x + (size_t)x);
-            for (int v = y < reach ? 0 : y - reach; v <= y + reach && v < w->cells_y; v++)
-                for (int u = x < reach ? 0 : x - reach; u <= x + reach && u < w->cells_x; u++) {
-                    float *ceiling = &w->ceiling[(size_t)v * (size_t)w->cells_x + (size_t)u];
+    for (int i = 0; i < w->cells * w->cells; i++) w->ceiling[i] = -1e9f;
+    for (int y = 0; y < w->cells; y++)
+        for (int x = 0; x < w->cells; x++) {
+            const float top = world_highest(w, (size_t)y * (size_t)w->cells + (size_t)x);
+            for (int v = y < reach ? 0 : y - reach; v <= y + reach && v < w->cells; v++)
+                for (int u = x < reach ? 0 : x - reach; u <= x + reach && u < w->cells; u++) {
+                    float *ceiling = &w->ceiling[(size_t)v * (size_t)w->cells + (size_t)u];
                     *ceiling       = fmaxf(*ceiling, top);
                 }
         }
@@ -527,9 +530,9 @@ static int world_bake_ceilings(struct synth_world *w)
 static int world_index(struct synth_world *w, double half)
 {
     size_t cells;
-    w->cells_x = w->cells_y = (int)(2 * half / SYNTH_CELL) + 1;
-    cells                   = (size_t)w->cells_x * (size_t)w->cells_y;
-    w->cell_first           = calloc(cells + 1, sizeof *w->cell_first);
+    w->cells      = (int)(2 * half / SYNTH_CELL) + 1;
+    cells         = (size_t)w->cells * (size_t)w->cells;
+    w->cell_first = calloc(cells + 1, sizeof *w->cell_first);
     if (!w->cell_first) return 0;
     world_list(w, 0);
     for (size_t i = 0; i < cells; i++) w->cell_first[i + 1] += w->cell_first[i]; /* each now holds its end */
@@ -542,12 +545,12 @@ static int world_index(struct synth_world *w, double half)
 int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *w)
 {
     *w = (struct synth_world){
-        .seed = (uint32_t)synth_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
+        .seed = (uint32_t)random_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;
     world_place_wreck(w, wreck);
     world_make_shapes(w);
     if (!world_scatter_objects(w, half) || !world_index(w, half)) goto failed;
-    for (int i = 0; i < w->nx * w->ny; i++) w->top = synth_max(w->top, w->height[i]);
+    for (int i = 0; i < w->side * w->side; i++) w->top = synth_max(w->top, w->height[i]);
     w->top = synth_max(w->top, 0.45) + TALLEST; /* 0.45: the highest swell beyond what is baked */
     return 1;
 failed:

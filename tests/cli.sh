@@ -291,6 +291,7 @@ promise run_json_has_the_decisions_of_the_coarse_and_the_merged_model 0 "" sh -c
 promise a_finished_run_in_blocks_reports_no_unfinished_block 1 "0" grep -c "not finished" alone/report.html
 promise a_render_leaves_nothing_of_an_earlier_one 0 "" sh -c "rm -rf again && '$program' render out/scene.ply survey -o again --split all --depth && touch again/mine.png && '$program' render out/scene.ply survey -o again && test \$(ls again | wc -l) = 3"
 promise too_few_open_files_are_told_with_what_helps 1 "fix: allow more open files" sh -c "ulimit -n 4; '$program' train survey -o few --iterations 10"
+promise a_study_of_no_seeds_is_refused 2 "1 to 99" "$program" ablate survey -o ablation --seeds 0
 promise wrong_rows_are_told_with_what_helps 2 "fix: --rows" "$program" ablate survey -o ablation --rows nope
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 

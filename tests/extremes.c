@@ -124,7 +124,8 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     char              path[600];
     int               finite = 1;
     snprintf(path, sizeof path, "%s/turbid", folder);
-    options.out = path, options.water = "9C", options.views = 16, options.width = 64, options.height = 48, options.points = 600;
+    options.out = path, options.water = SYNTH_9C, options.views = 16, options.width = 64, options.height = 48,
+    options.points   = 600;
     train.iterations = EXTREME_LONG;
     train.ucd.mode   = OXL_UCD_ON;
     train.ucd.learn  = 1;

@@ -84,11 +84,11 @@ TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fi
     options_test_refusal("cooldown", "nan", "a number");
     options_test_refusal("alpha-min", "0.06", "0.05");
     options_test_refusal("alpha-min", "1/0", "0.05");
-    options_test_refusal("ram", "4Q", "a size as 512M or 4G");
-    options_test_refusal("max-time", "20q", "a time as 90s");
+    options_test_refusal("ram", "4Q", "a size, e.g. 512M or 4G");
+    options_test_refusal("max-time", "20q", "a time, e.g. 90s");
     options_test_refusal("dog", "some", "expected off|selective|all|auto");
-    options_test_refusal("dog-threshold", "101%", "T|SHARE%");
-    options_test_refusal("dog-threshold", "9#0%", "T|SHARE%"); /* 1.#IND is not a number in files */
+    options_test_refusal("dog-threshold", "101%", "T|PERCENT%");
+    options_test_refusal("dog-threshold", "9#0%", "T|PERCENT%"); /* 1.#IND is not a number in files */
     options_test_refusal("ucd", "3,2", "MID,FAR");
     options_test_refusal("keep", "0", "FRACTION");
     options_test_refusal("keep", "97350650T", "FRACTION"); /* more bytes than any option takes */

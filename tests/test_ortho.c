@@ -88,7 +88,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     oxl_scene          *scene     = ortho_test_scene();
     oxl_model           model     = {0};
     oxl_image           image     = {0};
-    ortho_options       options   = {test_path("ortho"), 0.05, 0, 1};
+    struct arguments    options   = {.out = test_path("ortho"), .pixel = 0.05, .depth = 1};
     double              line[6]   = {0};
     const double        at[3]     = {103.3, -48.8, 7.5};
     size_t              brightest = 0, pixels;
@@ -112,7 +112,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     text   = output_read(r.out, "ortho.pgw", NULL);
     cursor = text ? text : "";
     for (int i = 0; i < 6; i++) {
-        line[i] = json_number_at(&cursor);
+        line[i] = oxl_json_number_at(&cursor);
         cursor += strspn(cursor, "\n");
     }
     CHECK_CLOSE(line[0], 0.05, 1e-9);

@@ -189,17 +189,17 @@ TEST(report_base64_pads_as_rfc_4648_says)
 TEST(report_json_reads_escapes_and_finds_members_at_their_own_depth)
 {
     const char *json = "{\"a\": {\"b\": 1}, \"s\": \"x\\\"\\u00e9\\n]\", \"b\": [2, -3.5e-1 ,{}], \"t\": true}";
-    const char *list = json_member(json, "b");
-    char       *s    = json_string(json_member(json, "s"));
+    const char *list = oxl_json_member(json, "b");
+    char       *s    = json_string(oxl_json_member(json, "s"));
     CHECK(s && strcmp(s, "x\"\xC3\xA9\n]") == 0);
-    CHECK(json_number(json_member(json, "a"), "b") == 1);
-    list = json_first(list);
-    CHECK_CLOSE(json_number_at(&(const char *){list}), 2, 0);
-    list = json_next(list);
-    CHECK_CLOSE(json_number_at(&(const char *){list}), -0.35, 1e-15);
-    list = json_next(list);
-    CHECK(*list == '{' && json_next(list) == NULL);
-    CHECK(json_is_true(json, "t") && !json_is_true(json, "a") && isnan(json_number(json, "none")));
+    CHECK(oxl_json_number(oxl_json_member(json, "a"), "b") == 1);
+    list = oxl_json_first(list);
+    CHECK_CLOSE(oxl_json_number_at(&(const char *){list}), 2, 0);
+    list = oxl_json_next(list);
+    CHECK_CLOSE(oxl_json_number_at(&(const char *){list}), -0.35, 1e-15);
+    list = oxl_json_next(list);
+    CHECK(*list == '{' && oxl_json_next(list) == NULL);
+    CHECK(oxl_json_is_true(json, "t") && !oxl_json_is_true(json, "a") && isnan(oxl_json_number(json, "none")));
     free(s);
 }
 
@@ -207,6 +207,6 @@ TEST(report_json_reads_nothing_past_the_end_of_a_text_that_is_cut_short)
 {
     static const char in_a_name[] = "{\"a\": \"x\0, \"b\": 2}", in_an_escape[] = "{\"a\": \"x\\\0, \"b\": 2}",
                       in_a_list[] = "{\"a\": [1\0, \"b\": 2}";
-    CHECK(!json_member(in_a_name, "b") && !json_member(in_an_escape, "b") && !json_member(in_a_list, "b"));
-    CHECK(!json_next(json_first(json_member(in_a_list, "a"))));
+    CHECK(!oxl_json_member(in_a_name, "b") && !oxl_json_member(in_an_escape, "b") && !oxl_json_member(in_a_list, "b"));
+    CHECK(!oxl_json_next(oxl_json_first(oxl_json_member(in_a_list, "a"))));
 }

@@ -212,7 +212,7 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_missing_images_are_left_out_up_to_the_stated_share)
+TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
 {
     const char       *path    = scene_survey("s", 8, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();

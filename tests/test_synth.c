@@ -268,7 +268,7 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
     struct colmap survey    = {0};
     double        direct[3] = {0}, scatter[3] = {0}, veil[3] = {0}, square = 0, sum = 0;
     size_t        count = 0;
-    o.water             = "5C";
+    o.water             = SYNTH_5C;
     synth_test_make(&o, &survey);
     synth_test_water_text(o.out, "\nbD ", direct);
     synth_test_water_text(o.out, "\nbB ", scatter);
@@ -332,7 +332,7 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
     one.threads          = 1;
     three.threads        = 3;
     other.seed           = 2;
-    one.path = three.path = other.path = "orbit";
+    one.path = three.path = other.path = SYNTH_ORBIT;
     one.views = three.views = other.views = 5;
     one.extent = three.extent = other.extent = 4;
     synth_test_make(&one, &survey);
@@ -449,8 +449,7 @@ TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
     struct synth_world      world      = {0};
     struct colmap           survey     = {0};
     int                     wide       = 0;
-    o.path = "rov", o.views = 6, o.width = 64, o.height = 42;
-    CHECK(synth_scene_of(&o) == SYNTH_RIDGE);
+    o.path = SYNTH_ROV, o.views = 6, o.width = 64, o.height = 42;
     CHECK(synth_trajectory_create(&o, &trajectory) &&
           synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_RIDGE, &world));
     synth_trajectory_set_heights(&trajectory, &world);
@@ -488,58 +487,55 @@ TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 }
 
 /* Points within 4.2 m of the wreck, which is a small part of the area that is flown over. */
-static double synth_test_share_at_the_wreck(const char *name, const char *scene)
+static double synth_test_share_at_the_wreck(const char *name, enum synth_scene scene)
 {
-    synth_options           o = synth_test_options(name);
-    struct synth_trajectory trajectory;
-    struct synth_world      world;
-    struct synth_points     points;
-    struct synth_water      water = {.name = "none"};
-    size_t                  near  = 0;
-    double                  share;
+    synth_options    o    = synth_test_options(name);
+    struct synth_run s    = {.ctx = test_ctx, .options = &o, .water = {.name = "none"}};
+    size_t           near = 0;
+    double           share;
     o.scene = scene, o.views = 150, o.extent = 15, o.points = 2000, o.write_images = 0;
-    CHECK(synth_trajectory_create(&o, &trajectory));
-    CHECK(synth_world_create(o.seed, trajectory.half, trajectory.wreck, (enum synth_scene)synth_scene_of(&o), &world));
-    synth_trajectory_set_heights(&trajectory, &world);
-    CHECK_OK(synth_points_create(&o, &world, &trajectory, &water, &points));
-    for (size_t i = 0; i < points.count; i++)
-        near += hypot(points.point[i].position.x - world.wreck.x, points.point[i].position.y - world.wreck.y) < 4.2;
-    CHECK(points.count > 1000);
-    share = (double)near / (double)points.count;
-    synth_points_free(&points);
-    synth_world_free(&world);
-    synth_trajectory_free(&trajectory);
+    CHECK(synth_trajectory_create(&o, &s.trajectory));
+    CHECK(synth_world_create(o.seed, s.trajectory.half, s.trajectory.wreck, scene, &s.world));
+    synth_trajectory_set_heights(&s.trajectory, &s.world);
+    CHECK_OK(synth_points_create(&s, &s.points));
+    for (size_t i = 0; i < s.points.count; i++)
+        near += hypot(s.points.point[i].position.x - s.world.wreck.x, s.points.point[i].position.y - s.world.wreck.y) < 4.2;
+    CHECK(s.points.count > 1000);
+    share = (double)near / (double)s.points.count;
+    synth_points_free(&s.points);
+    synth_world_free(&s.world);
+    synth_trajectory_free(&s.trajectory);
     return share;
 }
 
 TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
 {
-    const double reef = synth_test_share_at_the_wreck("reef", NULL), wreck = synth_test_share_at_the_wreck("wreck", "wreck");
+    const double reef  = synth_test_share_at_the_wreck("reef", SYNTH_REEF),
+                 wreck = synth_test_share_at_the_wreck("wreck", SYNTH_WRECK);
     CHECK(reef < 0.25);
     CHECK(wreck > 0.5);
 }
 
 TEST(synth_refuses_invalid_options_with_a_fix)
 {
-    synth_options o = synth_test_options("survey");
-    o.water         = "4C";
+    static const char *const wrong[][3] = {{"--water", "4C", "none|I|IA"},
+                                           {"--path", "spiral", "lawnmower|orbit"},
+                                           {"--scene", "cave", "reef|wreck"},
+                                           {"--fish", "101", "a whole number from 0 to 100"},
+                                           {"--views", "1", "a whole number from 2 to 1000000"},
+                                           {"--size", "9x99", "each from 16 to 8192"}};
+    synth_options            o          = synth_test_options("survey");
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
+        char            *words[] = {"oceanxl", "synth", "-o", (char *)o.out, (char *)wrong[i][0], (char *)wrong[i][1]};
+        struct arguments a;
+        CHECK(arguments_parse(6, words, &a));
+        CHECK_TEXT(a.error, wrong[i][1]);
+        CHECK_TEXT(a.error, wrong[i][2]);
+    }
+    o.backscatter = 0.5;
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "none I IA");
-    CHECK_TEXT(oxl_error_text(test_ctx), "4C");
-    o      = synth_test_options("survey");
-    o.path = "spiral";
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "lawnmower, orbit, forward and rov");
-    o       = synth_test_options("survey");
-    o.scene = "cave";
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "reef, wreck and ridge, not cave");
-    o      = synth_test_options("survey");
-    o.fish = 101;
-    CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), "0 to 100 fish");
-    o       = synth_test_options("survey");
-    o.views = 1;
+    CHECK_TEXT(oxl_error_text(test_ctx), "--lamp 1");
+    o.backscatter = 0, o.origin[1] = 9e6;
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK(!os_is_folder(test_path("survey")));
     CHECK_OK(os_make_folder(test_ctx, test_path("dive/sparse/0")));
@@ -596,7 +592,7 @@ TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours
     oxl_survey    s;
     oxl_image     image = {0}, soft = {0};
     char out[512], *const names[]   = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
-    o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = "none";
+    o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = SYNTH_AIR;
     snprintf(out, sizeof out, "%s", test_path("synth"));
     o.out = out;
     CHECK(synth_run(test_ctx, &o) == OXL_OK);

@@ -601,11 +601,11 @@ TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
 TEST(train_auto_halves_large_images_only)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    CHECK(schedule_coarse_share(&o, 320, 640) == 0.25 && schedule_coarse_share(&o, 639, 400) == 0);
+    CHECK(schedule_coarse_fraction(&o, 320, 640) == 0.25 && schedule_coarse_fraction(&o, 639, 400) == 0);
     o.coarse = 0.5f;
-    CHECK(schedule_coarse_share(&o, 48, 48) == 0.5);
+    CHECK(schedule_coarse_fraction(&o, 48, 48) == 0.5);
     o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(schedule_coarse_share(&o, 8000, 6000) == 0);
+    CHECK(schedule_coarse_fraction(&o, 8000, 6000) == 0);
 }
 
 TEST(train_refuses_shares_of_a_run_outside_0_to_1)

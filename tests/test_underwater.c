@@ -325,7 +325,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 {
     synth_options o      = synth_test_options("lamp");
     struct colmap survey = {0};
-    o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = "none", o.path = "forward";
+    o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     for (int view = 0; view < o.views; view += 5) {
@@ -363,11 +363,11 @@ static void photometry_test_measure(const char *survey, struct photometry *p)
     oxl_scene_free(test_ctx, scene);
 }
 
-static synth_options photometry_test_make(const char *name, const char *water)
+static synth_options photometry_test_make(const char *name, enum synth_type water)
 {
     synth_options o      = synth_test_options(name);
     struct colmap survey = {0};
-    o.views = 14, o.width = 160, o.height = 104, o.water = water, o.path = "forward", o.threads = 0;
+    o.views = 14, o.width = 160, o.height = 104, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -389,7 +389,7 @@ static void photometry_test_scale(const synth_options *o, const char *survey, in
 TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
 {
     struct photometry p;
-    photometry_test_make("air", "none");
+    photometry_test_make("air", SYNTH_AIR);
     photometry_test_measure("air", &p);
     CHECK(p.points > 50 && p.parts == 0);
     photometry_free(test_ctx, &p);
@@ -403,7 +403,7 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     struct colmap     survey = {0};
     struct photometry p;
     double            truth[N * N], mean = 0, error = 0, square = 0;
-    o.views = 14, o.width = 160, o.height = 104, o.water = "none", o.path = "forward", o.threads = 0;
+    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.lamp = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -428,7 +428,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     synth_options     o      = synth_test_options("lamps");
     struct colmap     survey = {0};
     struct photometry p;
-    o.views = 28, o.width = 160, o.height = 104, o.water = "none", o.path = "forward", o.threads = 0;
+    o.views = 28, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -462,7 +462,7 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     oxl_scene_options      all    = oxl_scene_options_default();
     oxl_scene             *scene;
     int                    of[2] = {0, 0}, last = -1;
-    o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = "none";
+    o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = SYNTH_AIR;
     all.test_every = 0;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
@@ -530,7 +530,7 @@ static void photometry_test_ranges(const char *survey, double range[14])
 
 TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
 {
-    const synth_options o = photometry_test_make("far", "7C");
+    const synth_options o = photometry_test_make("far", SYNTH_7C);
     double              range[14], least = DBL_MAX, most = 0;
     CHECK(!photometry_test_warns("far"));
     photometry_test_ranges("far", range);
@@ -549,8 +549,9 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
     synth_options       o         = synth_test_options("tracks");
     struct colmap       survey    = {0};
     struct photometry   p, scaled;
-    o.views = 14, o.width = 160, o.height = 104, o.water = "7C", o.path = "forward", o.exposure_jitter = 0.4, o.threads = 0;
-    o.noise = 0.5;
+    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_7C, o.path = SYNTH_FORWARD, o.exposure_jitter = 0.4,
+    o.threads = 0;
+    o.noise   = 0.5;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     photometry_test_measure("tracks", &p);
@@ -600,7 +601,7 @@ static void photometry_test_clear(const char *survey, double mean[3])
 TEST(tinted_images_in_water_give_the_same_clear_scene_times_the_tint)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
-    const synth_options o         = photometry_test_make("gauge", "3C");
+    const synth_options o         = photometry_test_make("gauge", SYNTH_3C);
     double              mean[3] = {0, 0, 0}, tinted[3] = {0, 0, 0};
     photometry_test_clear("gauge", mean);
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "gauge", v, factor);
@@ -812,93 +813,131 @@ static double depth_hidden(struct renderer *r, const oxl_camera *camera, const o
     return sum;
 }
 
-TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient_and_changes_nothing_else)
-{
-    oxl_scene         *scene  = train_scene(3);
-    const oxl_camera  *camera = &oxl_scene_view(scene, 1)->camera;
-    const size_t       n      = 3 * (size_t)camera->width * (size_t)camera->height;
-    float             *drgb   = oxl_calloc(test_ctx, n, sizeof *drgb);
-    oxl_render_options o      = oxl_render_options_default();
-    struct depth_point point[3];
+/* Black Gaussians, each 16th of them half-way to the camera, and three points behind those. */
+struct depth_case {
+    oxl_scene         *scene;
+    const oxl_camera  *camera;
     struct renderer   *r;
-    oxl_model          model, front, gradient, beside;
-    uint8_t           *in_front;
-    double             largest = 0, elsewhere = 0, behind = 0, all = 0, together = 0, eye[3];
-    CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
-    CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
-    in_front = oxl_alloc(test_ctx, model.count, 1);
+    float             *drgb; /* 0 */
+    struct depth_point point[3];
+    oxl_model          model, front, gradient; /* front: those in front of the points */
+    uint8_t           *in_front;               /* (rows of the model) */
+};
+
+/* The next step's gradient, into `out`. */
+static void depth_case_step(struct depth_case *c, int points, oxl_model *out)
+{
+    const oxl_render_options o = oxl_render_options_default();
+    CHECK_OK(renderer_forward(test_ctx, c->r, &c->model, c->camera, &o));
+    if (points) renderer_set_depths(c->r, c->point, points, 1);
+    CHECK_OK(renderer_backward(test_ctx, c->r, c->drgb, out));
+}
+
+static struct depth_case depth_case_begin(void)
+{
+    struct depth_case c = {.scene = train_scene(3)};
+    double            eye[3];
+    c.camera = &oxl_scene_view(c.scene, 1)->camera;
+    c.drgb   = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
+    CHECK_OK(renderer_create(test_ctx, &c.r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(c.scene), oxl_scene_point_count(c.scene), 0, &c.model));
+    CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &c.gradient));
+    c.in_front = oxl_alloc(test_ctx, c.model.count, 1);
     for (int i = 0; i < 3; i++)
-        point[i] = (struct depth_point){(float)(8 + (camera->width - 16) / 2 * i) + 0.5f, (float)(camera->height / 2) + 0.5f,
-                                        (float)scene_depth_quantile(scene, 0.5)};
-    camera_position(camera, eye);
-    for (size_t j = 0; j < model.count; j++) {
-        for (int a = 0; a < 3 && j % 16 == 0; a++) { /* half-way to the camera */
-            float *x = &model.plane[OXL_MEAN + a][j];
+        c.point[i] = (struct depth_point){(float)(8 + (c.camera->width - 16) / 2 * i) + 0.5f,
+                                          (float)(c.camera->height / 2) + 0.5f, (float)scene_depth_quantile(c.scene, 0.5)};
+    camera_position(c.camera, eye);
+    for (size_t j = 0; j < c.model.count; j++) {
+        for (int a = 0; a < 3 && j % 16 == 0; a++) {
+            float *x = &c.model.plane[OXL_MEAN + a][j];
             *x       = (float)(eye[a] + 0.5 * (*x - eye[a]));
         }
-        in_front[j] = depth_z(camera, &model, j) < 0.8 * (double)point[0].z;
+        c.in_front[j] = depth_z(c.camera, &c.model, j) < 0.8 * (double)c.point[0].z;
         for (int k = 0; k < 3; k++) {
-            model.plane[OXL_SH + k][j] = -9; /* black */
-            model.plane[OXL_LOG_SCALE + k][j] -= 0.6f;
-            model.plane[OXL_OPACITY][j] = -0.5f;
+            c.model.plane[OXL_SH + k][j] = -9;
+            c.model.plane[OXL_LOG_SCALE + k][j] -= 0.6f;
+            c.model.plane[OXL_OPACITY][j] = -0.5f;
         }
     }
-    CHECK_OK(model_copy(test_ctx, &model, &front));
-    model_keep_rows(&front, in_front);
-    CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o));
-    renderer_set_depths(r, point, 3, 1);
-    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
-    for (size_t j = 0, row = 0; j < model.count; j++) {
-        const double d = (double)gradient.plane[OXL_OPACITY][j];
+    CHECK_OK(model_copy(test_ctx, &c.model, &c.front));
+    model_keep_rows(&c.front, c.in_front);
+    depth_case_step(&c, 3, &c.gradient);
+    return c;
+}
+
+static void depth_case_end(struct depth_case *c)
+{
+    OXL_FREE(test_ctx, c->drgb, c->in_front);
+    oxl_model_free(test_ctx, &c->model);
+    oxl_model_free(test_ctx, &c->front);
+    oxl_model_free(test_ctx, &c->gradient);
+    renderer_free(test_ctx, c->r);
+    oxl_scene_free(test_ctx, c->scene);
+}
+
+/* How the sum of depth_hidden changes with the opacity of one of the rows in front, or with all (row SIZE_MAX). */
+static double depth_slope(struct depth_case *c, size_t row)
+{
+    const double h     = 0.05;
+    double       slope = 0;
+    oxl_model    moved;
+    for (int side = -1; side <= 1; side += 2) {
+        CHECK_OK(model_copy(test_ctx, &c->front, &moved));
+        for (size_t j = 0; j < moved.count; j++)
+            if (row == SIZE_MAX || j == row) moved.plane[OXL_OPACITY][j] += (float)(side * h);
+        slope += side * depth_hidden(c->r, c->camera, &moved, c->point, 3) / (2 * h);
+        oxl_model_free(test_ctx, &moved);
+    }
+    return slope;
+}
+
+TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient)
+{
+    struct depth_case c       = depth_case_begin();
+    double            largest = 0, all = 0;
+    for (size_t j = 0, row = 0; j < c.model.count; row += c.in_front[j++]) {
+        const double d = (double)c.gradient.plane[OXL_OPACITY][j];
+        largest        = fmax(largest, d);
         all += d;
+        if (c.in_front[j] && fabs(d) > 0.02) CHECK_CLOSE(d, depth_slope(&c, row), 0.01 * fabs(d));
+    }
+    CHECK(largest > 0.02);
+    CHECK_CLOSE(all, depth_slope(&c, SIZE_MAX), 0.01 * all); /* no point is missed */
+    depth_case_end(&c);
+}
+
+TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points)
+{
+    struct depth_case c         = depth_case_begin();
+    double            elsewhere = 0, behind = 0, in_front = 0;
+    for (size_t j = 0; j < c.model.count; j++) {
+        *(c.in_front[j] ? &in_front : &behind) += fabs((double)c.gradient.plane[OXL_OPACITY][j]);
         for (int p = 0; p < OXL_SH; p++)
-            if (p != OXL_OPACITY) elsewhere += fabs((double)gradient.plane[p][j]);
-        if (!in_front[j]) behind += fabs(d);
-        if (!in_front[j] || d == 0) {
-            row += in_front[j];
-            continue;
-        }
-        if (fabs(d) > 0.02) {
-            float       *at = &front.plane[OXL_OPACITY][row];
-            const float  is = *at;
-            const double h  = 0.05;
-            double       plus, minus;
-            *at   = is + (float)h;
-            plus  = depth_hidden(r, camera, &front, point, 3);
-            *at   = is - (float)h;
-            minus = depth_hidden(r, camera, &front, point, 3);
-            *at   = is;
-            CHECK_CLOSE(d, (plus - minus) / (2 * h), 0.01 * fabs(d));
-        }
-        largest = fmax(largest, d);
-        row++;
+            if (p != OXL_OPACITY) elsewhere += fabs((double)c.gradient.plane[p][j]);
     }
-    CHECK(largest > 0.02 && elsewhere == 0 && behind == 0);
-    for (int side = -1; side <= 1; side += 2) { /* of all opacities together: no point is missed */
-        for (size_t j = 0; j < front.count; j++) front.plane[OXL_OPACITY][j] += (float)side * 0.05f;
-        together += side * depth_hidden(r, camera, &front, point, 3) / 0.1;
-        for (size_t j = 0; j < front.count; j++) front.plane[OXL_OPACITY][j] -= (float)side * 0.05f;
-    }
-    CHECK_CLOSE(all, together, 0.01 * together);
-    CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &beside)); /* a context in front neither counts nor follows */
-    renderer_set_context(r, &front);
-    CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o));
-    renderer_set_depths(r, point, 3, 1);
-    CHECK_OK(renderer_backward(test_ctx, r, drgb, &beside));
-    for (size_t j = 0; j < model.count; j++) CHECK(beside.plane[OXL_OPACITY][j] == gradient.plane[OXL_OPACITY][j]);
-    renderer_set_context(r, NULL);
+    CHECK(in_front > 0.02 && elsewhere == 0 && behind == 0);
+    depth_case_end(&c);
+}
+
+TEST(depth_loss_neither_counts_nor_moves_a_context_in_front)
+{
+    struct depth_case c = depth_case_begin();
+    oxl_model         beside;
+    CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &beside));
+    renderer_set_context(c.r, &c.front);
+    depth_case_step(&c, 3, &beside);
+    for (size_t j = 0; j < c.model.count; j++) CHECK(beside.plane[OXL_OPACITY][j] == c.gradient.plane[OXL_OPACITY][j]);
+    renderer_set_context(c.r, NULL);
     oxl_model_free(test_ctx, &beside);
-    CHECK_OK(renderer_forward(test_ctx, r, &model, camera, &o)); /* of that step alone */
-    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
-    for (size_t j = 0; j < model.count; j++) CHECK(gradient.plane[OXL_OPACITY][j] == 0);
-    oxl_free(test_ctx, drgb);
-    oxl_free(test_ctx, in_front);
-    oxl_model_free(test_ctx, &model);
-    oxl_model_free(test_ctx, &front);
-    oxl_model_free(test_ctx, &gradient);
-    renderer_free(test_ctx, r);
-    oxl_scene_free(test_ctx, scene);
+    depth_case_end(&c);
+}
+
+TEST(depth_loss_is_that_of_one_step_alone)
+{
+    struct depth_case c = depth_case_begin();
+    depth_case_step(&c, 0, &c.gradient);
+    for (size_t j = 0; j < c.model.count; j++) CHECK(c.gradient.plane[OXL_OPACITY][j] == 0);
+    depth_case_end(&c);
 }
 
 TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
@@ -908,7 +947,7 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
     struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
     int                count, same;
     size_t             kept = 0;
-    photometry_test_make("depth_tracks", "3C");
+    photometry_test_make("depth_tracks", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
     CHECK_OK(track_depth_begin(test_ctx, &d, scene, NULL));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
@@ -939,7 +978,7 @@ TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
     struct depth_point   point[DEPTH_POINTS];
     struct image_window *window;
     int                  count, views;
-    photometry_test_make("depth_windows", "3C");
+    photometry_test_make("depth_windows", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
     views  = oxl_scene_view_count(scene);
     window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
@@ -962,7 +1001,7 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
     struct depth_point        point[DEPTH_POINTS];
     struct train              t = {.ctx = test_ctx, .output = &output, .step = 7};
     int                       count;
-    photometry_test_make("depth_window", "3C");
+    photometry_test_make("depth_window", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
     CHECK_OK(renderer_create(test_ctx, &t.renderer));
     for (int v = 0; v < 14; v++) all[v] = window;
@@ -1286,7 +1325,7 @@ static oxl_job_options blocks_test_options(void)
     o.train.lamp             = OXL_ON;
     o.renders                = 0;
     o.partition.block_points = 3000;
-    photometry_test_make("survey", "3C");
+    photometry_test_make("survey", SYNTH_3C);
     return o;
 }
 

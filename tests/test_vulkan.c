@@ -2137,12 +2137,12 @@ static int vulkan_gives(oxl_context *device, const oxl_model *m, int gradient, c
     return same;
 }
 
-static int vulkan_said_cpu; /* warnings of renderers that left their device */
+static int vulkan_fell_back; /* warnings of renderers that left their device */
 
 static void vulkan_hear_cpu(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
-    vulkan_said_cpu += level == OXL_LOG_WARNING && strstr(text, ": continuing on the CPU") != NULL;
+    vulkan_fell_back += level == OXL_LOG_WARNING && strstr(text, ": continuing on the CPU") != NULL;
 }
 
 /* --backend auto: the device is lost in the last submission of a gradient; the CPU computes it, and renders from then on, which is said
@@ -2156,10 +2156,10 @@ static void vulkan_check_draws_without_device(oxl_context *device, const oxl_mod
     vulkan_submits_left = (int)(v->submissions - before) - 1;
     vulkan_real_submit  = v->QueueSubmit;
     v->QueueSubmit      = vulkan_play_late_loss;
-    vulkan_said_cpu = device->backend->said_cpu = 0;
+    vulkan_fell_back = device->backend->fell_back = 0;
     CHECK(vulkan_submits_left > 3 && vulkan_gives(device, m, 1, &cpu[1]));
-    CHECK(v->lost == VK_ERROR_DEVICE_LOST && vulkan_said_cpu == 1);
-    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_said_cpu == 1);
+    CHECK(v->lost == VK_ERROR_DEVICE_LOST && vulkan_fell_back == 1);
+    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_fell_back == 1);
     device->options.backend = OXL_BACKEND_VULKAN;
     for (int gradient = 0; gradient < 2; gradient++) {
         oxl_fail(device, OXL_ERR_INPUT, "another error");
@@ -2183,20 +2183,20 @@ static void vulkan_check_draws_fall_back(oxl_context *device)
         int all;
         CHECK_OK(vulkan_output_of(test_ctx, &m, gradient, &cpu[gradient]));
         vulkan_play_full(v, 1000);
-        device->options.backend = OXL_BACKEND_VULKAN;
-        device->backend->drew   = 0;
+        device->options.backend      = OXL_BACKEND_VULKAN;
+        device->backend->rendered_on = 0;
         CHECK(!vulkan_gives(device, &m, gradient, &cpu[gradient]));
         CHECK(strcmp(oxl_backend_name(device), v->properties.deviceName) == 0);
         all = 1000 - vulkan_allocations_left;
         vulkan_play_full(v, all - 1);
         CHECK(vulkan_output_of(device, &m, gradient, &none) == OXL_ERR_MEMORY);
         CHECK(!none.image.rgb && none.gradient.count == 0);
-        device->options.backend = OXL_BACKEND_AUTO;
-        device->backend->drew   = 0;
-        vulkan_said_cpu = device->backend->said_cpu = 0;
+        device->options.backend      = OXL_BACKEND_AUTO;
+        device->backend->rendered_on = 0;
+        vulkan_fell_back = device->backend->fell_back = 0;
         for (int k = 0; k < all; k++) {
             vulkan_play_full(v, k);
-            CHECK(vulkan_gives(device, &m, gradient, &cpu[gradient]) && vulkan_said_cpu == 1);
+            CHECK(vulkan_gives(device, &m, gradient, &cpu[gradient]) && vulkan_fell_back == 1);
             if (k == 0) CHECK(strcmp(oxl_backend_name(device), "cpu") == 0);
         }
         v->AllocateMemory = vulkan_real_allocate;
@@ -2879,7 +2879,7 @@ static void vulkan_check_run_json(oxl_context *device)
     const char *name        = device->backend->vulkan->properties.deviceName;
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_check_run_json_of(device, "on_device", 10000, name);
-    device->backend->drew = 0;
+    device->backend->rendered_on = 0;
     vulkan_check_run_json_of(device, "on_cpu", 0, "cpu");
     vulkan_check_run_json_of(device, "on_cpu", 0, "cpu"); /* whatever has rendered, the job is the same one, and finished */
 }

@@ -192,13 +192,13 @@ OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up)
     if (!sum) r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", s->count);
     for (size_t i = 0; up && sum && i < s->count; i++) {
         sum[i][0] = s->gradient[i], sum[i][3] = s->views[i];
-        sum[i][1] = s->banded ? s->mid[i] : 0, sum[i][2] = s->banded ? s->far_[i] : 0;
+        sum[i][1] = s->banded ? s->gradient_mid[i] : 0, sum[i][2] = s->banded ? s->gradient_far[i] : 0;
     }
     if (up) vulkan_upload(r->v, &r->statistics, 0, sum, s->count * sizeof *sum);
     else vulkan_download(r->v, &r->statistics, 0, sum, s->count * sizeof *sum);
     for (size_t i = 0; !up && r->v->rc == OXL_OK && i < s->count; i++) {
         s->gradient[i] = sum[i][0], s->views[i] = sum[i][3];
-        if (s->banded) s->mid[i] = sum[i][1], s->far_[i] = sum[i][2];
+        if (s->banded) s->gradient_mid[i] = sum[i][1], s->gradient_far[i] = sum[i][2];
     }
     oxl_free(r->v->ctx, sum);
 }

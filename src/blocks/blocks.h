@@ -2,7 +2,8 @@
 #ifndef OXL_BLOCKS_H
 #define OXL_BLOCKS_H
 
-#include "../model/model.h"
+#include "../core/core.h"
+#include "../../oceanxl_job.h" /* oxl_partition_options */
 
 /* ---------------------------------------------------------------- partition_make.c: balanced blocks of a survey */
 

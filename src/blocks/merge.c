@@ -3,6 +3,7 @@
  * Invariant: the boxes are disjoint and cover all space, so each Gaussian with a finite centre belongs to exactly one block.
  */
 #include "blocks.h"
+#include "../model/model.h"
 
 static void merge_position(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
 {

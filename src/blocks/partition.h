@@ -12,7 +12,7 @@ enum { PARTITION_TASKS = 16 };        /* parts of a parallel loop, each with its
 struct partition_axes {     /* relative to the scene's origin */
     double rotation[9];     /* rows: right-handed, falling extents; the third points to the cameras */
     double low[3], high[3]; /* frame coordinates: 1st and 99th percentile of the points kept */
-    double share;           /* share of points kept by the trim */
+    double fraction;        /* fraction of points kept by the trim */
 };
 OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene, struct partition_axes *out);
 

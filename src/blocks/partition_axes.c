@@ -9,6 +9,9 @@
 #include "partition.h"
 
 #include "../core/eigen.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
 
 enum { AXES_SAMPLE = 1 << 18 };
 #define AXES_QUANTILE 0.9
@@ -146,7 +149,7 @@ OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene,
         out->low[i]  = r[i].low;
         out->high[i] = r[i].high;
     }
-    out->share = n ? (double)kept / (double)n : 0;
+    out->fraction = n ? (double)kept / (double)n : 0;
 done:
     OXL_FREE(ctx, sample, scratch);
     return rc;

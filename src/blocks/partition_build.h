@@ -29,7 +29,7 @@ struct partition_build {
     int                    dimensions;
     struct partition_box   finite;   /* trimmed extents of the survey */
     double                *position; /* (count,3) in the frame */
-    uint32_t              *load;     /* (count) share of the work, PARTITION_LOAD on average */
+    uint32_t              *load;     /* (count) fraction of the work, PARTITION_LOAD on average */
     uint32_t              *owner;    /* (count) node; at the end block */
     size_t                 count;    /* points of the COLMAP model */
     size_t                 kept;     /* of them in the scene */

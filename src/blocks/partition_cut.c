@@ -1,4 +1,4 @@
-/* partition_cut.c - where the boxes of a partition are cut: the ratio whose sides come nearest to their share of the load (OceanXL
+/* partition_cut.c - where the boxes of a partition are cut: the ratio whose sides come nearest to their fraction of the load (OceanXL
  * sec. 3.1, eq. 1, Alg. 1).
  *
  * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend on the number of threads.
@@ -105,7 +105,7 @@ struct partition_candidate { /* a ratio, and the leaves on each side */
     size_t points[2];        /* of the sides */
     int    leaves[2];
     int    fits; /* both sides can be cut further into blocks of at most N_p points */
-    double off;  /* by how much the load of a side misses its share */
+    double off;  /* by how much the load of a side misses its fraction */
 };
 
 /* Rates one ratio with low_leaves leaves on its low side. */
@@ -121,7 +121,7 @@ static struct partition_candidate partition_rate(const struct partition_build *b
     return s;
 }
 
-/* Whether a is the better cut: it fits, then its load is nearer to the wanted shares, then its ratio nearer to 0.5. */
+/* Whether a is the better cut: it fits, then its load is nearer to the wanted fractions, then its ratio nearer to 0.5. */
 static int partition_is_better(const struct partition_build *b, const struct partition_candidate *a,
                                const struct partition_candidate *than)
 {
@@ -258,7 +258,7 @@ OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
     return partition_grow(b);
 }
 
-/* by_pixels: share of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point itself. */
+/* by_pixels: fraction of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point. */
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
 {
     const struct partition_visibility *vis   = b->visibility;
@@ -277,8 +277,8 @@ OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by
     }
     for (size_t i = 0; i < b->count; i++) sum += pixel[i];
     for (size_t i = 0; i < b->count; i++) {
-        const double share = sum > 0 ? pixel[i] * (double)b->kept / sum : 1;
-        b->load[i]         = (uint32_t)OXL_MIN(PARTITION_LOAD * (1 - by_pixels + by_pixels * share), PARTITION_LOAD_MAX);
+        const double fraction = sum > 0 ? pixel[i] * (double)b->kept / sum : 1;
+        b->load[i]            = (uint32_t)OXL_MIN(PARTITION_LOAD * (1 - by_pixels + by_pixels * fraction), PARTITION_LOAD_MAX);
     }
     oxl_free(b->ctx, pixel);
     return OXL_OK;

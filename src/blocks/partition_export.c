@@ -13,6 +13,8 @@
  */
 #include "partition.h"
 #include "../core/bytes.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 enum { EXPORT_BUFFER = 1 << 20, EXPORT_WAVE = 32, EXPORT_FILES = 3 };
 

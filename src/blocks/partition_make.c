@@ -17,6 +17,8 @@
  * Invariant: every place, and so every point and every Gaussian, belongs to exactly one block.
  */
 #include "partition_build.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 enum { PARTITION_MIN_POINTS = 100, PARTITION_MIN_VIEWS = 20 };
 #define PARTITION_FLAT 0.3 /* l3 / l2 below it: 2D [OceanXL] */
@@ -151,17 +153,17 @@ static int partition_train_views(const oxl_scene *scene)
     return scene->stats.views - scene->stats.test_views;
 }
 
-/* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and no more than the block's share of all
+/* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and at most the block's fraction of all
  * images, or small blocks, which are requested on purpose, would all be joined. */
 static void partition_set_minimum(struct partition_build *b)
 {
-    const size_t n     = (size_t)b->options.block_points;
-    const int    views = partition_train_views(b->scene);
-    const double share = views * (double)n / (double)OXL_MAX(b->kept, (size_t)1);
-    b->min_points      = OXL_MAX(n / 20, OXL_MIN((size_t)PARTITION_MIN_POINTS, n / 4));
-    b->min_points      = OXL_MAX(b->min_points, (size_t)1);
-    b->min_views       = OXL_CLAMP(views / 10, 1, PARTITION_MIN_VIEWS);
-    if (share < b->min_views) b->min_views = OXL_MAX(1, (int)share);
+    const size_t n        = (size_t)b->options.block_points;
+    const int    views    = partition_train_views(b->scene);
+    const double fraction = views * (double)n / (double)OXL_MAX(b->kept, (size_t)1);
+    b->min_points         = OXL_MAX(n / 20, OXL_MIN((size_t)PARTITION_MIN_POINTS, n / 4));
+    b->min_points         = OXL_MAX(b->min_points, (size_t)1);
+    b->min_views          = OXL_CLAMP(views / 10, 1, PARTITION_MIN_VIEWS);
+    if (fraction < b->min_views) b->min_views = OXL_MAX(1, (int)fraction);
 }
 
 static oxl_result partition_load_points(struct partition_build *b, const struct partition *p)
@@ -183,12 +185,12 @@ static oxl_result partition_load_points(struct partition_build *b, const struct 
     return OXL_OK;
 }
 
-static void partition_log_frame(oxl_context *ctx, const oxl_partition_options *o, const struct partition *p, double share)
+static void partition_log_frame(oxl_context *ctx, const oxl_partition_options *o, const struct partition *p, double fraction)
 {
     const double ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
     oxl_log(ctx, OXL_LOG_INFO,
             "principal extents %.4g x %.4g x %.4g (1st to 99th percentile; %.1f %% of the points kept by the trim)", p->extent[0],
-            p->extent[1], p->extent[2], 100 * share);
+            p->extent[1], p->extent[2], 100 * fraction);
     if (o->kind == OXL_PARTITION_2D || o->kind == OXL_PARTITION_3D)
         oxl_log(ctx, OXL_LOG_INFO, "partition in %dD, as set (l3/l2 = %.3f suggests %dD)", p->dimensions, ratio,
                 ratio < PARTITION_FLAT ? 2 : 3);
@@ -316,7 +318,7 @@ OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
     partition_set_frame(scene, &o, &axes, out);
     b.visibility = out->plan->visibility;
     if (!(o.kind == OXL_PARTITION_NONE || scene->stats.points <= (size_t)o.block_points))
-        partition_log_frame(ctx, &o, out, axes.share);
+        partition_log_frame(ctx, &o, out, axes.fraction);
     rc = partition_build(&b, out);
 done:
     if (rc != OXL_OK) partition_free(ctx, out);

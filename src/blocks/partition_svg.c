@@ -5,6 +5,8 @@
  */
 #include "partition.h"
 #include "../core/svg.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 enum {
     DRAW_POINTS  = 12000, /* in all panels together; 13 bytes each */

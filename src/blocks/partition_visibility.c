@@ -4,6 +4,8 @@
  * the blocks, or it would not be held out.
  */
 #include "partition.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 /* ---------------------------------------------------------------- from lists by point to lists by view */
 

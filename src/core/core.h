@@ -23,6 +23,7 @@
 #endif
 
 #include "../../oceanxl.h"
+#include "random.h"
 
 #include <float.h>
 #include <limits.h>
@@ -161,12 +162,6 @@ OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 #define UCD_CAP 5.0                                                      /* largest depth weight of UCD */
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag); /* sets the options with this flag of `use` to off */
 
-/* ---------------------------------------------------------------- random.c */
-
-/* A stateless random number: a function of (seed, a, b), equal on all machines (finaliser of splitmix64). */
-OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
-OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
-
 /* ---------------------------------------------------------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
 
 struct os_file_map { /* a whole file in memory, read-only, with one zero byte after it */
@@ -174,7 +169,7 @@ struct os_file_map { /* a whole file in memory, read-only, with one zero byte af
     size_t      size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-/* Of a file that does not begin with `start`, only the first bytes are read. */
+/* If a file does not begin with `start`, only its first bytes are read. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
 /* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without mapping read it. */
@@ -267,52 +262,5 @@ OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
 /* *out NULL with OXL_OK: another process holds it. */
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
-
-/* ---------------------------------------------------------------- ply.c: a small PLY reader */
-
-enum { PLY_NAME = 64 };
-enum ply_type { PLY_INT8, PLY_UINT8, PLY_INT16, PLY_UINT16, PLY_INT32, PLY_UINT32, PLY_FLOAT32, PLY_FLOAT64 };
-enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
-
-struct ply_property {
-    char          name[PLY_NAME];
-    enum ply_type type;
-    enum ply_type count_type; /* of a list */
-    int           is_list;
-};
-struct ply_element {
-    char                 name[PLY_NAME];
-    uint64_t             rows; /* the file is checked to hold at least this many rows */
-    struct ply_property *property;
-    int                  properties, has_list;
-    size_t               capacity;
-    size_t               row_bytes; /* in binary files; the minimum if there are lists */
-};
-struct ply {
-    char               *path;
-    struct os_file_map  file;
-    enum ply_format     format;
-    size_t              data; /* offset of the first byte after the header */
-    int                 data_line;
-    struct ply_element *element;
-    int                 elements;
-    size_t              element_capacity;
-    char              **comment; /* without the word "comment" */
-    int                 comments;
-    size_t              comment_capacity;
-};
-/* Destination of a property's values (rows), converted; both NULL: skipped. Lists are always skipped. */
-struct ply_target {
-    float  *as_float;
-    double *as_double;
-};
-OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
-OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most,
-                                        struct ply *out); /* no data; not checked */
-/* target: (properties of the element). */
-OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
-OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
-OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: none */
-OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: none, or a list */
 
 #endif

@@ -1,16 +1,19 @@
-/* block_plan.c - the part of each block in the run: its Gaussians, its window in each view, its steps, its share of the budget.
+/* block_plan.c - the part of each block in the run: its Gaussians, its window in each view, its steps, its fraction of the budget.
  *
- * All of it follows from the coarse model. A block's share of a pixel is the blend weight of its Gaussians there. Its window in a view is
- * the rectangle that maximises the sum of (share - PLAN_PIXEL_COST) over its pixels.
+ * All of it follows from the coarse model. A block's fraction of a pixel is the blend weight of its Gaussians there. Its window in a view
+ * is the rectangle that maximises the sum of (fraction - PLAN_PIXEL_COST) over its pixels.
  *
  * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the run.
  */
 #include "job_state.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
 
-#define PLAN_PIXEL_COST 0.35  /* docs/log/SCALE.md */
-#define PLAN_MIN        0.002 /* of an image's pixels: views that are worth less to a block are left out */
-#define PLAN_VIEW_SHARE 0.8   /* of the Gaussians that memory holds, in one view: views differ in how they grow */
-#define PLAN_TILE       16    /* px: windows begin and end at multiples of it, or at the image's borders */
+#define PLAN_PIXEL_COST    0.35  /* docs/log/SCALE.md */
+#define PLAN_MIN           0.002 /* of an image's pixels: views that are worth less to a block are left out */
+#define PLAN_VIEW_FRACTION 0.8   /* of the Gaussians that memory holds, in one view: views differ in how they grow */
+#define PLAN_TILE          16    /* px: windows begin and end at multiples of it, or at the image's borders */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
@@ -23,7 +26,7 @@ OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round)
     return plan->first + (int)((int64_t)(plan->last - plan->first) * (round + 1) / JOB_ROUNDS);
 }
 
-OXL_INTERNAL double block_plan_merged_share(const struct job *job)
+OXL_INTERNAL double block_plan_merged_fraction(const struct job *job)
 {
     const oxl_train_options *o = &job->options.train;
     return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
@@ -39,10 +42,10 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     oxl_result  rc     = os_make_folder(job->ctx, folder);
     text_add(
         &t,
-        "# first step, last step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
+        "# first step, last step, iterations, most Gaussians, fraction of the pixels, fraction of the work; neighbours; of each view "
         "the window, x y width height, and whether the block may show in it\n");
     text_add(&t, "plan %d %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->last, plan->iterations, plan->gaussians,
-             plan->share, plan->work);
+             plan->fraction, plan->work);
     for (int j = 0; j < job->partition.block_count; j++)
         if (plan->neighbour[j]) text_add(&t, " %d", j);
     text_add(&t, " -1\nviews %d\n", plan->views);
@@ -82,7 +85,7 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     s = strstr(s, "plan ");
     if (!s ||
         sscanf(s, "plan %d %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->last, &out->iterations, &out->gaussians,
-               &out->share, &out->work, &used) != 6 ||
+               &out->fraction, &out->work, &used) != 6 ||
         !used)
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
@@ -151,15 +154,16 @@ static double plan_best_rectangle(const double *value, int width, int height, st
     return most;
 }
 
-/* share (H,W): the block's blend weight. Adds it to *sum. */
-static oxl_result plan_window(oxl_context *ctx, const float *share, int width, int height, struct image_window *out, double *sum)
+/* fraction (H,W): the block's blend weight. Adds it to *sum. */
+static oxl_result plan_window(oxl_context *ctx, const float *fraction, int width, int height, struct image_window *out,
+                              double *sum)
 {
     const int tiles_x = (width + PLAN_TILE - 1) / PLAN_TILE, tiles_y = (height + PLAN_TILE - 1) / PLAN_TILE;
     double   *value = oxl_calloc(ctx, (size_t)tiles_x * (size_t)tiles_y, sizeof *value);
     if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a window");
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
-            const double s = share[(size_t)y * (size_t)width + (size_t)x];
+            const double s = fraction[(size_t)y * (size_t)width + (size_t)x];
             value[y / PLAN_TILE * tiles_x + x / PLAN_TILE] += s - PLAN_PIXEL_COST;
             *sum += s;
         }
@@ -178,7 +182,7 @@ static void plan_paint(oxl_model *model, double colour)
 }
 
 struct plan_sum {        /* over the views of a block */
-    double pixels, area; /* the block's share of them; of the windows */
+    double pixels, area; /* the block's fraction of them; of the windows */
     size_t rows;
     int    views; /* with a window */
 };
@@ -238,8 +242,8 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------------------------------------------------------- steps and budgets */
 
-/* Of the coarse model, the largest share that a view may show. */
-static double plan_largest_share(const struct job *job, const oxl_model *coarse)
+/* Of the coarse model, the largest fraction that a view may show. */
+static double plan_largest_fraction(const struct job *job, const oxl_model *coarse)
 {
     const double near = scene_near_plane(job->scene);
     size_t       most = 1;
@@ -259,7 +263,7 @@ static double plan_cap(const struct job *job, const oxl_model *coarse)
     const struct cost_load load = cost_load_of_scene(job->scene);
     const double           cap  = (double)schedule_gaussian_cap(job->scene, &job->options.train);
     if (budget_fits(&load, &job->options, cap)) return cap;
-    return OXL_MIN(cap, PLAN_VIEW_SHARE * budget_max_gaussians(&load, &job->options) / plan_largest_share(job, coarse));
+    return OXL_MIN(cap, PLAN_VIEW_FRACTION * budget_max_gaussians(&load, &job->options) / plan_largest_fraction(job, coarse));
 }
 
 /* All blocks train for the same number of epochs, such that all pixels are those of the run's steps between coarse and merged model. */
@@ -267,11 +271,11 @@ static void plan_divide(const struct job *job, double cap, struct block_plan *pl
 {
     const int    blocks = job->partition.block_count;
     const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene)); /* of a view */
-    const double part   = 1 - JOB_COARSE - block_plan_merged_share(job);
-    double       area = 0, share = 0, rows = 0, epochs;
+    const double part   = 1 - JOB_COARSE - block_plan_merged_fraction(job);
+    double       area = 0, sum_of_pixels = 0, rows = 0, epochs;
     for (int k = 0; k < blocks; k++) {
         area += sum[k].area;
-        share += sum[k].pixels;
+        sum_of_pixels += sum[k].pixels;
         rows += (double)sum[k].rows;
     }
     epochs = area > 0 ? part * job->options.train.iterations * pixels / area : 0;
@@ -279,9 +283,9 @@ static void plan_divide(const struct job *job, double cap, struct block_plan *pl
         plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / part + 0.5, 1, INT_MAX);
         plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
         plan[k].last       = (int)ceil((JOB_COARSE + part) * plan[k].iterations);
-        plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
+        plan[k].fraction   = sum_of_pixels > 0 ? sum[k].pixels / sum_of_pixels : 1.0 / blocks;
         plan[k].work       = area > 0 ? part * sum[k].area / area : 0;
-        plan[k].gaussians  = OXL_MAX(1, (double)sum[k].rows + floor(OXL_MAX(0, cap - rows) * plan[k].share));
+        plan[k].gaussians  = OXL_MAX(1, (double)sum[k].rows + floor(OXL_MAX(0, cap - rows) * plan[k].fraction));
     }
 }
 

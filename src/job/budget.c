@@ -7,6 +7,7 @@
  * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a later machine has free.
  */
 #include "job.h"
+#include "../survey/scene.h"
 
 #define BUDGET_MARGIN 0.9  /* of the budget is planned with: the arithmetic is right within about 10 % */
 #define BUDGET_CACHE  0.1  /* of the budget at most goes to images: others are read from files (docs/SCALE.md) */

@@ -7,6 +7,8 @@
 #include "job.h"
 
 #include "../core/simd.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 /* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */
 #define COST_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated forward; backward costs 2.5 times as much */

@@ -1,5 +1,8 @@
 /* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as JSON. */
 #include "job.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
 
 /* ---------------------------------------------------------------- a view as its image was taken */
 

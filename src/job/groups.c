@@ -9,6 +9,9 @@
  * gives the same bytes.
  */
 #include "job_state.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
 
 #define GROUPS_PASSES 8 /* turns of each group */
 
@@ -329,7 +332,7 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
                                int until)
 {
     struct job         *job   = g->job;
-    const int           steps = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
+    const int           steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
     oxl_train_options   o     = block_refinement(&job->options.train, all->model.sh_degree, steps);
     struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model           out     = {0};

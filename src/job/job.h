@@ -2,8 +2,11 @@
 #ifndef OXL_JOB_H
 #define OXL_JOB_H
 
+#include "../../oceanxl_job.h"
 #include "../blocks/blocks.h"
 #include "../train/train.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
 
 /* ---------------------------------------------------------------- manifest.c: run.json, what a result depends on */
 

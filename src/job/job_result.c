@@ -3,6 +3,9 @@
  * Invariant: run.json says "finished": true after everything else is in place.
  */
 #include "job_state.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
 
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is logged when it is so much above PSNR */
 

@@ -5,7 +5,9 @@
  * on: a second run with the same lines resumes the first, or has nothing to do.
  */
 #include "job_state.h"
+#include "../render/render.h"
 #include "../core/json.h"
+#include "../survey/scene.h"
 
 /* ---------------------------------------------------------------- run.json */
 

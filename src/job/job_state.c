@@ -3,6 +3,7 @@
  * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs is called here.
  */
 #include "job_state.h"
+#include "../survey/scene.h"
 
 #define JOB_MEMORY_FRACTION 4    /* a merged model of more than --ram over this stays in its file */
 #define JOB_SECONDS_MIN     1e-3 /* of the time left: 0 would be no limit */
@@ -31,8 +32,8 @@ OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct jo
 
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
 {
-    const size_t share = (size_t)(3 * schedule_pixels(job->scene) / OXL_MAX(job->partition.block_count, 1));
-    scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, share) : most);
+    const size_t part = (size_t)(3 * schedule_pixels(job->scene) / OXL_MAX(job->partition.block_count, 1));
+    scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, part) : most);
 }
 
 static oxl_result job_use_decoded(struct job *job)

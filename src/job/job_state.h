@@ -4,8 +4,10 @@
 
 #include "job.h"
 #include "../core/vecmath.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
 
-/* Shares of a run in blocks (docs/SCALE.md). */
+/* Fractions of a run in blocks (docs/SCALE.md). */
 #define JOB_COARSE       0.15 /* the coarse model of the survey */
 #define JOB_MERGED       0.35 /* the merged model */
 #define JOB_MERGED_LATER 0.2  /* with pruning or second lobes, which must end before */
@@ -30,8 +32,8 @@ struct job {
     int                 unfinished;  /* blocks that were stopped by --max-time */
     char               *decoded;     /* OUT/blocks/decoded, for decoded images; or NULL */
     double              started;
-    double              done_before;              /* share of the run that earlier processes did */
-    double              done, stage;              /* shares of the run: before the present stage; of the stage */
+    double              done_before;              /* fraction of the run that earlier processes did */
+    double              done, stage;              /* fractions of the run: before the present stage; of the stage */
     int                 stage_first, stage_until; /* steps of the present stage */
     uint64_t            seed;                     /* of the context, restored at the end */
     struct start        start;
@@ -49,7 +51,7 @@ OXL_INTERNAL void       job_add_record(struct job *job, const struct block_recor
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* decides whether decoded images are kept in files */
-/* Limits the images in memory to `most` bytes, and in blocks to a block's share of the images that have a file. Limits on Gaussians do
+/* Limits the images in memory to `most` bytes, and in blocks to a block's part of the images that have a file. Limits on Gaussians do
  * not depend on that: a machine with a full disk has no files. */
 OXL_INTERNAL void       job_set_cache(const struct job *job, size_t most);
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out); /* the blocks' models and imaging, merged */
@@ -73,15 +75,15 @@ struct block_plan {
     int                  first, last; /* the merged model for those after `last` */
     int                  views;       /* of the survey */
     double               gaussians;   /* limit of their number */
-    double               share;       /* of the survey's pixels, by blend weight */
-    double               work;        /* share of all blocks' pixels */
+    double               fraction;    /* of the survey's pixels, by blend weight */
+    double               work;        /* fraction of all blocks' pixels */
     struct image_window *window;      /* (views) trained part of each view; width 0: none */
     uint8_t             *shows;       /* (views) 1: the block's Gaussians may be visible in it */
     uint8_t             *neighbour;   /* (blocks) 1: shares a view */
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* all blocks; writes plan.txt of each */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out); /* views 0: no plan */
-OXL_INTERNAL double     block_plan_merged_share(const struct job *job);                      /* share of the run */
+OXL_INTERNAL double     block_plan_merged_fraction(const struct job *job);                   /* fraction of the run */
 OXL_INTERNAL void       block_plan_free(oxl_context *ctx, struct block_plan *plan);
 OXL_INTERNAL int        block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
 /* The coarse model's Gaussians in a block's box, and all others. */

@@ -4,6 +4,7 @@
  * (threads, --max-time, --image-cache) are not in it.
  */
 #include "job.h"
+#include "../render/render.h"
 
 #include "../core/json.h"
 

@@ -5,6 +5,7 @@
  */
 #include "../blocks/partition.h"
 #include "job.h"
+#include "../survey/scene.h"
 
 /* ---------------------------------------------------------------- one block */
 

@@ -7,7 +7,12 @@
  * Invariant: the state of the run is not changed; the run ends with the same bytes.
  */
 #include "job.h"
+#include "../render/render.h"
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
+#include "../model/model.h"
 
 #define PREDICT_TIME_GROWTH 0.4 /* new Gaussians per Gaussian in a densification; measured: 0.2 to 0.8, until the cap */
 #define PREDICT_TIME_TRAINED \
@@ -16,11 +21,11 @@
 #define PREDICT_TIME_SECONDS 1.0 /* limit of the timing of a model */
 #define PREDICT_TIME_SPACING 0.7 /* distance of new Gaussians from their parents, in standard deviations */
 enum {
-    PREDICT_TIME_WARM  = 1,      /* first steps, which allocate and start threads: not timed */
-    PREDICT_TIME_STEPS = 48,     /* limit of timed steps; their median is used, since other load comes in bursts */
-    PREDICT_TIME_MIN   = 4,      /* timed steps in short runs, */
-    PREDICT_TIME_SHARE = 100,    /* which time 1/100 of their steps with each model */
-    PREDICT_TIME_MAX   = 1000000 /* limit of points that are timed, and of Gaussians: more of them take time in proportion */
+    PREDICT_TIME_WARM    = 1,      /* first steps, which allocate and start threads: not timed */
+    PREDICT_TIME_STEPS   = 48,     /* limit of timed steps; their median is used, since other load comes in bursts */
+    PREDICT_TIME_MIN     = 4,      /* timed steps in short runs, */
+    PREDICT_TIME_DIVISOR = 100,    /* which time 1/100 of their steps with each model */
+    PREDICT_TIME_MAX     = 1000000 /* limit of points that are timed, and of Gaussians: more of them take time in proportion */
 };
 
 struct time_probe {
@@ -146,13 +151,13 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
     struct time_probe p      = {.ctx    = ctx,
                                 .scene  = scene,
                                 .render = oxl_render_options_default(),
-                                .steps  = OXL_CLAMP(o->iterations / PREDICT_TIME_SHARE, PREDICT_TIME_MIN, PREDICT_TIME_STEPS)};
+                                .steps  = OXL_CLAMP(o->iterations / PREDICT_TIME_DIVISOR, PREDICT_TIME_MIN, PREDICT_TIME_STEPS)};
     const size_t      points = oxl_scene_point_count(scene), count = OXL_MAX(points, (size_t)gaussians);
     const size_t      timed   = OXL_MIN(count, (size_t)PREDICT_TIME_MAX);
     double            step[3] = {0}, coarse, seconds;
     if (points == 0 || points > PREDICT_TIME_MAX || oxl_scene_view_count(scene) == 0) return 0;
     p.render.near_plane = (float)scene_near_plane(scene);
-    coarse = schedule_coarse_share(o, oxl_scene_view(scene, 0)->camera.width, oxl_scene_view(scene, 0)->camera.height);
+    coarse = schedule_coarse_fraction(o, oxl_scene_view(scene, 0)->camera.width, oxl_scene_view(scene, 0)->camera.height);
     if (predict_time_all(&p, o, coarse, timed, step) != OXL_OK) return 0;
     step[2] *= (double)count / (double)timed;
     seconds = step[0] + predict_time_grown(o, (double)points, (double)count) * (step[2] - step[0]);

@@ -3,6 +3,8 @@
  * Invariant: no name of an image leads out of the folder.
  */
 #include "job.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
 
 /* FOLDER/NAME + suffix; creates the folders in NAME, none of them outside FOLDER; NULL with the error set. */
 static char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)

@@ -13,6 +13,9 @@
  * --block K trains that block, and others while it waits for them.
  */
 #include "job_state.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
 
 #define ROUNDS_GROWTH 0.25 /* of the merged model's part: Gaussians split once more (docs/log/SCALE.md) */
 
@@ -164,7 +167,7 @@ static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context
 
 /* ---------------------------------------------------------------- a block's round */
 
-/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' shares of the pixels. */
+/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' fractions of the pixels. */
 static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
 {
     oxl_train_options o     = job->options.train;
@@ -173,8 +176,8 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     o.iterations            = plan->iterations;
     o.densify_every         = (int)OXL_MAX(1, o.densify_every * scale + 0.5);
     o.max_gaussians         = (int)OXL_MIN(plan->gaussians, INT_MAX);
-    if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->share));
-    if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->share;
+    if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->fraction));
+    if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->fraction;
     if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the coarse model has it */
     if (o.dropout < 0) o.dropout = 0;
     return o;
@@ -386,7 +389,7 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
     const int              step = (int)ceil(ROUNDS_GROWTH * job->stage_until);
     oxl_job_options        o    = job->options;
     o.train                     = block_refinement(&job->options.train, sh_degree, job->stage_until);
-    if (block_plan_merged_share(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
+    if (block_plan_merged_fraction(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
         budget_limit_gaussians(job->ctx, &load, &o)) {
         job_set_cache(job, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
         o.train.densify_every = step;
@@ -406,7 +409,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
     task.train                  = rounds_merged_options(job, merged.sh_degree);
-    task.predicted_seconds      = block_plan_merged_share(job) * job->survey.seconds;
+    task.predicted_seconds      = block_plan_merged_fraction(job) * job->survey.seconds;
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     oxl_model_free(job->ctx, &merged);
@@ -419,9 +422,9 @@ static oxl_result rounds_train_merged(struct job *job)
     const char         *folder = JOB_BLOCK(job, job->partition.block_count + 1);
     struct block_record record = {0};
     oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
-    const int           steps  = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
+    const int           steps  = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
     job->block                 = job->partition.block_count + 1;
-    job->stage                 = block_plan_merged_share(job);
+    job->stage                 = block_plan_merged_fraction(job);
     job->stage_first = 0, job->stage_until = steps;
     if (rc == OXL_OK && !record.finished) {
         if (!job->scene) rc = job_load(job);
@@ -463,7 +466,7 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
         record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);
     }
-    job->total.iterations = job->options.train.iterations; /* a step on a window counts as its share of the image */
+    job->total.iterations = job->options.train.iterations; /* a step on a window counts as its fraction of the image */
     return rc;
 }
 

@@ -6,8 +6,11 @@
  * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
  */
 #include "job.h"
+#include "../render/render.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
-#define SEAM_WIDTH 0.02 /* near: this share of the block's size along the axis that the border cuts */
+#define SEAM_WIDTH 0.02 /* near: this fraction of the block's size along the axis that the border cuts */
 
 /* The block that contains a point of the frame; `guess`: the neighbouring pixel's block. */
 static int seam_block(const struct partition *p, const double frame[3], int guess)

@@ -3,6 +3,9 @@
  * Invariant: nothing here changes what is trained.
  */
 #include "job.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
+#include "../survey/lint.h"
 
 static int survey_is_distorted(const struct colmap *c)
 {

@@ -8,6 +8,9 @@
  * Invariant: nothing here changes the model; no view is left out of training.
  */
 #include "job.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
 
 enum {
     TRAINING_STEPS    = 5, /* of each view, before its error is evidence */
@@ -19,7 +22,7 @@ enum {
 #define TRAINING_DECIBEL 2.5 /* that a view lacks at least, to be flagged... */
 #define TRAINING_SPREADS 4.5 /* ...and of spreads: one of 10^5 views of a normal distribution */
 #define TRAINING_SHIFTED \
-    0.07 /* share of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound survey */
+    0.07 /* fraction of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound survey */
 
 struct training_row {
     int         at;              /* in the metrics */
@@ -93,7 +96,7 @@ static void training_reduce(const oxl_image *image, int n, float *out)
         }
 }
 
-/* Share of the squared difference of two images that one shift of the whole explains [Lucas & Kanade 1981]. */
+/* Fraction of the squared difference of two images that one shift of the whole explains [Lucas & Kanade 1981]. */
 static double training_shift(const float *rendered, const float *image, int w, int h)
 {
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;

@@ -7,6 +7,7 @@
  * least as long as the packs of rows 0..lobes-1, and are reached by their pointers alone. Rows from count to capacity are finite:
  * model_clear_rows initialises new rows, and a smaller count leaves valid rows.
  */
+#include "../survey/survey.h"
 #include "model.h"
 #include "../core/vecmath.h"
 

@@ -2,7 +2,7 @@
 #ifndef OXL_MODEL_H
 #define OXL_MODEL_H
 
-#include "../survey/survey.h"
+#include "../core/core.h"
 
 /* ---------------------------------------------------------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
 

@@ -10,6 +10,7 @@
  * Invariant: rows with values that are not finite are dropped, and their number is logged.
  */
 #include "model_columns.h"
+#include "../survey/ply.h"
 
 #include "../core/bytes.h"
 

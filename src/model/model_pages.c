@@ -4,6 +4,7 @@
  *
  * Invariant: the image is that of the whole model: rows left out touch no pixel, and the rows that are read keep their order.
  */
+#include "../survey/sparse.h"
 #include "model.h"
 
 #include "../core/vecmath.h"
@@ -92,12 +93,12 @@ static void pages_measure(const oxl_model *m, struct model_page *page)
     }
 }
 
-oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t most, oxl_model *out)
+oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out)
 {
     struct oxl_model_pages *p    = oxl_calloc(ctx, 1, sizeof *p);
     struct os_reader        file = {0};
     int                     has  = 0;
-    const size_t            room = most > 0 ? most : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
+    const size_t            room = max_bytes > 0 ? max_bytes : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
     oxl_result              rc   = p && (p->path = oxl_strdup(ctx, path)) ? OXL_OK : OXL_ERR_MEMORY;
     *out                         = (oxl_model){0};
     if (rc != OXL_OK) oxl_fail(ctx, rc, "no memory to open %s", path);

@@ -13,6 +13,7 @@
  *
  * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most 1032 bytes.
  */
+#include "../survey/image.h"
 #include "model.h"
 
 #include "../core/bytes.h"

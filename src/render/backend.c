@@ -16,7 +16,7 @@ static oxl_result backend_create(oxl_context *ctx)
 
 OXL_INTERNAL void backend_begin_run(oxl_context *ctx)
 {
-    if (ctx->backend) ctx->backend->said_cpu = 0;
+    if (ctx->backend) ctx->backend->fell_back = 0;
 }
 
 #ifdef OXL_VULKAN
@@ -50,7 +50,7 @@ OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
 const char *oxl_backend_name(const oxl_context *ctx)
 {
     const struct backend *b = ctx->backend;
-    return b && b->vulkan && b->drew != DREW_CPU ? vulkan_name(b->vulkan, b->drew & DREW_CPU) : "cpu";
+    return b && b->vulkan && b->rendered_on != RENDERED_ON_CPU ? vulkan_name(b->vulkan, b->rendered_on & RENDERED_ON_CPU) : "cpu";
 }
 
 oxl_result oxl_devices(oxl_context *ctx, char **out)

@@ -18,7 +18,7 @@
 #define BIN_CONTOUR_FACTOR ((real)1.0001) /* on the contour's level */
 #define BIN_CONTOUR_MARGIN ((real)0.001)  /* bits: added to it */
 #define BIN_SLACK          ((real)0.001)  /* px: to the left and right of the contour */
-#define BIN_SLACK_SHARE    ((real)1e-5)   /* of the half box: added to it, since rounding grows with the splat */
+#define BIN_SLACK_FRACTION ((real)1e-5)   /* of the half box: added to it, since rounding grows with the splat */
 #define BIN_ALMOST_HALF    ((real)0.4999) /* px: 0.5 less what rounding may add */
 
 struct bin_key {
@@ -140,7 +140,7 @@ SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cutoff_bi
     c.r       = (s->peak + cutoff_bits) * BIN_CONTOUR_FACTOR + BIN_CONTOUR_MARGIN;
     c.inverse = 1 / s->a;
     c.extreme = s->k * c.r / (s->e * s->half_x);
-    c.slack   = BIN_SLACK + BIN_SLACK_SHARE * s->half_x;
+    c.slack   = BIN_SLACK + BIN_SLACK_FRACTION * s->half_x;
     return c;
 }
 

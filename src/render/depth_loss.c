@@ -1,7 +1,7 @@
 /* depth_loss.c - a loss on splats in front of points of known depth.
  *
  * The space between a camera and a point that it observes is free. With T the transmittance at its pixel after the splats nearer than
- * DEPTH_LOSS_SHARE of its depth, the loss is the weight times the sum of 1 - T over the points, and
+ * DEPTH_LOSS_FRACTION of its depth, the loss is the weight times the sum of 1 - T over the points, and
  *     dL/dalpha_i = weight T / (1 - alpha_i)    for each splat i of them.
  * Only opacities have this gradient: a splat that was moved or reshaped would hide the point elsewhere. Splats with a second lobe and those
  * of a context are ignored. Measured gains: docs/log/IMAGING.md.
@@ -11,7 +11,7 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define DEPTH_LOSS_SHARE 0.8f /* points are off, and surfaces are thick */
+#define DEPTH_LOSS_FRACTION 0.8f /* points are off, and surfaces are thick */
 
 static double depth_loss_alpha(const struct splat *s, const struct depth_point *p, double cutoff_bits)
 {
@@ -31,7 +31,7 @@ static void depth_loss_add(const struct bins *b, const struct depth_point *p, do
     const int          tile  = (int)(p->y / TILE) * b->tiles_x + (int)(p->x / TILE);
     const struct pair *first = b->pair + b->tile_start[tile], *end = b->pair + b->tile_start[tile + 1], *pair = first;
     double             t = 1;
-    for (; pair < end && b->splat[pair->splat].depth < DEPTH_LOSS_SHARE * p->z; pair++) {
+    for (; pair < end && b->splat[pair->splat].depth < DEPTH_LOSS_FRACTION * p->z; pair++) {
         const struct splat *s = depth_loss_splat(b, pair);
         if (s) t *= 1 - depth_loss_alpha(s, p, b->cutoff_bits);
     }

@@ -3,6 +3,8 @@
 #define OXL_DEVICE_H
 
 #include "render.h"
+#include "../survey/image.h"
+#include "../model/model.h"
 
 /* Each does what the renderer function of the same name does; take_image what renderer_set_image does. */
 struct renderer_device {

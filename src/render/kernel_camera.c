@@ -2,6 +2,7 @@
 #include "kernels.h"
 
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
 
 OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, float near_plane)
 {

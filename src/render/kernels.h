@@ -7,6 +7,7 @@
 
 #include "render.h"
 #include "real.h"
+#include "../survey/imaging.h"
 
 /* ---------------------------------------------------------------- constants of the forward pass */
 

@@ -3,6 +3,7 @@
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
 
 #define MEDIUM_MIN  0.02  /* of J: what is seen through more of the medium than this lets through is no evidence of it */
 #define MEDIUM_NEAR 1e-12 /* square of the range to a Gaussian in the camera, at least */

@@ -13,6 +13,7 @@
 #ifndef OXL_MEDIUM_H
 #define OXL_MEDIUM_H
 #include "kernels.h"
+#include "../survey/imaging.h"
 
 /* colour: J -> c'. All lanes; those of rows that are not visible may hold anything. */
 SIMD_INLINE void medium_pack_forward(const int fused, const struct project_job *job, size_t pack, real colour[3][PACK])

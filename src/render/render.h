@@ -2,17 +2,19 @@
 #ifndef OXL_RENDER_H
 #define OXL_RENDER_H
 
+#include "../survey/image.h"
+#include "../survey/imaging.h"
 #include "../model/model.h"
 
 /* ---------------------------------------------------------------- backend.c: the device that renders */
 
-enum { DREW_CPU = 1, DREW_DEVICE = 2 };
+enum { RENDERED_ON_CPU = 1, RENDERED_ON_DEVICE = 2 };
 
-struct backend {                             /* of a context */
-    struct vulkan                *vulkan;    /* device that renders; NULL: the CPU */
-    const struct renderer_device *functions; /* of that device, or NULL */
-    int                           drew;      /* what has rendered so far: DREW_CPU, DREW_DEVICE or both */
-    int said_cpu; /* bit set of oxl_result: device failures already logged, with the CPU as replacement */
+struct backend {                               /* of a context */
+    struct vulkan                *vulkan;      /* device that renders; NULL: the CPU */
+    const struct renderer_device *functions;   /* of that device, or NULL */
+    int                           rendered_on; /* what has rendered so far: RENDERED_ON_CPU, RENDERED_ON_DEVICE or both */
+    int fell_back; /* bit set of oxl_result: device failures already logged, with the CPU as replacement */
 };
 /* Opens the device of the context's options, once. OXL_OK with backend->vulkan NULL: the CPU renders. */
 OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
@@ -37,7 +39,7 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
                                       const oxl_render_options *options, oxl_image *out, float *depth);
 
 /* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for renderer_loss with rgb NULL. A
- * device caches images in a share of its memory: `image` may be NULL if renderer_has_image returns 1. */
+ * device caches images in a part of its memory: `image` may be NULL if renderer_has_image returns 1. */
 OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
 OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
                                            const struct image_window *window, int halved);
@@ -98,9 +100,10 @@ OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, in
 struct renderer_sums {
     size_t count;
     int    banded;
-    float  z_near, z_far;         /* limits of the bands, camera z */
-    float *gradient, *mid, *far_; /* (count) sums of |dL/d(u,v)|, in units of half an image; mid, far_: of that band only */
-    float *views;                 /* (count) number of views that see the row */
+    float  z_near, z_far; /* limits of the bands, camera z */
+    float *gradient, *gradient_mid,
+        *gradient_far; /* (count) sums of |dL/d(u,v)|, in units of half an image; the others in that band only */
+    float *views;      /* (count) number of views that see the row */
 };
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
 
@@ -161,9 +164,9 @@ struct depth_point {
 };
 enum { DEPTH_POINTS = 128 }; /* most */
 OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight);
-/* The next forward does not render this share of the Gaussians, chosen by seed and step, and divides the opacities of the others by
- * 1 - share. CPU only. */
-OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step);
+/* The next forward does not render this fraction of the Gaussians, chosen by seed and step, and divides the opacities of the others by
+ * 1 - fraction. CPU only. */
+OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step);
 /* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
 OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
 

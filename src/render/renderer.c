@@ -17,9 +17,9 @@ oxl_render_options oxl_render_options_default(void)
 OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 {
     const int kind = 1 << ctx->failed;
-    if (!(ctx->backend->said_cpu & kind))
+    if (!(ctx->backend->fell_back & kind))
         oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(why, "\n"), why);
-    ctx->backend->said_cpu |= kind;
+    ctx->backend->fell_back |= kind;
     return OXL_OK;
 }
 
@@ -193,15 +193,15 @@ OXL_INTERNAL void renderer_expect_steps(struct renderer *r)
     r->steps = 1;
 }
 
-OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double share, uint64_t seed, int step)
+OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step)
 {
-    r->dropout      = share;
+    r->dropout      = fraction;
     r->dropout_seed = seed;
     r->dropout_step = step;
 }
 
 /* Dropout of a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided opacity:
- * what the division adds beyond them, below alpha_min / (1 - share), may be missing. Backward needs nothing:
+ * what the division adds beyond them, below alpha_min / (1 - fraction), may be missing. Backward needs nothing:
  * d alpha / d logit = alpha (1 - o), whatever factor alpha has. */
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
@@ -293,8 +293,8 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .score         = r->score};
 }
 
-/* Shares of about equal work. A thread keeps the same part of the image in all stages, for its cache, and threads share cache lines
- * only at the borders of shares. */
+/* Parts of about equal work. A thread keeps the same part of the image in all stages, for its cache, and threads share cache lines
+ * only at the borders of parts. */
 static void render_divide_tiles(const oxl_context *ctx, struct renderer *r)
 {
     const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
@@ -322,7 +322,7 @@ static void render_draw_tiles(struct renderer *r, struct render_tile_range *rang
     }
 }
 
-/* Each thread processes its own share, then tiles of other shares. */
+/* Each thread processes its own part, then tiles of other parts. */
 OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
 {
     render_divide_tiles(ctx, r);
@@ -382,7 +382,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
         return oxl_fail(ctx, OXL_ERR_USAGE, "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
-        if (rc == OXL_OK && r->device) ctx->backend->drew |= DREW_DEVICE;
+        if (rc == OXL_OK && r->device) ctx->backend->rendered_on |= RENDERED_ON_DEVICE;
         if (rc != OXL_OK || r->device) return rc;
     }
     rc = render_begin(ctx, r, model, camera, options);
@@ -391,7 +391,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
-    if (rc == OXL_OK) ctx->backend->drew |= DREW_CPU;
+    if (rc == OXL_OK) ctx->backend->rendered_on |= RENDERED_ON_CPU;
     return rc;
 }
 

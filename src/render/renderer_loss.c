@@ -86,10 +86,10 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
 /* A pixel of a window counts as one of the full image does: the loss is a mean. */
 static void render_scale_window_gradient(struct renderer *r, size_t pixels)
 {
-    const float share = (float)pixels / (4 * r->kernel_camera.half_width * r->kernel_camera.half_height);
-    if (share == 1) return;
+    const float fraction = (float)pixels / (4 * r->kernel_camera.half_width * r->kernel_camera.half_height);
+    if (fraction == 1) return;
 #pragma omp simd
-    for (size_t i = 0; i < 3 * pixels; i++) r->drgb[i] *= share;
+    for (size_t i = 0; i < 3 * pixels; i++) r->drgb[i] *= fraction;
 }
 
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,

@@ -4,6 +4,7 @@
 #include "kernels.h"
 #include "device.h"
 #include "../core/vecmath.h"
+#include "../survey/imaging.h"
 
 #define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
 #define RENDER_STEP_PART 8  /* packs whose gradients a thread holds in a step: in its first-level cache */
@@ -76,7 +77,7 @@ OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct render
 OXL_INTERNAL int                render_can_fall_back(const oxl_context *ctx, oxl_result rc);
 OXL_INTERNAL oxl_result         render_say_cpu(oxl_context *ctx, const char *why);
 OXL_INTERNAL oxl_result         render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
-/* Of packs of the model; out_row: the row that is the first of `out`. */
+/* Works on packs of the model; out_row: the row that is the first of `out`. */
 OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
                                           const struct gaussians *out, size_t out_row);
 

@@ -109,7 +109,7 @@ static int render_shows_centre(const struct renderer *r, size_t row)
 /* Statistics for gradients at this depth. */
 static float *render_depth_sums(const struct renderer_sums *s, float depth)
 {
-    return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
+    return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->gradient_mid : s->gradient_far;
 }
 
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *s)

@@ -15,7 +15,7 @@
  * monotonic beyond some radius; directions beyond it are outside the field of view.
  * No libm transcendental is used: the same bytes on every machine.
  */
-#include "survey.h"
+#include "sparse.h"
 
 /* ---------------------------------------------------------------- the table of models */
 

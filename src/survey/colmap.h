@@ -6,7 +6,7 @@
 #ifndef OXL_COLMAP_H
 #define OXL_COLMAP_H
 
-#include "survey.h"
+#include "sparse.h"
 
 #include <inttypes.h>
 

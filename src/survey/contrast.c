@@ -10,6 +10,9 @@
  *
  * Invariant: the estimate is a function of the scene. Sums follow the file order of points and the name order of views.
  */
+#include "sparse.h"
+#include "image.h"
+#include "scene.h"
 #include "survey.h"
 #include "../core/vecmath.h"
 

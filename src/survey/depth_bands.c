@@ -5,6 +5,8 @@
  *
  * Invariant: a function of the scene alone, so that metrics by depth use the same pixels for every model.
  */
+#include "sparse.h"
+#include "scene.h"
 #include "survey.h"
 
 #define BANDS_REACH (1.0 / 16) /* of the longer side */

@@ -6,7 +6,8 @@
  *
  * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
-#include "survey.h"
+#include "sparse.h"
+#include "image.h"
 #include "../core/simd.h"
 
 #ifdef __GNUC__

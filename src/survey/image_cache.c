@@ -2,7 +2,7 @@
  *
  * They take no more memory than the limit, apart from the image requested last. Invariant: the state of the cache does not change results.
  */
-#include "survey.h"
+#include "image.h"
 
 enum {
     IMAGE_CACHE_AHEAD = 4, /* limit of images loaded in parallel: memory for them is set aside on any number of threads */

@@ -4,7 +4,8 @@
  * modification times, the camera and the size. Files are not synced: one that is missing, damaged or has another key is written again
  * from the original.
  */
-#include "survey.h"
+#include "sparse.h"
+#include "image.h"
 
 #define IMAGE_FILE_MAGIC UINT64_C(0x31474d494c584f) /* "OXLIMG1" */
 enum { IMAGE_FILE_HEAD = 4 };                       /* magic, key, width and height, mask */

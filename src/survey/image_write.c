@@ -2,7 +2,7 @@
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.
  */
-#include "survey.h"
+#include "image.h"
 
 #ifdef __GNUC__
 #pragma GCC diagnostic push

@@ -10,7 +10,9 @@
  *
  * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered image.
  */
-#include "survey.h"
+#include "sparse.h"
+#include "imaging.h"
+#include "scene.h"
 #include "../core/vecmath.h"
 
 #define IMAGING_MEDIUM_MAX   1e6 /* of bD, bB (1/unit) and Binf in a file */
@@ -172,7 +174,7 @@ static void imaging_deviation(const struct imaging *m, int view, double out[3])
 }
 
 /* Least squares of a known view's deviation by its partner's, 0 to 1. */
-static double imaging_share(const struct imaging *m)
+static double imaging_fraction(const struct imaging *m)
 {
     double xx = 0, xy = 0;
     for (int i = 0; i < m->views; i++) {
@@ -187,13 +189,13 @@ static double imaging_share(const struct imaging *m)
 
 OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float out[3])
 {
-    const int    partner = imaging_partner(m, view);
-    const double share   = partner >= 0 ? imaging_share(m) : 0;
+    const int    partner  = imaging_partner(m, view);
+    const double fraction = partner >= 0 ? imaging_fraction(m) : 0;
     double       other[3];
     imaging_interpolate(m, view, out);
     if (partner < 0) return;
     imaging_deviation(m, partner, other);
-    for (int c = 0; c < 3; c++) out[c] += (float)(share * other[c]);
+    for (int c = 0; c < 3; c++) out[c] += (float)(fraction * other[c]);
 }
 
 OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float out[3])

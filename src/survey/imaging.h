@@ -1,4 +1,4 @@
-/* imaging.h - what lies between the scene's colours and an image: gains, medium, lamp. Part of survey.h. */
+/* imaging.h - what lies between the scene's colours and an image: gains, medium, lamp. */
 #ifndef OXL_IMAGING_H
 #define OXL_IMAGING_H
 
@@ -93,24 +93,5 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 /* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added so far. */
 OXL_INTERNAL void       imaging_merge(struct imaging *all, int *count, const struct imaging *block);
-
-/* ---------------------------------------------------------------- photometry.c: exposure, lamp and medium from the colours of tracks */
-
-enum { PHOTOMETRY_MEDIUM = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
-struct photometry {
-    size_t   points, observations;                             /* 0: too few tracks */
-    int      parts;                                            /* the requested parts that the residuals support */
-    double   attenuation[3], backscatter[3], veiling_light[3]; /* as in struct medium */
-    double   error[9];                                         /* standard errors of their logarithms */
-    float    shape[LAMP_MAX][LAMP_TERMS];                      /* of the lamps, in the order of imaging_set_lamps */
-    float   *log_gain;                                         /* (views,3) of zero mean */
-    uint8_t *known;                                            /* (views) 1: log_gain is fitted */
-    double   colour[3];          /* mean colour of the images over that of the points; 0: the points are black */
-    double   drift;              /* correlation of the images' gains with the mean range of their points */
-    double residual, without[3]; /* share of white, robust: with all parts; without the medium, lamp, gains (0: not requested) */
-};
-/* parts: PHOTOMETRY_* that may be used. Free the result with photometry_free. */
-OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);
-OXL_INTERNAL void       photometry_free(oxl_context *ctx, struct photometry *p);
 
 #endif

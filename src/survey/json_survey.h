@@ -4,6 +4,7 @@
 
 #include "../core/json.h"
 #include "colmap.h"
+#include "sparse.h"
 
 /* json_survey.c. The file in memory, with all brackets closed; r->path and r->line (the record) are for messages. */
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map);

@@ -5,7 +5,10 @@
  *
  * Invariant: no check changes what is trained.
  */
-#include "survey.h"
+#include "sparse.h"
+#include "image.h"
+#include "scene.h"
+#include "lint.h"
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */
@@ -13,7 +16,7 @@ enum {
     LINT_NAMED  = 3        /* images or masks named per message */
 };
 #define LINT_MARGIN 0.05 /* tolerance outside the image, of the longer side */
-#define LINT_MISSED 0.5  /* share of points outside an image from which its pose counts as wrong */
+#define LINT_MISSED 0.5  /* fraction of points outside an image from which its pose counts as wrong */
 
 /* ---------------------------------------------------------------- poses and points */
 
@@ -115,7 +118,7 @@ static void lint_warn_aspect(oxl_context *ctx, const char *path, int width, int 
                 path, width, height);
 }
 
-/* *counts: the share of pixels that are not black. */
+/* *counts: the fraction of pixels that are not black. */
 static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, int *stretched, double *counts)
 {
     const struct colmap_camera *from   = scene_source_camera(scene, view);

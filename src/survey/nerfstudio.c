@@ -7,6 +7,7 @@
  * Masks of frames are not read: those in SCENE/masks are.
  */
 #include "json_survey.h"
+#include "ply.h"
 
 #include "../core/vecmath.h"
 

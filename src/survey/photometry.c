@@ -11,6 +11,11 @@
  *
  * Invariant: a function of the scene. Sums follow the file order of points and the name order of views.
  */
+#include "sparse.h"
+#include "image.h"
+#include "imaging.h"
+#include "photometry.h"
+#include "scene.h"
 #include "survey.h"
 #include "../core/vecmath.h"
 
@@ -32,7 +37,7 @@ enum {
 #define PHOTOMETRY_HUBER       1.5  /* times sigma */
 #define PHOTOMETRY_NORMAL      1.48 /* standard deviation of a normal distribution over the median of absolute values */
 #define PHOTOMETRY_SIGMA_MIN   1e-4 /* log units: of tracks that are exact, as synthetic ones may be */
-#define PHOTOMETRY_DAMPING     1e-3 /* Levenberg-Marquardt: share added to the diagonal, at the start, */
+#define PHOTOMETRY_DAMPING     1e-3 /* Levenberg-Marquardt: fraction added to the diagonal, at the start, */
 #define PHOTOMETRY_DAMPING_MIN 1e-6 /* at least, */
 #define PHOTOMETRY_DAMPING_MAX 1e4  /* and where the search ends; */
 #define PHOTOMETRY_HARDER      10   /* its factor after a step that does not lower the cost, */

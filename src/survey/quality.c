@@ -6,7 +6,11 @@
  *
  * Invariant: no check changes what is trained. Every sum is one of integers.
  */
+#include "sparse.h"
+#include "image.h"
+#include "scene.h"
 #include "survey.h"
+#include "lint.h"
 #include "../core/vecmath.h"
 
 enum {
@@ -18,14 +22,14 @@ enum {
 #define QUALITY_SPREADS 4.5 /* standard deviations: one of 10^5 views of a normal distribution */
 #define QUALITY_STOPS   1.0 /* of light, more or less than the neighbours */
 #define QUALITY_FINE \
-    0.85 /* x the neighbours' share of the finest detail, at most: a plain surface has little detail, and it is fine */
+    0.85 /* x the neighbours' fraction of the finest detail, at most: a plain surface has little detail, and it is fine */
 #define QUALITY_TINY    1e-9 /* against the logarithm of 0 and division by it: an image of one colour has no detail; */
 #define QUALITY_DARKEST 1.0  /* a black one no light, of 255 squared */
-#define QUALITY_CLIPPED 0.25 /* share of the pixels that are white or black beyond the neighbours' */
+#define QUALITY_CLIPPED 0.25 /* fraction of the pixels that are white or black beyond the neighbours' */
 
 struct quality {
     double sharpness, fine;     /* of quality_sharpness */
-    double light, white, black; /* mean square of the values, as linear light; shares of clipped pixels */
+    double light, white, black; /* mean square of the values, as linear light; fractions of clipped pixels */
     int    known;
     double finer, whiter, blacker; /* than the neighbours: quotient, differences */
 };

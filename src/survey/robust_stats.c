@@ -6,6 +6,7 @@
  *
  * Invariant: large surveys are sampled at a fixed stride, so the statistics depend on the survey alone.
  */
+#include "sparse.h"
 #include "survey.h"
 
 enum {

@@ -1,5 +1,7 @@
 /* scene.c - what other modules ask of a scene: views, points, depths, rays. It is made by scene_load.c. */
+#include "sparse.h"
 #include "scene.h"
+#include "survey.h"
 
 #define SCENE_STEPS          1000 /* from a pixel to its direction, */
 #define SCENE_PIXEL_ERROR    1e-3 /* px, and how near they must come */

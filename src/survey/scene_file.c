@@ -3,6 +3,9 @@
  * The file holds the scene's struct and arrays as they are in memory, so only the same build on the same kind of machine can read it; `key`
  * identifies the run. Invariant: a mapped scene has the same values as the one that was written.
  */
+#include "sparse.h"
+#include "image.h"
+#include "imaging.h"
 #include "scene.h"
 
 enum { SCENE_ARRAYS = 14 /* the key is the last */, SCENE_FILE_ALIGN = 64 };

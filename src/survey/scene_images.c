@@ -1,4 +1,6 @@
 /* scene_images.c - images and masks of a scene: found, decoded, kept in memory (image_cache.c) or in files (image_file.c). */
+#include "sparse.h"
+#include "image.h"
 #include "scene.h"
 
 /* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */

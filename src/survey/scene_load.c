@@ -4,7 +4,11 @@
  * lose no precision:  x_local = x_world - origin,  t_local = t + R origin. The extent is that of 3DGS (Kerbl 2023, reference code), made
  * robust against an outlier camera.
  */
+#include "sparse.h"
+#include "image.h"
+#include "imaging.h"
 #include "scene.h"
+#include "survey.h"
 
 #define SCENE_EXTENT     1.1  /* x the radius of the training cameras [Kerbl 2023] */
 #define SCENE_EXTENT_MIN 1e-3 /* x the median depth; a smaller radius counts as one position */

@@ -2,7 +2,10 @@
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
+#include "sparse.h"
+#include "image.h"
 #include "scene.h"
+#include "survey.h"
 
 enum {
     SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */
@@ -19,7 +22,7 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 
 /* ---------------------------------------------------------------- missing images */
 
-static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
+static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double fraction)
 {
     char like[256];
     if (!os_is_folder(scene->images))
@@ -31,7 +34,7 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
                     "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
                     "fix: %s%s%s",
                     scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images, first,
-                    100 * share,
+                    100 * fraction,
                     scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
                                            : "put them there, or take them out of the model: colmap image_deleter",
                     like[0] ? "; very like it is " : "", like);

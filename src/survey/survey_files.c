@@ -5,6 +5,7 @@
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */
 #include "json_survey.h"
+#include "survey.h"
 
 /* ---------------------------------------------------------------- which sub-model */
 

@@ -12,6 +12,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
 
 #define DENSITY_OPACITY_MIN   0.005 /* Gaussians of lower opacity are removed [Kerbl 2023] */
 #define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */

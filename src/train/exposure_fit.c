@@ -17,6 +17,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define EXPOSURE_RATE    0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
 #define EXPOSURE_LAST    0.02 /* of that at the end of the run */
@@ -80,7 +81,7 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
     return rc;
 }
 
-/* A step of the view's gains along dL/da, and the projection. progress: share of the run. */
+/* A step of the view's gains along dL/da, and the projection. progress: fraction of the run. */
 static void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
 {
     const double rate     = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));

@@ -2,14 +2,16 @@
  *
  * The views of a point's track see it, so the space between them and the point is free. A Gaussian there explains what one image shows and
  * veils others. For each training view a grid over its image holds, cell by cell, the least depth of the tracks' points in the cell and its
- * eight neighbours. At density control a Gaussian goes if its centre projects into a cell of some view at less than FREE_SPACE_SHARE of
+ * eight neighbours. At density control a Gaussian goes if its centre projects into a cell of some view at less than FREE_SPACE_FRACTION of
  * that depth. A cell with points in fewer than FREE_SPACE_CELLS of the nine is unknown: thin objects without points lie in such cells.
  *
  * Invariant: a function of the scene alone, so there is no state to archive. Without tracks nothing is removed.
  */
 #include "train_parts.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
-#define FREE_SPACE_SHARE 0.7f /* of the least depth: points are off, and surfaces swell towards the camera between them */
+#define FREE_SPACE_FRACTION 0.7f /* of the least depth: points are off, and surfaces swell towards the camera between them */
 enum {
     FREE_SPACE_TRACK = 3, /* views that a point must have been seen from: two rays almost always meet somewhere */
     FREE_SPACE_CELLS = 5
@@ -51,7 +53,7 @@ static void free_space_add_points(struct free_space *f, const struct colmap *c, 
     }
 }
 
-/* FREE_SPACE_SHARE of the least depth of a cell and its neighbours; 0: not known. */
+/* FREE_SPACE_FRACTION of the least depth of a cell and its neighbours; 0: not known. */
 static float free_space_limit(const float *depth, int x, int y)
 {
     float least = FLT_MAX;
@@ -62,7 +64,7 @@ static float free_space_limit(const float *depth, int x, int y)
             known += z > 0;
             if (z > 0) least = OXL_MIN(least, z);
         }
-    return known >= FREE_SPACE_CELLS ? FREE_SPACE_SHARE * least : 0;
+    return known >= FREE_SPACE_CELLS ? FREE_SPACE_FRACTION * least : 0;
 }
 
 OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene)

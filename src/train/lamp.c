@@ -13,6 +13,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define LAMP_FROM 0.11 /* of the run: Gaussians are rough before */
 #define LAMP_RATE 0.01 /* learning rate at the start, in log units */
@@ -55,7 +56,7 @@ OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
-/* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: share of the run. */
+/* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the run. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
                             double falloff)
 {

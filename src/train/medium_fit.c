@@ -16,6 +16,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define MEDIUM_FIT_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
 #define MEDIUM_FIT_FROM  0.3  /* of the run */
@@ -54,8 +55,8 @@ OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f)
 /* Of the points' depths: 0.9 to 0.1 quantile. */
 OXL_INTERNAL double medium_fit_span(oxl_scene *scene)
 {
-    const double near = scene_depth_quantile(scene, 0.1), far_ = scene_depth_quantile(scene, 0.9);
-    return near > 0 ? far_ / near : 1;
+    const double nearest = scene_depth_quantile(scene, 0.1), farthest = scene_depth_quantile(scene, 0.9);
+    return nearest > 0 ? farthest / nearest : 1;
 }
 
 static void medium_fit_set(struct medium_fit *f, const float attenuation[3], const float backscatter[3],

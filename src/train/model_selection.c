@@ -9,11 +9,12 @@
  */
 #include "train_state.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of the highest degree over a lower one */
 #define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */
 #define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
-#define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
+#define SELECTION_WATCH          (1.0 / 40) /* fraction of the run: gradients are averaged before lobes are assigned [OceanXL] */
 #define SELECTION_TRIAL          (1.0 / 40) /* of the run: length of a trial */
 enum {
     SELECTION_VIEWS_MIN = 8, /* with fewer training views none is used for validation */
@@ -129,9 +130,9 @@ OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double
 
 /* ---------------------------------------------------------------- a trial: the same steps from the same state */
 
-static int selection_steps(const struct train *t, double share)
+static int selection_steps(const struct train *t, double fraction)
 {
-    return OXL_MAX(1, (int)(share * t->options->iterations));
+    return OXL_MAX(1, (int)(fraction * t->options->iterations));
 }
 
 /* Trains for the length of a trial and evaluates the result. */

@@ -12,17 +12,18 @@
  * is a function of the model, the scene and the options; ties are resolved by row.
  */
 #include "train_parts.h"
+#include "../survey/scene.h"
 
 #define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the phase [paper sec. 4] */
 #define PRUNE_PHASE    0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */
 #define PRUNE_EVERY    (1.0 / 80)      /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
 #define PRUNE_PATIENCE 3               /* checks without a drop: 1500 of 40 000 */
 #define PRUNE_RECOVERY 0.99            /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
-#define PRUNE_EPSILON  0.01            /* auto: the validation views' loss may rise by this share */
+#define PRUNE_EPSILON  0.01            /* auto: the validation views' loss may rise by this fraction */
 #define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
 enum {
     PRUNE_EVERY_MIN    = 25,  /* steps: minimum for Gaussians to adapt */
-    PRUNE_AUTO_SHARE   = 8,   /* auto: each drop removes one eighth of the rest */
+    PRUNE_AUTO_DIVISOR = 8,   /* auto: each drop removes one eighth of the rest */
     PRUNE_VIEWS        = 100, /* a score is taken of so many views, or of 1 for each */
     PRUNE_STEPS_A_VIEW = 40   /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
 };
@@ -78,7 +79,7 @@ static size_t prune_due_auto(struct prune *p, int step, size_t count, double val
         p->validation_loss = validation_loss; /* not always at the start of the phase: a trial may be under way there */
     if (step > p->end - p->patience || !(validation_loss <= (1 + PRUNE_EPSILON) * p->validation_loss)) return 0;
     p->drops++;
-    return count / PRUNE_AUTO_SHARE;
+    return count / PRUNE_AUTO_DIVISOR;
 }
 
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss)

@@ -1,14 +1,15 @@
 /* schedule.c - functions of options and step: learning rates, steps of density control, sizes. */
 #include "train_state.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
-#define SCHEDULE_WARM_UP              500  /* iterations before the first densification, unless a quarter of the run is less */
-#define SCHEDULE_RESET_MIN            3000 /* iterations between opacity resets [Kerbl 2023] */
-#define SCHEDULE_RESET_RECOVERY       1000 /* iterations without a reset before density control ends: the loss recovers in them */
-#define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* of the run: the same for long runs, where it is more */
-#define SCHEDULE_PIXELS_EACH          60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
-#define SCHEDULE_COARSE_SIDE          640  /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
-#define SCHEDULE_COARSE_AUTO          0.25 /* of the run, for larger ones */
+#define SCHEDULE_WARM_UP                 500  /* iterations before the first densification, unless a quarter of the run is less */
+#define SCHEDULE_RESET_MIN               3000 /* iterations between opacity resets [Kerbl 2023] */
+#define SCHEDULE_RESET_RECOVERY          1000 /* iterations without a reset before density control ends: the loss recovers in them */
+#define SCHEDULE_RESET_RECOVERY_FRACTION 0.025 /* of the run: the same for long runs, where it is more */
+#define SCHEDULE_PIXELS_EACH             60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
+#define SCHEDULE_COARSE_SIDE             640 /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
+#define SCHEDULE_COARSE_AUTO             0.25 /* of the run, for larger ones */
 #define SCHEDULE_MOMENTUM_ITERATIONS \
     7000 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
 #define SCHEDULE_BETA_MIN             0.5     /* of the mean gradient */
@@ -17,7 +18,7 @@
 #define SCHEDULE_SHORTEST_RUN         500     /* iterations: shorter runs have the rates of this one; larger ones diverge */
 #define SCHEDULE_EARLY_EXPONENT       0.5 /* rates other than of positions begin larger by this power of a short run's factor */
 #define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: until then those rates are larger */
-#define SCHEDULE_DROPOUT_AUTO         0.4 /* share of Gaussians left out in the last step (docs/TRADEOFF.md) */
+#define SCHEDULE_DROPOUT_AUTO         0.4 /* fraction of Gaussians left out in the last step (docs/TRADEOFF.md) */
 #define SCHEDULE_DROPOUT_IMAGES       4.6 /* images that see a point, on average: with as many, no dropout, which would cost detail */
 #define SCHEDULE_DROPOUT_VIEWS        30  /* training views: with as many there is no dropout, for the same reason */
 #define SCHEDULE_DROPOUT_EPOCHS       30  /* epochs: a run of so many has no dropout, one of twice as many all of it */
@@ -109,7 +110,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     return adam;
 }
 
-/* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
+/* 3DGS's schedule is one of 30 000 iterations. As fractions of the run it shrinks with it, but not what has a time of its own: the first
  * images must be learned before gradients say where detail is missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
@@ -126,7 +127,8 @@ OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
 /* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step)
 {
-    const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o), SCHEDULE_RESET_RECOVERY_SHARE * o->iterations);
+    const double recovery =
+        OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o), SCHEDULE_RESET_RECOVERY_FRACTION * o->iterations);
     return o->opacity_reset_interval > 0 && step + recovery <= o->densify_until * o->iterations &&
            step % schedule_reset_interval(o) == 0;
 }
@@ -143,7 +145,7 @@ OXL_INTERNAL int schedule_has_trials(const oxl_train_options *o)
     return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO;
 }
 
-OXL_INTERNAL double schedule_coarse_share(const oxl_train_options *o, int width, int height)
+OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *o, int width, int height)
 {
     if (o->coarse >= 0) return o->coarse;
     return OXL_MAX(width, height) >= SCHEDULE_COARSE_SIDE ? SCHEDULE_COARSE_AUTO : 0;

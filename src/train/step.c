@@ -1,6 +1,8 @@
 /* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and pruning. */
 #include "train_state.h"
 #include "../core/vecmath.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 #define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
 #define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */
@@ -18,11 +20,11 @@ static void step_shuffle(struct train *t, int epoch)
     }
 }
 
-/* Whether the step is one of the run's first share, at half the sides. */
+/* Whether the step is one of the run's first part, at half the sides. */
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
-    const double share = schedule_coarse_share(t->options, camera->width, camera->height);
-    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
+    const double fraction = schedule_coarse_fraction(t->options, camera->width, camera->height);
+    return t->step <= fraction * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
 /* The part of a view that this step compares; NULL: all of it. */

@@ -6,6 +6,8 @@
  * Invariant: a function of the scene and the step, so there is no state to archive.
  */
 #include "train_parts.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 #define TRACK_DEPTH_STREAM 0x4465707468 /* a random stream of its own */
 #define TRACK_DEPTH_WEIGHT 0.02         /* of the mean over the points, at the start of the run; 0 at its end */
@@ -81,7 +83,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     return rc;
 }
 
-/* At most; a view's share is not known before the tracks are looked at. */
+/* At most; a view's part is not known before the tracks are looked at. */
 OXL_INTERNAL double track_depth_bytes(double observations, int views)
 {
     return OXL_MIN(observations, (double)TRACK_DEPTH_MAX * views) * sizeof(struct depth_point) +

@@ -2,7 +2,8 @@
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 
-#include "../render/render.h"
+#include "../survey/image.h"
+#include "../model/model.h"
 
 /* ---------------------------------------------------------------- train_loop.c: a run */
 
@@ -40,8 +41,8 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL float  schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training views */
-/* Share of the run in which images of this size are trained at half resolution. */
-OXL_INTERNAL double schedule_coarse_share(const oxl_train_options *options, int width, int height);
+/* Fraction of the run in which images of this size are trained at half resolution. */
+OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int    schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int    schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int    schedule_has_trials(const oxl_train_options *options);     /* 1: trials, which copy the model, are possible */

@@ -4,6 +4,7 @@
  * The fits are exposure_fit.c, lamp.c and medium_fit.c. Invariant: what is off changes no byte of the result.
  */
 #include "train_state.h"
+#include "../survey/scene.h"
 
 #define TRAIN_IMAGING_DRIFT  0.8 /* correlation of exposure with range from which a warning is due */
 #define TRAIN_IMAGING_COLOUR 0.1 /* images and points differ by so much in a channel: first colours follow the images */

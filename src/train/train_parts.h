@@ -3,6 +3,12 @@
 #define OXL_TRAIN_PARTS_H
 
 #include "train.h"
+#include "../render/render.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
+#include "../survey/photometry.h"
+#include "../survey/survey.h"
+#include "../model/model.h"
 
 /* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
 
@@ -157,7 +163,7 @@ OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t dr
 /* ---------------------------------------------------------------- transients.c: masks of moving objects */
 
 struct transients_square { /* of pixels, in the present view */
-    float    error;        /* difference of the mean colours, share of white; -1: all its pixels are masked */
+    float    error;        /* difference of the mean colours, fraction of white; -1: all its pixels are masked */
     float    expected;     /* largest expected error of the points in it; -1: no point */
     unsigned marks;
 };
@@ -167,7 +173,7 @@ struct transients {
     int32_t                  *place;    /* (points) its square in the present view, or -1 */
     struct transients_square *square;
     size_t                    square_capacity;
-    double                    masked_share; /* share of masked pixels, smoothed over the last images */
+    double                    masked_fraction; /* fraction of masked pixels, smoothed over the last images */
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene, int on);
 OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *t);
@@ -181,8 +187,8 @@ struct transients_view {
 /* update 0: the expected errors do not change, as in the steps of a trial. */
 OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
                                         const struct transients_view *view, int update);
-OXL_INTERNAL void       transients_describe(const struct transients *t, char *out, size_t size); /* the masked share, as text */
-OXL_INTERNAL void       transients_archive(struct archive *a, struct transients *t);
+OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size); /* the masked fraction, as text */
+OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t);
 
 /* ---------------------------------------------------------------- scalar_adam.c: Adam for single numbers */
 
@@ -233,12 +239,12 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
 
 struct exposure_gradient {
     int    step, view;             /* step 0: none */
-    double progress, dlog_gain[3]; /* share of the run; dL/da */
+    double progress, dlog_gain[3]; /* fraction of the run; dL/da */
 };
 
 struct exposure {
     oxl_switch     mode;
-    double         known_until;       /* share of the run up to which known gains stay */
+    double         known_until;       /* fraction of the run up to which known gains stay */
     struct imaging of;                /* the gains; on: they are applied */
     float         *mean, *square;     /* (views,3) Adam's moments */
     int           *visits;            /* (views) steps of a view's gains */

@@ -3,6 +3,8 @@
 #define OXL_TRAIN_STATE_H
 
 #include "train_parts.h"
+#include "../survey/imaging.h"
+#include "../model/model.h"
 
 #define TRAIN_ON_DEVICE "a device renders: only the CPU has it" /* why an option with OXL_OPTION_CPU_ONLY is off */
 
@@ -27,7 +29,7 @@ struct train {
     struct density            *density;
     struct ucd                 ucd;
     struct prune               prune;
-    double                     dropout; /* share in the last step of the run */
+    double                     dropout; /* fraction in the last step of the run */
     struct transients          transients;
     struct exposure            exposure;
     struct medium_fit          medium_fit;
@@ -62,7 +64,7 @@ struct train {
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
 OXL_INTERNAL float              schedule_alpha_min(const struct train *t);
-/* Share of the Gaussians that the last step of the run leaves out. */
+/* Fraction of the Gaussians that the last step of the run leaves out. */
 OXL_INTERNAL double             schedule_dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options *options);
 OXL_INTERNAL int                schedule_resets_opacity_at(const oxl_train_options *options, int step);

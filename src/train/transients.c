@@ -20,12 +20,13 @@
  * number of threads.
  */
 #include "train_parts.h"
+#include "../survey/sparse.h"
 
 #define TRANSIENTS_ERROR     0.05f /* of white: a visible difference */
 #define TRANSIENTS_TIMES     4.0f  /* x the expected error around */
 #define TRANSIENTS_MAX       0.05f /* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
 #define TRANSIENTS_RATE      0.1f /* about the last ten views */
-#define TRANSIENTS_SMOOTHING 0.02 /* of the logged share: about the last 50 views */
+#define TRANSIENTS_SMOOTHING 0.02 /* of the logged fraction: about the last 50 views */
 enum {
     TRANSIENTS_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has fewer, thin objects have them */
     TRANSIENTS_ACROSS = 100, /* maximum of squares along the longer side of an image */
@@ -55,7 +56,7 @@ OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *t)
 
 OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size)
 {
-    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images", 100 * t->masked_share);
+    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images", 100 * t->masked_fraction);
 }
 
 /* ---------------------------------------------------------------- squares of pixels */
@@ -181,7 +182,7 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, 
 {
     const struct transients_grid g = transients_grid(v->camera->width, v->camera->height);
     const int                    n = g.across * g.down;
-    double                       share;
+    double                       fraction;
     oxl_result                   rc = oxl_reserve(ctx, &t->square, &t->square_capacity, (size_t)n, sizeof *t->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
@@ -192,10 +193,10 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, 
     }
     transients_project_points(ctx, t, &g, scene, v->camera, v->near_plane);
     transients_mark(&g, t->square);
-    share = (double)transients_fill(&g, t->square, v->has_mask, v->weight) / ((double)g.width * g.height);
+    fraction = (double)transients_fill(&g, t->square, v->has_mask, v->weight) / ((double)g.width * g.height);
     if (!update) return OXL_OK;
     transients_update_points(t);
-    t->masked_share += TRANSIENTS_SMOOTHING * (share - t->masked_share);
+    t->masked_fraction += TRANSIENTS_SMOOTHING * (fraction - t->masked_fraction);
     return OXL_OK;
 }
 
@@ -203,7 +204,7 @@ OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t)
 {
     if (t->points == 0) return; /* off: that follows from the options and the scene */
     archive_floats(a, t->expected, t->points);
-    archive_doubles(a, &t->masked_share, 1);
+    archive_doubles(a, &t->masked_fraction, 1);
     for (size_t i = 0; i < t->points; i++) archive_expect(a, t->expected[i] >= 0 && t->expected[i] <= TRANSIENTS_MAX);
-    archive_expect(a, t->masked_share >= 0 && t->masked_share <= 1);
+    archive_expect(a, t->masked_fraction >= 0 && t->masked_fraction <= 1);
 }

@@ -20,6 +20,7 @@
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
+#include "../survey/scene.h"
 
 #define UCD_FADE_MIN   0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS     3.0  /* auto: standard errors from 0 */

@@ -5,7 +5,7 @@
  * Invariant: ply_open compares the header with the size of the file, so memory allocated by `rows` is at most a multiple of
  * the file size.
  */
-#include "core.h"
+#include "ply.h"
 
 static const struct ply_type_name {
     const char   *name;
