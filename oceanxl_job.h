@@ -14,10 +14,10 @@ extern "C" {
 
 /* ---------------------------------------------------------------- blocks */
 
-/* A survey too large for one model is split into blocks along its principal axes [OceanXL sec. 3.1, Alg. 1]. */
+/* A survey too large for one model is cut into blocks along its principal axes [OceanXL sec. 3.1, Alg. 1]. */
 typedef enum oxl_partition_kind {
     OXL_PARTITION_AUTO = 0, /* 2D when the third principal extent is less than 0.3 of the second, else 3D */
-    OXL_PARTITION_2D,       /* no split along the third principal axis */
+    OXL_PARTITION_2D,       /* no cut along the third principal axis */
     OXL_PARTITION_3D,
     OXL_PARTITION_NONE /* one block of any size */
 } oxl_partition_kind;
@@ -28,7 +28,7 @@ typedef enum oxl_cut {
 } oxl_cut;
 
 typedef struct oxl_partition_options {
-    int                block_points; /* blocks with more points are split; 0: as memory requires */
+    int                block_points; /* blocks with more points are cut; 0: as memory requires */
     int                blocks;       /* approximate number of blocks, in place of block_points; 0: by block_points or memory */
     oxl_partition_kind kind;
     oxl_cut            cut; /* option --cut */
@@ -89,7 +89,7 @@ enum {                               /* what takes the option, and where it does
        OXL_OPTION_OF_BLOCK    = 16,  /* a run or one block of it, not its prediction */
        OXL_OPTION_OF_RESULT   = 64,  /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
        OXL_OPTION_NOT_REFINED = 128, /* off while a finished model is refined: after merging, for viewers, to continue a run */
-       OXL_OPTION_ONE_BLOCK   = 256, /* refused if the survey is split into several blocks */
+       OXL_OPTION_ONE_BLOCK   = 256, /* refused if the survey is cut into several blocks */
        OXL_OPTION_CPU_ONLY    = 512  /* a device does not have it: there `auto` is off */
 };
 
@@ -148,7 +148,7 @@ OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const 
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey that
- * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is split (partition.txt,
+ * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is cut (partition.txt,
  * partition.svg). Training then has three stages: a coarse model of the survey (blocks/coarse/), the blocks, each with the Gaussians of
  * the others as context, and the merged model (blocks/whole/), if `ram` allows it. train.iterations is the number of steps of all
  * stages; a step on a window of an image counts as the window's fraction of the pixels.
@@ -186,7 +186,7 @@ typedef struct oxl_partition_report {
     oxl_block  *block;
 } oxl_partition_report;
 
-/* Splits the survey in folder `scene` into blocks and writes to folder `out`: blocks/KKK/ as COLMAP text exports, partition.txt and
+/* Cuts the survey in folder `scene` into blocks and writes to folder `out`: blocks/KKK/ as COLMAP text exports, partition.txt and
  * partition.svg. report may be NULL; options may be NULL: the draft preset. The image folder may be missing; if it exists, views without
  * an image are left out, as in training. OXL_ERR_BUDGET: no partition fits options->ram. */
 OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,

@@ -28,7 +28,7 @@ static const struct {
     {"report.html", "report on one page: charts, a map, the worst views."},
     {"renders/",
      "NAME.png and NAME.image.png of each held-out view; NAME.clear.png without lamp and medium, where a medium is fitted."},
-    {"partition.txt, partition.svg", "the blocks, of a survey that was split."},
+    {"partition.txt, partition.svg", "the blocks, of a survey that was cut."},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export."},
     {"blocks/coarse/", "the coarse model that several blocks begin with; blocks/whole/: the merged model."},

@@ -23,7 +23,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_CHECK] = {"check", 1, "SCENE", "Checks a survey: what train reads of it, predicted memory and time.",
                        "oceanxl check survey", "Exit code 3: it cannot be trained; the message gives the reason."},
     [COMMAND_PARTITION] =
-        {"partition", 1, "SCENE -o OUT", "Splits a survey into blocks of equal work, each a COLMAP text export.",
+        {"partition", 1, "SCENE -o OUT", "Cuts a survey into blocks of equal work, each a COLMAP text export.",
          "oceanxl partition survey -o out",
          "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at.\n"
          "It takes the options of train, so that partition and train --block K can be given one list; what changes neither the\n"
@@ -58,7 +58,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
         {"ablate", 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
          "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and for each row and seed a run of train, in NAME-seedS/. The\n"
-         "same command resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint splits), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
+         "same command resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
          "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
          "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
     [COMMAND_TRADEOFF] =
