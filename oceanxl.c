@@ -48,8 +48,8 @@
 #include "src/blocks/partition.h"            /* shared by these files */
 #include "src/blocks/partition_axes.c"       /* principal axes, the frame of the partition */
 #include "src/blocks/partition_visibility.c" /* points seen by each view */
-#include "src/blocks/partition_build.h"      /* the tree of splits */
-#include "src/blocks/partition_cut.c"        /* where a box is split */
+#include "src/blocks/partition_build.h"      /* the tree of cuts */
+#include "src/blocks/partition_cut.c"        /* where a box is cut */
 #include "src/blocks/partition_assign.c"     /* points and views of each block */
 #include "src/blocks/partition_make.c"       /* how many blocks, and the plan of them */
 #include "src/blocks/partition_file.c"       /* partition.txt */

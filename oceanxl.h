@@ -71,8 +71,8 @@ typedef struct oxl_context oxl_context;
 
 typedef enum oxl_log_level { OXL_LOG_ERROR = 0, OXL_LOG_WARNING, OXL_LOG_INFO, OXL_LOG_DEBUG } oxl_log_level;
 
-/* The device that renders and trains. Only builds with `make VULKAN=1` have the Vulkan backend. It was tested on lavapipe only, Mesa's
- * Vulkan driver for the CPU, so the CPU is the default. */
+/* The device that renders and trains. Only builds with `make VULKAN=1` have the Vulkan backend. It was tested on lavapipe and
+ * SwiftShader, Vulkan devices made of the CPU, so the CPU is the default. */
 typedef enum oxl_backend {
     OXL_BACKEND_CPU = 0,
     OXL_BACKEND_AUTO,  /* a Vulkan device that is not a CPU driver, if present; else the CPU */
@@ -172,7 +172,7 @@ typedef struct oxl_scene_options {
     const char *images;            /* image folder; NULL: SCENE/images */
     const char *sparse;            /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;             /* mask folder; NULL: SCENE/masks if it exists */
-    int         max_side;          /* larger images are reduced to this longer side, px */
+    int         max_side;          /* larger images are reduced to this longer side, px; 0: full size */
     int         test_every;        /* every n-th view by name is held out; 0: none */
     size_t      image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
     double      missing_images;    /* fail if more than this fraction of the images is missing on disk */
@@ -334,7 +334,7 @@ OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 /* Which Gaussians get a second, negative lobe, and so are differences of Gaussians [OceanXL eq. 3-4]. */
 typedef enum oxl_dog {
     OXL_DOG_OFF = 0,
-    OXL_DOG_SELECTIVE, /* those whose mean |dL/d(mean)| is above dog_threshold late in the run */
+    OXL_DOG_SELECTIVE, /* those whose mean |dL/d(u, v)|, of the splat's centre, is above dog_threshold late in the run */
     OXL_DOG_ALL,
     OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
 } oxl_dog;
@@ -376,14 +376,14 @@ typedef struct oxl_ucd {
 typedef struct oxl_train_options {
     int        iterations;    /* one image each */
     int        sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
-    int        max_gaussians; /* limit of their number; 0: one per 60 training pixels (PAPER.md) */
+    int        max_gaussians; /* limit of their number; 0: one per 60 training pixels, at least one per point (PAPER.md) */
     double     max_seconds;   /* stop after this time and write the model; 0: no limit */
     float      background[3]; /* red, green, blue, 0..1 */
     float      ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float      coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: 0.4 where there are
-     * fewer than 30 training views, fewer than 4.6 images per point and at least 60 steps per view; else 0. */
+     * fewer than 30 training views, fewer than 4.6 images per point: from 0 at 30 steps per view to 0.4 at 60; else 0. */
     float      dropout;
     float      alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     float      sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */
@@ -398,8 +398,8 @@ typedef struct oxl_train_options {
     /* density control */
     float      densify_from, densify_until; /* fractions of the run */
     int        densify_every;               /* steps */
-    float      densify_gradient;            /* threshold of |dL/d(mean)|, in units of half an image */
-    float      opacity_reset_interval;      /* fraction of the run */
+    float      densify_gradient;            /* threshold of |dL/d(u, v)|, of the splat's centre, in units of half an image */
+    float      opacity_reset_interval;      /* fraction of the run, at least 3000 iterations; 0: no resets */
     oxl_ucd    ucd;
     oxl_keep   keep;
     oxl_switch exposure; /* a log gain per channel and training image */

@@ -1,4 +1,4 @@
-/* splat.c - 3D Gaussian Splatting in one file: each formula of the trainer once, plainly, in double precision.
+/* splat.c - 3D Gaussian Splatting in one file: its formulas once, plainly, in double precision.
  *
  *     cc reference/splat.c -lm && ./a.out
  *

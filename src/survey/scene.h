@@ -1,4 +1,4 @@
-/* scene.h - views, points and images of a scene: filled by scene.c, scene_views.c and scene_file.c; other modules only read its struct. */
+/* scene.h - views, points and images of a scene: filled by scene_load.c, scene_views.c, scene_images.c, scene_file.c, imaging.c. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 

@@ -72,7 +72,7 @@ struct colmap {
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
 /* The same with another buffer size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out);
-/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Tracks are not moved.
+/* colmap_order.c: colmap_order sorts cameras and images by id, and renumbers the images of the tracks. colmap_order_points sorts points;
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id); /* in order; NULL: none */

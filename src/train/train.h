@@ -9,18 +9,19 @@
 
 /* Where a run keeps its state. */
 struct train_output {
-    const char      *folder;    /* of the checkpoints */
-    const char      *key;       /* all inputs of the result */
-    struct text     *log;       /* the caller's; saved with the state */
-    struct text     *notes;     /* likewise */
-    const oxl_model *start;     /* trained model to continue, with the scene's gains, medium and lamp; NULL: the scene's points */
-    struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
-    oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
-    int             *trained;   /* out: 1: the run is complete; or NULL */
-    const oxl_model *from;      /* model that replaces the scene's points; or NULL */
+    const char  *folder; /* of the checkpoints */
+    const char  *key;    /* all inputs of the result */
+    struct text *log;    /* the caller's; saved with the state */
+    struct text *notes;  /* likewise */
+    const oxl_model
+                  *start; /* trained model to continue, with the scene's gains, medium and lamp; NULL: `from`, else the points */
+    struct text   *decisions;        /* receives members of a JSON object, decisions and evidence; or NULL */
+    oxl_nonfinite *nonfinite;        /* out: of the whole run; or NULL */
+    int           *trained;          /* out: 1: the run is complete; or NULL */
+    const oxl_model           *from; /* model that replaces the scene's points; or NULL */
     /* of one block of a survey (src/job/rounds.c): */
-    const oxl_model *context;          /* Gaussians that are rendered but not trained; NULL: none */
-    const struct image_window *window; /* (views) trained part of each view, width 0: none; NULL: whole views */
+    const oxl_model           *context; /* Gaussians that are rendered but not trained; NULL: none */
+    const struct image_window *window;  /* (views) trained part of each view, width 0: none; NULL: whole views */
     struct trained_model
         *moments; /* only its mean and square, of `start`: consumed, and returned with the model; NULL: they start at 0 */
     int  first;   /* step that `start` is at */
