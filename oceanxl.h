@@ -382,8 +382,8 @@ typedef struct oxl_train_options {
     float      ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float      coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: 0.4 where there are
-     * fewer than 30 training views, fewer than 4.6 images per point: from 0 at 30 steps per view to 0.4 at 60; else 0. */
+    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: with
+     * fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing to 0.4 at 60; else 0. */
     float      dropout;
     float      alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
     float      sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */

@@ -23,7 +23,7 @@ typedef enum oxl_partition_kind {
 } oxl_partition_kind;
 
 typedef enum oxl_cut {
-    OXL_CUT_BALANCED = 0, /* at 0.3 to 0.7 of the box, where the loads of the sides come nearest to their parts */
+    OXL_CUT_BALANCED = 0, /* at 0.3 to 0.7 of the box, where the loads of the sides come nearest to their numbers of blocks */
     OXL_CUT_MIDPOINT      /* at 0.5, as in BlockGaussian: the baseline */
 } oxl_cut;
 

@@ -203,7 +203,7 @@ static void help_entry(FILE *to, int page, const char *name, const char *what)
     manual_lines(to, "", what);
 }
 
-/* "HELP (default; range; limit). Advanced. Formerly --NAME." */
+/* "HELP (default; range; limit). Advanced. Also --NAME." A former name is in the warning that its use gives. */
 static void help_full_option(FILE *to, int page, int index)
 {
     const char *const        quote     = page ? "`" : "";
@@ -214,9 +214,7 @@ static void help_full_option(FILE *to, int page, int index)
     help_default(index, standard);
     if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) /* else not worth stating */
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
-    if (o->alias)
-        snprintf(alias, sizeof alias, " %s %s--%s%s.", o->alias[0] == '=' ? "Also" : "Formerly", quote,
-                 o->alias + (o->alias[0] == '='), quote);
+    if (o->alias && o->alias[0] == '=') snprintf(alias, sizeof alias, " Also %s--%s%s.", quote, o->alias + 1, quote);
     help_note(index, standard, range, note);
     snprintf(text, sizeof text, note[0] ? "%s (%s).%s%s" : "%s%.0s.%s%s", o->help, note, tiers[o->tier], alias);
     help_entry(to, page, help_option_text(o, name), text);
