@@ -100,10 +100,10 @@ OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, in
 struct renderer_sums {
     size_t count;
     int    banded;
-    float  z_near, z_far; /* limits of the bands, camera z */
-    float *gradient, *gradient_mid,
-        *gradient_far; /* (count) sums of |dL/d(u,v)|, in units of half an image; the others in that band only */
-    float *views;      /* (count) number of views that see the row */
+    float  z_near, z_far;               /* limits of the bands, camera z */
+    float *gradient;                    /* (count) sums of |dL/d(u,v)|, in units of half an image */
+    float *gradient_mid, *gradient_far; /* the same in that band only */
+    float *views;                       /* (count) number of views that see the row */
 };
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
 

@@ -13,10 +13,10 @@ struct photometry {
     float    shape[LAMP_MAX][LAMP_TERMS];                      /* of the lamps, in the order of imaging_set_lamps */
     float   *log_gain;                                         /* (views,3) of zero mean */
     uint8_t *known;                                            /* (views) 1: log_gain is fitted */
-    double   colour[3]; /* mean colour of the images over that of the points; 0: the points are black */
-    double   drift;     /* correlation of the images' gains with the mean range of their points */
-    double   residual,
-        without[3]; /* fraction of white, robust: with all parts; without the medium, lamp, gains (0: not requested) */
+    double   colour[3];  /* mean colour of the images over that of the points; 0: the points are black */
+    double   drift;      /* correlation of the images' gains with the mean range of their points */
+    double   residual;   /* fraction of white, robust: with all parts, */
+    double   without[3]; /* and without the medium, lamp, gains (0: not requested) */
 };
 /* parts: PHOTOMETRY_* that may be used. Free the result with photometry_free. */
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);

@@ -9,24 +9,22 @@
 
 /* Where a run keeps its state. */
 struct train_output {
-    const char  *folder; /* of the checkpoints */
-    const char  *key;    /* all inputs of the result */
-    struct text *log;    /* the caller's; saved with the state */
-    struct text *notes;  /* likewise */
-    const oxl_model
-                  *start; /* trained model to continue, with the scene's gains, medium and lamp; NULL: `from`, else the points */
-    struct text   *decisions;        /* receives members of a JSON object, decisions and evidence; or NULL */
-    oxl_nonfinite *nonfinite;        /* out: of the whole run; or NULL */
-    int           *trained;          /* out: 1: the run is complete; or NULL */
-    const oxl_model           *from; /* model that replaces the scene's points; or NULL */
+    const char                *folder;    /* of the checkpoints */
+    const char                *key;       /* all inputs of the result */
+    struct text               *log;       /* the caller's; saved with the state */
+    struct text               *notes;     /* likewise */
+    const oxl_model           *start;     /* trained model to continue, with the scene's imaging; NULL: `from`, else the points */
+    struct text               *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
+    oxl_nonfinite             *nonfinite; /* out: of the whole run; or NULL */
+    int                       *trained;   /* out: 1: the run is complete; or NULL */
+    const oxl_model           *from;      /* model that replaces the scene's points; or NULL */
     /* of one block of a survey (src/job/rounds.c): */
     const oxl_model           *context; /* Gaussians that are rendered but not trained; NULL: none */
     const struct image_window *window;  /* (views) trained part of each view, width 0: none; NULL: whole views */
-    struct trained_model
-        *moments; /* only its mean and square, of `start`: consumed, and returned with the model; NULL: they start at 0 */
-    int  first;   /* step that `start` is at */
-    int  frozen;  /* 1: gains and lamp stay as they are */
-    int  until;   /* the run pauses after this step and writes a checkpoint; 0: no pause */
+    struct trained_model      *moments; /* mean and square of `start`: consumed, and returned with the model; NULL: 0 */
+    int                        first;   /* step that `start` is at */
+    int                        frozen;  /* 1: gains and lamp stay as they are */
+    int                        until;   /* the run pauses after this step and writes a checkpoint; 0: no pause */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
