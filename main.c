@@ -1,9 +1,11 @@
 /* main.c - the command line: parse, call, print; no algorithm.
  *
- * Results go to standard output, everything else to standard error. Parsing is in cli/arguments.c, help in cli/help.c.
+ * Results go to standard output, everything else to standard error. Parsing is in cli/arguments.c, help in
+ * cli/help.c.
  */
 #ifndef _DEFAULT_SOURCE
-#define _DEFAULT_SOURCE 1 /* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
+/* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
+#define _DEFAULT_SOURCE 1
 #endif
 #include "cli/cli.h"
 #include "lab/lab.h"
@@ -19,28 +21,29 @@
 #include <unistd.h>
 #endif
 
-/* ---------------------------------------------------------------- standard error: log lines and the progress */
+/* ---------------- standard error: log lines and the progress */
 
-#define LIVE_SECONDS  0.2  /* between two states of the live line */
+#define LIVE_SECONDS 0.2   /* between two states of the live line */
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
 enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 4 << 20, ALLOCATION_TRIM = 32 << 20 };
 
 struct console {
-    int               json;        /* standard error is JSON lines */
-    int               quiet, live; /* live: standard error is a terminal, one line is rewritten */
-    int               shown;       /* the live line has no newline yet */
-    int               twentieth;   /* of the run, last shown */
-    int               iteration;   /* at the last line */
-    double            seconds;
-    double            rate; /* iterations a second, smoothed */
+    int json;        /* standard error is JSON lines */
+    int quiet, live; /* live: standard error is a terminal, one line is rewritten */
+    int shown;       /* the live line has no newline yet */
+    int twentieth;   /* of the run, last shown */
+    int iteration;   /* at the last line */
+    double seconds;
+    double rate; /* iterations a second, smoothed */
     struct cli_memory memory;
 };
 
 static volatile sig_atomic_t stop_requested;
-static time_t                stop_time;
+static time_t stop_time;
 
-/* A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals the program and then its group. */
+/* A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals the program and
+ * then its group. */
 static void on_signal(int number)
 {
     const time_t now = time(NULL);
@@ -61,7 +64,8 @@ static void catch_signals(void)
     signal(SIGINT, on_signal);
     signal(SIGTERM, on_signal);
 #ifdef SIGHUP
-    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) signal(SIGHUP, on_signal); /* a closed terminal; nohup ignores it */
+    /* a closed terminal; nohup ignores it */
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) signal(SIGHUP, on_signal);
 #endif
 #ifdef SIGPIPE
     signal(SIGPIPE, SIG_IGN); /* the reader of a pipe has ended; training continues */
@@ -105,11 +109,12 @@ static void on_log(void *user, oxl_log_level level, const char *text)
 /* The library's memory, counted and limited by --ram: the size of each allocation stands before it. */
 static void *reallocate(void *user, void *old, size_t size)
 {
-    struct cli_memory *m      = &((struct console *)user)->memory;
-    size_t            *had    = old ? (size_t *)((char *)old - ALLOCATION_HEAD) : NULL, *now;
-    const size_t       before = had ? *had : 0;
+    struct cli_memory *m = &((struct console *)user)->memory;
+    size_t *had = old ? (size_t *)((char *)old - ALLOCATION_HEAD) : NULL, *now;
+    const size_t before = had ? *had : 0;
     if (size > 0 && m->limit > 0 && size > before && m->used + (size - before) > m->limit) return NULL;
-    if (size > 0 && (size > SIZE_MAX - ALLOCATION_HEAD || !(now = realloc(had, size + ALLOCATION_HEAD)))) return NULL;
+    if (size > 0 && (size > SIZE_MAX - ALLOCATION_HEAD || !(now = realloc(had, size + ALLOCATION_HEAD))))
+        return NULL;
     m->used = m->used - before + size;
     if (m->used > m->peak) m->peak = m->used;
     if (size == 0) {
@@ -122,44 +127,46 @@ static void *reallocate(void *user, void *old, size_t size)
 
 static void print_progress(struct console *c, const oxl_progress *p)
 {
-    const double rate = (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
-    if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate; /* a trial starts at an earlier step */
+    const double rate =
+        (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
+    /* a trial starts at an earlier step */
+    if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate;
     c->iteration = p->iteration;
-    c->seconds   = p->seconds;
+    c->seconds = p->seconds;
     if (c->json) {
         fprintf(
             stderr,
             "{\"event\": \"progress\", \"block\": %d, \"blocks\": %d, \"trial\": %s, \"iteration\": %d, \"iterations\": %d, "
             "\"loss\": %.6g, \"psnr\": %.4g, \"gaussians\": %zu, \"seconds\": %.1f, \"seconds_left\": %.1f, \"memory\": %.0f}\n",
-            p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations, p->loss, p->psnr, p->gaussians,
-            p->seconds, p->seconds_left, (double)p->memory);
+            p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations, p->loss, p->psnr,
+            p->gaussians, p->seconds, p->seconds_left, (double)p->memory);
         fflush(stderr);
         return;
     }
     console_clear(c);
     if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
     if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "merged model ");
-    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA %s%s", p->trial ? "trial " : "",
-            p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6,
-            OUTPUT_SECONDS(p->seconds_left), c->live ? "" : "\n");
+    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA %s%s",
+            p->trial ? "trial " : "", p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate,
+            (double)p->memory / 1e6, OUTPUT_SECONDS(p->seconds_left), c->live ? "" : "\n");
     c->shown = c->live;
     fflush(stderr);
 }
 
 static int on_progress(void *user, const oxl_progress *p)
 {
-    struct console *c         = user;
-    const int       twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
-    double          since;
-    int             due;
+    struct console *c = user;
+    const int twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
+    double since;
+    int due;
     if (p->seconds < c->seconds) { /* another block or job */
         c->iteration = p->iteration;
-        c->seconds   = p->seconds;
+        c->seconds = p->seconds;
         c->twentieth = 0;
-        c->rate      = 0;
+        c->rate = 0;
     }
     since = p->seconds - c->seconds;
-    due   = c->live || c->json ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
+    due = c->live || c->json ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
     if ((!c->quiet || c->json) && (due || p->iteration == p->iterations)) {
         c->twentieth = twentieth;
         print_progress(c, p);
@@ -167,23 +174,24 @@ static int on_progress(void *user, const oxl_progress *p)
     return stop_requested;
 }
 
-/* ---------------------------------------------------------------- from arguments to options */
+/* ---------------- from arguments to options */
 
 /* An existing run keeps its options, unless another preset is given. */
-static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o, oxl_manifest **run)
+static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o,
+                                  oxl_manifest **run)
 {
     struct arguments changes = *a;
-    oxl_result       rc      = OXL_OK;
-    *o                       = a->job;
-    *run                     = NULL;
+    oxl_result rc = OXL_OK;
+    *o = a->job;
+    *run = NULL;
     if (!a->job.restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
-    if (a->given[0] && o->preset && strcmp(o->preset, a->given[0]) == 0)
-        changes.given[0] = NULL; /* setting it would reset the others */
+    /* setting it would reset the others */
+    if (a->given[0] && o->preset && strcmp(o->preset, a->given[0]) == 0) changes.given[0] = NULL;
     if (rc == OXL_OK) arguments_apply(&changes, o);
     return rc;
 }
 
-/* ---------------------------------------------------------------- commands */
+/* ---------------- commands */
 
 static int file_exists(const char *path)
 {
@@ -206,8 +214,10 @@ static void print_resume(const struct arguments *a)
         print_error("", "interrupted before anything was trained\nresume: the same command again");
         return;
     }
-    fprintf(stderr,
-            "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ", out);
+    fprintf(
+        stderr,
+        "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ",
+        out);
     if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
     else fprintf(stderr, "oceanxl merge %s", out);
     if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
@@ -221,7 +231,8 @@ static void print_results(const char *out, int json)
     else if (json) fputs(metrics, stdout);
     else {
         printf("model     %s/scene.ply\n", out);
-        if (has_file(out, "scene_standard.ply")) printf("standard  %s/scene_standard.ply, for other viewers\n", out);
+        if (has_file(out, "scene_standard.ply"))
+            printf("standard  %s/scene_standard.ply, for other viewers\n", out);
         printf("metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n", out, out, out);
     }
     free(metrics);
@@ -230,8 +241,8 @@ static void print_results(const char *out, int json)
 static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
 {
     oxl_survey survey;
-    char      *json = NULL;
-    oxl_result rc   = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
+    char *json = NULL;
+    oxl_result rc = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);
@@ -241,9 +252,9 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {on_progress, console};
-    oxl_job_options    options;
-    oxl_manifest      *run;
-    oxl_result         rc = resumed_options(ctx, a, &options, &run);
+    oxl_job_options options;
+    oxl_manifest *run;
+    oxl_result rc = resumed_options(ctx, a, &options, &run);
     if (a->dry_run) {
         if (rc == OXL_OK) rc = run_check(ctx, a, &options);
         oxl_manifest_free(ctx, &run);
@@ -267,7 +278,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
 static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {on_progress, console};
-    oxl_result         rc;
+    oxl_result rc;
     catch_signals();
     rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
@@ -287,28 +298,29 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 {
     oxl_partition_report report = {0};
-    char                *json   = NULL;
-    oxl_result           rc;
+    char *json = NULL;
+    oxl_result rc;
     catch_signals();
     rc = oxl_partition(ctx, a->path[0], a->out, &a->job, &report);
     if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
         info_print_blocks(stdout, &report);
-        printf("\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out, a->out, a->out);
+        printf("\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out,
+               a->out, a->out);
     }
     oxl_text_free(ctx, json);
     oxl_partition_report_free(ctx, &report);
     return rc;
 }
 
-/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights; scene_clear.ply, where there is
- * one, gives the images with imaging.txt. */
+/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights;
+ * scene_clear.ply, where there is one, gives the images with imaging.txt. */
 static const char *model_file(const struct arguments *a, char *path, size_t size)
 {
-    const char *base     = strrchr(a->path[0], '/');
-    const int   is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
-    const int   length   = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
+    const char *base = strrchr(a->path[0], '/');
+    const int is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
+    const int length = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
     snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
     if ((a->clear || (!a->ortho && !a->flight)) && file_exists(path)) return path;
     snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
@@ -316,21 +328,24 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
 }
 
 /* The model in the survey's own frame and unit. */
-static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model, oxl_scene **scene)
+static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model,
+                       oxl_scene **scene)
 {
-    char              path[4096], warning[1024] = "";
-    const char       *file    = model_file(a, path, sizeof path);
+    char path[4096], warning[1024] = "";
+    const char *file = model_file(a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
-    oxl_result        rc      = oxl_model_open(ctx, file, a->job.ram / 4, model);
+    oxl_result rc = oxl_model_open(ctx, file, a->job.ram / 4, model);
     if (rc == OXL_OK && model->pages && model->scale > 0) {
         oxl_model_free(ctx, model);
         rc = oxl_model_read(ctx, file, model);
     }
     if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
-    if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale); /* convert --scale wrote it in metres */
+    /* convert --scale wrote it in metres */
+    if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
-    if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
+    /* a block's or another program's has its own */
+    if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene));
     if (rc == OXL_OK) rc = overlap_check(ctx, model, *scene, a->path[0], warning, sizeof warning);
     if (warning[0]) on_log(console, OXL_LOG_WARNING, warning);
     return rc;
@@ -338,8 +353,8 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, struct conso
 
 static int on_synth(void *user, const char *what, long done, long total)
 {
-    struct console *c         = user;
-    const int       twentieth = (int)(20.0 * (double)done / (double)(total > 0 ? total : 1));
+    struct console *c = user;
+    const int twentieth = (int)(20.0 * (double)done / (double)(total > 0 ? total : 1));
     if (!c->quiet && (c->live || twentieth != c->twentieth)) {
         console_clear(c);
         fprintf(stderr, "%s %ld/%ld%s", what, done, total, c->live ? "" : "\n");
@@ -352,11 +367,11 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_render_output what  = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
-    oxl_model               model = {0};
-    oxl_scene              *scene = NULL;
-    int                     count = a->frames;
-    oxl_result              rc    = load(ctx, a, console, &model, &scene);
+    const oxl_render_output what = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
+    oxl_model model = {0};
+    oxl_scene *scene = NULL;
+    int count = a->frames;
+    oxl_result rc = load(ctx, a, console, &model, &scene);
     catch_signals();
     if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, a, stdout);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, on_synth, console);
@@ -372,26 +387,28 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
     printf("%8s %8s %8s %8s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM");
     for (int i = 0; i < m->count; i++)
-        printf("%8.3f %8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].cc_psnr, m->views[i].ssim, m->views[i].ms_ssim,
-               oxl_scene_view(scene, m->views[i].view)->name);
+        printf("%8.3f %8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].cc_psnr, m->views[i].ssim,
+               m->views[i].ms_ssim, oxl_scene_view(scene, m->views[i].view)->name);
     printf("%8.3f %8.3f %8.5f %8.5f  mean of %d\n", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->count);
     if (m->depth[1] > 0)
-        printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n", m->by_depth[0], m->by_depth[1],
-               m->by_depth[2], m->depth[0], m->depth[1]);
-    printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n", m->plain_psnr,
-           m->half_psnr);
-    puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
-    puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
-         "renders/NAME.image.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
+        printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n",
+               m->by_depth[0], m->by_depth[1], m->by_depth[2], m->depth[0], m->depth[1]);
+    printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n",
+           m->plain_psnr, m->half_psnr);
+    puts(
+        "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
+    puts(
+        "LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
+        "renders/NAME.image.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    oxl_model   model   = {0};
-    oxl_scene  *scene   = NULL;
+    oxl_model model = {0};
+    oxl_scene *scene = NULL;
     oxl_metrics metrics = {0};
-    char       *json    = NULL;
-    oxl_result  rc      = load(ctx, a, console, &model, &scene);
+    char *json = NULL;
+    oxl_result rc = load(ctx, a, console, &model, &scene);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
@@ -406,11 +423,13 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct c
 static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
 {
     oxl_scene_options options = a->job.scene;
-    oxl_scene        *scene   = NULL;
-    oxl_result        rc;
-    if (!a->bar) return oxl_fail(ctx, OXL_ERR_USAGE, "measure needs --scale-bar ENDS\nfix: oceanxl measure --help shows one");
+    oxl_scene *scene = NULL;
+    oxl_result rc;
+    if (!a->bar)
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "measure needs --scale-bar ENDS\nfix: oceanxl measure --help shows one");
     options.read_images = 0;
-    rc                  = oxl_scene_load(ctx, a->path[0], &options, &scene);
+    rc = oxl_scene_load(ctx, a->path[0], &options, &scene);
     if (rc == OXL_OK) rc = scale_measure(ctx, scene, a->bar, a->length, stdout);
     oxl_scene_free(ctx, scene);
     return rc;
@@ -418,8 +437,8 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
 
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_model  model = {0};
-    oxl_result rc    = oxl_model_read(ctx, a->path[0], &model);
+    oxl_model model = {0};
+    oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
@@ -431,11 +450,11 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     synth_options options = a->synth;
-    oxl_result    rc;
-    options.out          = a->out;
+    oxl_result rc;
+    options.out = a->out;
     options.write_images = !a->no_images;
-    options.progress     = on_synth;
-    options.user         = console;
+    options.progress = on_synth;
+    options.user = console;
     if (a->threads > 0) options.threads = a->threads;
     catch_signals();
     rc = synth_run(ctx, &options);
@@ -444,20 +463,21 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this console. */
+/* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this
+ * console. */
 static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    study_options o = {.scene         = a->path[0],
-                       .out           = a->out,
-                       .rows          = a->rows,
-                       .seeds         = a->seeds,
-                       .budget        = a->command == COMMAND_TRADEOFF ? a->budget : 0,
+    study_options o = {.scene = a->path[0],
+                       .out = a->out,
+                       .rows = a->rows,
+                       .seeds = a->seeds,
+                       .budget = a->command == COMMAND_TRADEOFF ? a->budget : 0,
                        .side_is_given = arguments_given(a, "max-side") != NULL,
-                       .job           = a->job,
-                       .memory        = &console->memory,
-                       .callback      = {on_progress, console},
-                       .log           = on_log};
-    oxl_result    rc;
+                       .job = a->job,
+                       .memory = &console->memory,
+                       .callback = {on_progress, console},
+                       .log = on_log};
+    oxl_result rc;
     catch_signals();
     rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(ctx, &o, stdout);
     console_clear(console);
@@ -468,8 +488,8 @@ static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct 
 
 static oxl_result run_devices(oxl_context *ctx)
 {
-    char      *list = NULL;
-    oxl_result rc   = oxl_devices(ctx, &list);
+    char *list = NULL;
+    oxl_result rc = oxl_devices(ctx, &list);
     if (rc == OXL_OK) fputs(list, stdout);
     oxl_text_free(ctx, list);
     return rc;
@@ -498,16 +518,16 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
 /* Commands of the library lock OUT themselves. */
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const int here = a->command == COMMAND_RENDER || a->command == COMMAND_SYNTH || a->command == COMMAND_ABLATE ||
-                     a->command == COMMAND_TRADEOFF;
-    oxl_lock  *lock = NULL;
-    oxl_result rc   = here ? oxl_lock_folder(ctx, a->out, &lock) : OXL_OK;
+    const int here = a->command == COMMAND_RENDER || a->command == COMMAND_SYNTH ||
+                     a->command == COMMAND_ABLATE || a->command == COMMAND_TRADEOFF;
+    oxl_lock *lock = NULL;
+    oxl_result rc = here ? oxl_lock_folder(ctx, a->out, &lock) : OXL_OK;
     if (rc == OXL_OK) rc = run_command(ctx, a, console);
     oxl_unlock_folder(ctx, &lock);
     return rc;
 }
 
-/* ---------------------------------------------------------------- in and out */
+/* ---------------- in and out */
 
 static int exit_code_of(oxl_result rc)
 {
@@ -523,14 +543,15 @@ static int exit_code_of(oxl_result rc)
 
 #define SPIN_COUNT "500" /* polls of a waiting thread before it sleeps (docs/log/SPEED.md) */
 
-/* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as long. The OpenMP runtime reads its
- * settings before main(), so the program executes itself again with OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. Returns at once where
- * OMP_WAIT_POLICY is set, without OpenMP, or without /proc. */
+/* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as
+ * long. The OpenMP runtime reads its settings before main(), so the program executes itself again with
+ * OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. Returns at once where OMP_WAIT_POLICY is set, without OpenMP,
+ * or without /proc. */
 static void wait_passively(char **argv)
 {
 #if defined(_OPENMP) && !defined(_WIN32)
-    char          self[4096];
-    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty counts as not set */
+    char self[4096];
+    const char *wanted = getenv("OMP_WAIT_POLICY"); /* empty counts as not set */
     const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
     if (length <= 0 || (wanted && *wanted)) return;
     self[length] = 0;
@@ -543,11 +564,11 @@ static void wait_passively(char **argv)
 
 int main(int argc, char **argv)
 {
-    struct arguments    a;
-    struct console      console = {0};
+    struct arguments a;
+    struct console console = {0};
     oxl_context_options options = oxl_context_options_default();
-    oxl_context        *ctx     = NULL;
-    oxl_result          rc;
+    oxl_context *ctx = NULL;
+    oxl_result rc;
     if (arguments_parse(argc, argv, &a)) {
         print_error("", a.error);
         return EXIT_USAGE;
@@ -560,28 +581,29 @@ int main(int argc, char **argv)
     if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
     wait_passively(argv);
 #ifdef __GLIBC__
-    mallopt(M_MMAP_THRESHOLD, ALLOCATION_MAPPED); /* larger ones return to the system when freed: --ram counts on that */
+    /* larger ones return to the system when freed: --ram counts on that */
+    mallopt(M_MMAP_THRESHOLD, ALLOCATION_MAPPED);
     mallopt(M_TRIM_THRESHOLD, ALLOCATION_TRIM);
 #endif
 #ifdef SIGXFSZ
     signal(SIGXFSZ, SIG_IGN); /* past ulimit -f a write fails, as on a full disk */
 #endif
     console.quiet = a.quiet;
-    console.json  = a.progress_json;
-    console.live  = !console.json && oxl_is_terminal(2);
+    console.json = a.progress_json;
+    console.live = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
-    options.log          = on_log;
-    options.stopped      = is_stopped;
-    options.user         = &console;
-    options.reallocate   = reallocate;
+    options.log = on_log;
+    options.stopped = is_stopped;
+    options.user = &console;
+    options.reallocate = reallocate;
     console.memory.limit = a.job.ram;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
     if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF)
         a.job.scene.allow_truncated = 1;
     options.backend = (oxl_backend)a.backend;
-    options.device  = a.device;
-    rc              = oxl_context_create(&options, &ctx);
+    options.device = a.device;
+    rc = oxl_context_create(&options, &ctx);
     if (rc == OXL_OK) rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc == OXL_ERR_INTERRUPTED &&
@@ -589,7 +611,7 @@ int main(int argc, char **argv)
         print_error("", "interrupted\nfix: the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = oxl_error_text(ctx);
-        char        said[1400];
+        char said[1400];
         snprintf(said, sizeof said, "%s%s", text[0] ? text : "no memory",
                  rc == OXL_ERR_MEMORY && !strstr(text, "fix: ")
                      ? "\nfix: smaller --max-side, --max-gaussians or --image-cache, or a larger --ram"

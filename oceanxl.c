@@ -68,14 +68,14 @@
 #include "src/model/model_write.c"   /* models as PLY; selects the format */
 
 /* forward and backward pass of one image */
-#include "src/render/real.h"           /* the number type of the kernels and its arithmetic */
-#include "src/render/kernels.h"        /* types of the kernels */
-#include "src/render/medium.h"         /* attenuation and backscatter between camera and Gaussians, inlined into: */
-#include "src/render/project.c"        /* Gaussians to splats: forward and backward */
-#include "src/render/bin.c"            /* splats per tile, in depth order */
-#include "src/render/raster.c"         /* splats to pixels: forward and backward */
-#include "src/render/loss.c"           /* L1 + SSIM: value and gradient */
-#include "src/render/medium.c"         /* medium baked into colours; veiling light behind the last Gaussian */
+#include "src/render/real.h"    /* the number type of the kernels and its arithmetic */
+#include "src/render/kernels.h" /* types of the kernels */
+#include "src/render/medium.h"  /* attenuation and backscatter between camera and Gaussians, inlined into: */
+#include "src/render/project.c" /* Gaussians to splats: forward and backward */
+#include "src/render/bin.c"     /* splats per tile, in depth order */
+#include "src/render/raster.c"  /* splats to pixels: forward and backward */
+#include "src/render/loss.c"    /* L1 + SSIM: value and gradient */
+#include "src/render/medium.c"  /* medium baked into colours; veiling light behind the last Gaussian */
 #include "src/render/depth_loss.c"     /* opacity in front of points of known depth */
 #include "src/render/exposure.c"       /* gains between the rendered image and the loss */
 #include "src/render/adam.c"           /* optimizer step */
@@ -96,23 +96,23 @@
 #include "src/render/backend.c" /* selects the CPU or Vulkan */
 
 /* training */
-#include "src/train/checkpoint.c"      /* training state in a file, for resuming */
-#include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
-#include "src/survey/contrast.c"       /* fall of image contrast with depth */
-#include "src/survey/photometry.c"     /* exposure, lamp and medium from the colours of tracks */
-#include "src/train/ucd.c"             /* depth weights of density control */
-#include "src/train/prune.c"           /* pruning: schedule and scores */
-#include "src/train/transients.c"      /* masks pixels that disagree with all other images */
-#include "src/train/scalar_adam.c"     /* Adam for single numbers, of medium and lamp */
-#include "src/train/medium_fit.c"      /* the nine parameters of the medium */
-#include "src/train/lamp.c"            /* a light that moves with the camera */
-#include "src/train/exposure_fit.c"    /* log gains per training image */
-#include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
-#include "src/train/track_depth.c"     /* depths that the tracks give */
-#include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
-#include "src/train/schedule.c"        /* values that depend on options and step only */
-#include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */
-#include "src/train/branch.c"          /* copies of the training state */
+#include "src/train/checkpoint.c"   /* training state in a file, for resuming */
+#include "src/train/density.c"      /* which Gaussians are split or removed, opacity reset */
+#include "src/survey/contrast.c"    /* fall of image contrast with depth */
+#include "src/survey/photometry.c"  /* exposure, lamp and medium from the colours of tracks */
+#include "src/train/ucd.c"          /* depth weights of density control */
+#include "src/train/prune.c"        /* pruning: schedule and scores */
+#include "src/train/transients.c"   /* masks pixels that disagree with all other images */
+#include "src/train/scalar_adam.c"  /* Adam for single numbers, of medium and lamp */
+#include "src/train/medium_fit.c"   /* the nine parameters of the medium */
+#include "src/train/lamp.c"         /* a light that moves with the camera */
+#include "src/train/exposure_fit.c" /* log gains per training image */
+#include "src/train/free_space.c"   /* finds Gaussians between a camera and the points that it saw */
+#include "src/train/track_depth.c"  /* depths that the tracks give */
+#include "src/train/nonfinite.c"    /* handles and counts values that are not finite */
+#include "src/train/schedule.c"     /* values that depend on options and step only */
+#include "src/train/step.c"   /* the parts of one step: forward, loss, backward, Adam, density, pruning */
+#include "src/train/branch.c" /* copies of the training state */
 #include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
 #include "src/train/train_imaging.c"   /* exposure, lamp and medium of a run, before and after its steps */
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */

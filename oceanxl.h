@@ -27,9 +27,11 @@
  *   origin      input is read in double, centred on a robust local origin, then stored as float.
  *               All positions in a scene or model are relative to `origin`:  world = local + origin.
  *   images      float, planar (3,H,W): all of red, then green, then blue; 0 black, 1 white.
- *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was found,
+ *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then names what was
+ *   found,
  *               what was expected and a fix. The library never exits and never prints.
- *   ownership   the function that fills `out` allocates it; the _free of the same name releases it (NULL and zeroed
+ *   ownership   the function that fills `out` allocates it; the _free of the same name releases it (NULL and
+ *   zeroed
  *               structs are allowed). On error `*out` is zeroed.
  *   threads     a context may be used by one thread at a time; OpenMP uses `threads` threads inside.
  *               The result does not depend on their number.
@@ -52,7 +54,7 @@ extern "C" {
 #define OXL_API extern
 #endif
 
-/* ---------------------------------------------------------------- results */
+/* ---------------- results */
 
 typedef enum oxl_result {
     OXL_OK = 0,
@@ -65,14 +67,14 @@ typedef enum oxl_result {
     OXL_ERR_INTERRUPTED /* a progress callback stopped the run; the output is usable */
 } oxl_result;
 
-/* ---------------------------------------------------------------- context */
+/* ---------------- context */
 
 typedef struct oxl_context oxl_context;
 
 typedef enum oxl_log_level { OXL_LOG_ERROR = 0, OXL_LOG_WARNING, OXL_LOG_INFO, OXL_LOG_DEBUG } oxl_log_level;
 
-/* The device that renders and trains. Only builds with `make VULKAN=1` have the Vulkan backend. It was tested on lavapipe and
- * SwiftShader, Vulkan devices made of the CPU, so the CPU is the default. */
+/* The device that renders and trains. Only builds with `make VULKAN=1` have the Vulkan backend. It was tested
+ * on lavapipe and SwiftShader, Vulkan devices made of the CPU, so the CPU is the default. */
 typedef enum oxl_backend {
     OXL_BACKEND_CPU = 0,
     OXL_BACKEND_AUTO,  /* a Vulkan device that is not a CPU driver, if present; else the CPU */
@@ -80,88 +82,98 @@ typedef enum oxl_backend {
 } oxl_backend;
 
 typedef struct oxl_context_options {
-    int      threads; /* 0: OpenMP's default */
-    uint64_t seed;    /* seeds all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
-    /* Like realloc: keeps contents up to the smaller size, and `old` on failure; size 0 frees and returns NULL; old may be NULL. Returns
-     * memory aligned to 16 bytes. Called by one thread at a time, not always the same one. */
+    int threads; /* 0: OpenMP's default */
+    /* seeds all random numbers: view order, dropout, signs of SPSA, random starting points (1) */
+    uint64_t seed;
+    /* Like realloc: keeps contents up to the smaller size, and `old` on failure; size 0 frees and returns
+     * NULL; old may be NULL. Returns memory aligned to 16 bytes. Called by one thread at a time, not always
+     * the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
-    void (*log)(void *user, oxl_log_level level, const char *text); /* one line without newline; NULL: no log */
-    int (*stopped)(void *user); /* nonzero: long reading and writing soon ends with OXL_ERR_INTERRUPTED; NULL: never */
-    void       *user;           /* passed to all three */
-    oxl_backend backend;        /* (CPU) */
-    int         device;         /* index in the list of oxl_devices; -1: discrete devices first (-1) */
+    /* one line without newline; NULL: no log */
+    void (*log)(void *user, oxl_log_level level, const char *text);
+    /* nonzero: long reading and writing soon ends with OXL_ERR_INTERRUPTED; NULL: never */
+    int (*stopped)(void *user);
+    void *user;          /* passed to all three */
+    oxl_backend backend; /* (CPU) */
+    int device;          /* index in the list of oxl_devices; -1: discrete devices first (-1) */
 } oxl_context_options;
 
 OXL_API oxl_context_options oxl_context_options_default(void);
 
 /* options may be NULL for the defaults. */
 OXL_API oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out);
-OXL_API void       oxl_context_free(oxl_context *ctx);
+OXL_API void oxl_context_free(oxl_context *ctx);
 
 /* Text of the last error, "" without one; valid as long as the context. ctx may be NULL. */
 OXL_API const char *oxl_error_text(const oxl_context *ctx);
-/* Stores such a text and returns rc, for functions of a program that fail as the library's do. A second line that starts with "fix: "
- * names one action. ctx may be NULL. */
-OXL_API oxl_result  oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...);
+/* Stores such a text and returns rc, for functions of a program that fail as the library's do. A second line
+ * that starts with "fix: " names one action. ctx may be NULL. */
+OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...);
 
 /* Frees text returned by the library; text may be NULL. */
 OXL_API void oxl_text_free(oxl_context *ctx, char *text);
 
-/* Instruction set of the kernels: "avx512", "avx2" or "base". The environment variable OXL_ISA overrides the choice. */
+/* Instruction set of the kernels: "avx512", "avx2" or "base". The environment variable OXL_ISA overrides the
+ * choice. */
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 
 /* Opens the device of options.backend. Optional: the first function that needs the device opens it. */
-OXL_API oxl_result  oxl_backend_begin(oxl_context *ctx);
-/* What has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over; before that, what will render. */
+OXL_API oxl_result oxl_backend_begin(oxl_context *ctx);
+/* What has rendered so far: the device's name, "cpu", or "NAME and cpu" if the CPU took over; before that,
+ * what will render. */
 OXL_API const char *oxl_backend_name(const oxl_context *ctx);
-/* The Vulkan devices in the order of options.device, one line each, with their limits; free with oxl_text_free. */
-OXL_API oxl_result  oxl_devices(oxl_context *ctx, char **out);
+/* The Vulkan devices in the order of options.device, one line each, with their limits; free with
+ * oxl_text_free. */
+OXL_API oxl_result oxl_devices(oxl_context *ctx, char **out);
 
-/* ---------------------------------------------------------------- images */
+/* ---------------- images */
 
 typedef struct oxl_image {
-    int    width, height;
+    int width, height;
     float *rgb;    /* (3,H,W) planar, 0..1 */
     float *weight; /* (H,W) 1: used, 0: masked; NULL: all pixels are used */
 } oxl_image;
 
 OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
-OXL_API void       oxl_image_free(oxl_context *ctx, oxl_image *image);
-/* Reads JPG or PNG, writes 8-bit PNG (atomically). Values are clamped to 0..1; NaN is written as 0. OXL_ERR_INPUT: the file is missing
- * or no such image; OXL_ERR_IO: it cannot be read or written. */
+OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
+/* Reads JPG or PNG, writes 8-bit PNG (atomically). Values are clamped to 0..1; NaN is written as 0.
+ * OXL_ERR_INPUT: the file is missing or no such image; OXL_ERR_IO: it cannot be read or written. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
 
 /* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
-OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
+OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out,
+                                     size_t *size);
 
-/* ---------------------------------------------------------------- folders */
+/* ---------------- folders */
 
-/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and oxl_partition lock OUT themselves. */
+/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
+ * folder if it is missing.
+ * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and
+ * oxl_partition lock OUT themselves. */
 typedef struct oxl_lock oxl_lock;
-OXL_API oxl_result      oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
-OXL_API void            oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
+OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
+OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
 
-/* ---------------------------------------------------------------- cameras and scenes */
+/* ---------------- cameras and scenes */
 
 /* An undistorted pinhole camera and its pose: x_c = R x + t in the scene's local coordinates. */
 typedef struct oxl_camera {
-    int    width, height;  /* px */
+    int width, height;     /* px */
     double fx, fy, cx, cy; /* px; the top-left pixel's centre is (0.5, 0.5) */
     double rotation[9];    /* R, row-major, world to camera */
     double translation[3]; /* t, in the scene's unit */
 } oxl_camera;
 
 typedef struct oxl_view {
-    const char *name;    /* as in images.txt, e.g. "dive1/IMG 0001.JPG" */
-    oxl_camera  camera;  /* belongs to the undistorted image at training resolution */
-    int         is_test; /* 1: held out from training */
+    const char *name;  /* as in images.txt, e.g. "dive1/IMG 0001.JPG" */
+    oxl_camera camera; /* belongs to the undistorted image at training resolution */
+    int is_test;       /* 1: held out from training */
 } oxl_view;
 
 typedef struct oxl_point {
-    double  position[3]; /* local coordinates */
-    float   error;       /* reprojection error, px */
+    double position[3]; /* local coordinates */
+    float error;        /* reprojection error, px */
     uint8_t rgb[3];
 } oxl_point;
 
@@ -169,139 +181,164 @@ typedef struct oxl_scene oxl_scene;
 
 /* Defaults and ranges of all options: src/core/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
-    const char *images;            /* image folder; NULL: SCENE/images */
-    const char *sparse;            /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
-    const char *masks;             /* mask folder; NULL: SCENE/masks if it exists */
-    int         max_side;          /* larger images are reduced to this longer side, px; 0: full size */
-    int         test_every;        /* every n-th view by name is held out; 0: none */
-    size_t      image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
-    double      missing_images;    /* fail if more than this fraction of the images is missing on disk */
-    int         read_images;       /* 0: read the COLMAP model only, for check and partition */
-    int         allow_truncated;   /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
+    const char *images;       /* image folder; NULL: SCENE/images */
+    const char *sparse;       /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
+    const char *masks;        /* mask folder; NULL: SCENE/masks if it exists */
+    int max_side;             /* larger images are reduced to this longer side, px; 0: full size */
+    int test_every;           /* every n-th view by name is held out; 0: none */
+    size_t image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
+    double missing_images;    /* fail if more than this fraction of the images is missing on disk */
+    int read_images;          /* 0: read the COLMAP model only, for check and partition */
+    /* 1: a text file with fewer rows than its header states is read; 0: OXL_ERR_INPUT */
+    int allow_truncated;
 } oxl_scene_options;
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
 
-/* Reads a COLMAP model, text or binary. Errors of OXL_ERR_INPUT name file:line, the value found, the value expected and a fix. */
-OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out);
+/* Reads a COLMAP model, text or binary. Errors of OXL_ERR_INPUT name file:line, the value found, the value
+ * expected and a fix. */
+OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options,
+                                  oxl_scene **out);
 
-/* A scene from arrays: views (name, camera, is_test), their images in the same order, and initial points; all are copied.
+/* A scene from arrays: views (name, camera, is_test), their images in the same order, and initial points; all
+ * are copied.
  * With point_count 0, training starts from random points in front of the cameras. */
-OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images, int view_count,
-                                         const oxl_point *points, size_t point_count, oxl_scene **out);
-OXL_API void       oxl_scene_free(oxl_context *ctx, oxl_scene *scene);
+OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images,
+                                         int view_count, const oxl_point *points, size_t point_count,
+                                         oxl_scene **out);
+OXL_API void oxl_scene_free(oxl_context *ctx, oxl_scene *scene);
 
-OXL_API int              oxl_scene_view_count(const oxl_scene *scene);
-OXL_API const oxl_view  *oxl_scene_view(const oxl_scene *scene, int index); /* ordered by name */
-OXL_API size_t           oxl_scene_point_count(const oxl_scene *scene);
+OXL_API int oxl_scene_view_count(const oxl_scene *scene);
+OXL_API const oxl_view *oxl_scene_view(const oxl_scene *scene, int index); /* ordered by name */
+OXL_API size_t oxl_scene_point_count(const oxl_scene *scene);
 OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
-OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
-OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [Kerbl 2023] */
+OXL_API const double *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
+/* 1.1 x robust radius of the training cameras [Kerbl 2023] */
+OXL_API double oxl_scene_extent(const oxl_scene *scene);
 
-/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start` and unit `direction`,
- * local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside the domain of the distortion model. */
-OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
-                                 double direction[3]);
+/* The ray of pixel (x, y) of the original image (size as in cameras.txt, before undistortion): origin `start`
+ * and unit `direction`, local coordinates. OXL_ERR_INPUT: the pixel is outside the image or outside the
+ * domain of the distortion model. */
+OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
+                                 double start[3], double direction[3]);
 
-/* Reads imaging.txt beside the model file, if it exists: exposure gains and medium, which evaluation and renders then apply. */
+/* Reads imaging.txt beside the model file, if it exists: exposure gains and medium, which evaluation and
+ * renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
 /* The image of a view as used in training: undistorted, reduced, masked. Free with oxl_image_free.
  * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
 
-/* ---------------------------------------------------------------- models */
+/* ---------------- models */
 
-/* A model is a set of planes, one float array of `count` per parameter: plane[OXL_MEAN + 1][i] is the y coordinate of Gaussian i.
- * Values are raw, as in the standard PLY: log scale, logit opacity, unnormalised quaternion. Spherical harmonics are
- * coefficient-major: plane[OXL_SH + 3 * k + c] is coefficient k of channel c. Gradients and Adam's moments have the same shape and type.
+/* A model is a set of planes, one float array of `count` per parameter: plane[OXL_MEAN + 1][i] is the y
+ * coordinate of Gaussian i.
+ * Values are raw, as in the standard PLY: log scale, logit opacity, unnormalised quaternion. Spherical
+ * harmonics are coefficient-major: plane[OXL_SH + 3 * k + c] is coefficient k of channel c. Gradients and
+ * Adam's moments have the same shape and type.
  *
- * A Gaussian with a second lobe is a difference of two Gaussians with the same centre, rotation and colour [OceanXL eq. 3-4]:
+ * A Gaussian with a second lobe is a difference of two Gaussians with the same centre, rotation and colour
+ * [OceanXL eq. 3-4]:
  *     alpha = min(.99, o G) - min(.99, o' G'),   o' = o sigmoid(a),   s' = s exp(b) along each axis. */
 enum {
-    OXL_MEAN      = 0,  /* x y z, local coordinates */
-    OXL_LOG_SCALE = 3,  /* natural log of the standard deviation along each principal axis */
-    OXL_ROTATION  = 6,  /* w x y z */
-    OXL_OPACITY   = 10, /* logit */
-    OXL_SH        = 11, /* 3 (degree + 1)^2 planes; colour = max(0, 0.5 + sum of basis x coefficient) */
-    OXL_LOBE   = 59, /* factors of the second lobe: logit of the opacity factor, then log of the scale factor along each axis */
+    OXL_MEAN = 0,      /* x y z, local coordinates */
+    OXL_LOG_SCALE = 3, /* natural log of the standard deviation along each principal axis */
+    OXL_ROTATION = 6,  /* w x y z */
+    OXL_OPACITY = 10,  /* logit */
+    OXL_SH = 11,       /* 3 (degree + 1)^2 planes; colour = max(0, 0.5 + sum of basis x coefficient) */
+    /* factors of the second lobe: logit of the opacity factor, then log of the scale factor along each
+     * axis */
+    OXL_LOBE = 59,
     OXL_PLANES = 63
 };
 
 typedef struct oxl_model {
     size_t count, capacity;
-    size_t lobes;             /* rows 0..lobes-1 have a second lobe; 0: planes from OXL_LOBE on are NULL */
-    int    sh_degree;         /* 0..3; planes of higher degrees are NULL */
-    double origin[3];         /* world = local + origin */
-    double scale;             /* factor already applied to positions, sizes and origin, metres per unit of the survey; 0: none */
+    /* rows 0..lobes-1 have a second lobe; 0: planes from OXL_LOBE on are NULL */
+    size_t lobes;
+    int sh_degree;    /* 0..3; planes of higher degrees are NULL */
+    double origin[3]; /* world = local + origin */
+    /* factor already applied to positions, sizes and origin, metres per unit of the survey; 0: none */
+    double scale;
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
-    void  *memory;            /* the allocation that holds the planes */
+    void *memory;             /* the allocation that holds the planes */
     size_t not_finite;        /* rows of the file that oxl_model_read left out */
-    struct oxl_model_pages *pages; /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
+    /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
+    struct oxl_model_pages *pages;
 } oxl_model;
 
 /* All values are 0, except rotations: the identity. */
 OXL_API oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out);
-OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
-OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
-/* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's cameras needs the scene's origin. */
-OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3]);
+OXL_API void oxl_model_free(oxl_context *ctx, oxl_model *model);
+OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
+/* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's
+ * cameras needs the scene's origin. */
+OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
 /* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. */
-OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
+OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
-/* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl 2023]. Of points at the same
- * position the first is used, so out->count may be less than `count`. */
-OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
+/* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl
+ * 2023]. Of points at the same position the first is used, so out->count may be less than `count`. */
+OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count,
+                                         int sh_degree, oxl_model *out);
 
 /* The file extension selects the format.
- *   .ply    reads any property order and type, ascii and both byte orders; writes the standard 62 float columns, little endian.
- *           Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2, raw; row i belongs to vertex i, or to
- *           the vertex of its property vertex_index. Reading moves rows with a lobe to the front; both parts keep their order.
+ *   .ply    reads any property order and type, ascii and both byte orders; writes the standard 62 float
+ *   columns, little endian.
+ *           Second lobes are in the element `dog`: float opacity_factor, scale_factor_0..2, raw; row i
+ *           belongs to vertex i, or to the vertex of its property vertex_index. Reading moves rows with a
+ *           lobe to the front; both parts keep their order.
  *           A file NAME_standard.ply is written without lobes.
  *   .splat  32 bytes per Gaussian, SH degree 0; read and written
- *   .spz    nianticlabs/spz, quantised, 20 to 65 bytes per Gaussian before compression; versions 2 and 3 are read, 3 is written
+ *   .spz    nianticlabs/spz, quantised, 20 to 65 bytes per Gaussian before compression; versions 2 and 3 are
+ *   read, 3 is written
  *   .glb    glTF with KHR_gaussian_splatting; written only
- * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the comment of an .spz's gzip
- * header, the node of a .glb; a .splat has neither. */
+ * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the
+ * comment of an .spz's gzip header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
-/* The same, but if the rows of a PLY file take more than max_bytes (0: half of the free memory), they stay in the file, and rendering
- * a view reads those that may be visible; the pixels are the same. Such a model can be rendered, evaluated and moved; the file must not
- * change. */
+/* The same, but if the rows of a PLY file take more than max_bytes (0: half of the free memory), they stay in
+ * the file, and rendering a view reads those that may be visible; the pixels are the same. Such a model can
+ * be rendered, evaluated and moved; the file must not change. */
 OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
-/* ---------------------------------------------------------------- rendering */
+/* ---------------- rendering */
 
 typedef struct oxl_render_options {
     float background[3]; /* red, green, blue, 0..1 (0,0,0) */
-    int   sh_degree;     /* largest degree evaluated; -1: the model's */
+    int sh_degree;       /* largest degree evaluated; -1: the model's */
     float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
     float alpha_min;     /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
 } oxl_render_options;
 
 OXL_API oxl_render_options oxl_render_options_default(void);
 
-/* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the expected camera z,
- * sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
+/* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the
+ * expected camera z, sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
  * options may be NULL. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
-/* The gradient of a scalar loss with respect to all parameters, given drgb = dL/d(image), (3,H,W): the exact derivative of
- * oxl_render. gradient is created with the shape of model; errors are those of oxl_render. */
+/* The gradient of a scalar loss with respect to all parameters, given drgb = dL/d(image), (3,H,W): the exact
+ * derivative of oxl_render. gradient is created with the shape of model; errors are those of oxl_render. */
 OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
-                                       const oxl_render_options *options, const float *drgb, oxl_model *gradient);
+                                       const oxl_render_options *options, const float *drgb,
+                                       oxl_model *gradient);
 
-/* ---------------------------------------------------------------- metrics */
+/* ---------------- metrics */
 
 /* Computed over unmasked pixels (weight of b) after clamping to 0..1. OXL_ERR_USAGE: a and b differ in size;
  * OXL_ERR_INPUT: no pixel counts.
  * PSNR: dB, peak 1; identical images give 100.
- * cc_psnr (colour-corrected): PSNR after each channel of a is multiplied by its least-squares factor to b, so that exposure and white
- * balance of the image do not count as error.
- * SSIM: 11 x 11 Gaussian window, sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over the channels (Wang 2004).
- * MS-SSIM: 5 scales with the exponents of Wang 2003, per channel, windows inside the image only. Images with a shorter side below
- * 176 px use the scales that hold a window, with exponents normalised to sum 1; below 11 px the result is SSIM. */
+ * cc_psnr (colour-corrected): PSNR after each channel of a is multiplied by its least-squares factor to b, so
+ * that exposure and white balance of the image do not count as error.
+ * SSIM: 11 x 11 Gaussian window, sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over the channels
+ * (Wang 2004).
+ * MS-SSIM: 5 scales with the exponents of Wang 2003, per channel, windows inside the image only. Images with
+ * a shorter side below
+ * 176 px use the scales that hold a window, with exponents normalised to sum 1; below 11 px the result is
+ * SSIM. */
 OXL_API oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
@@ -311,30 +348,35 @@ OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_i
 typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } oxl_split;
 
 typedef struct oxl_view_metrics {
-    int    view; /* index in the scene */
+    int view; /* index in the scene */
     double psnr, cc_psnr, ssim, ms_ssim;
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
-    double half_psnr;  /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
+    /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
+    double half_psnr;
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
-    double            psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
-    int               count;
-    oxl_view_metrics *views;       /* (count) */
-    double            depth[2];    /* terciles of the depths of all observations */
-    double            by_depth[3]; /* PSNR of the pixels around points nearer, between and beyond them; NaN: no such pixels */
+    double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
+    int count;
+    oxl_view_metrics *views; /* (count) */
+    double depth[2];         /* terciles of the depths of all observations */
+    /* PSNR of the pixels around points nearer, between and beyond them; NaN: no such pixels */
+    double by_depth[3];
 } oxl_metrics;
 
-/* Renders the views of the split and compares them with their images; views whose image is not readable are logged and left out. */
-OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out);
-OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
+/* Renders the views of the split and compares them with their images; views whose image is not readable are
+ * logged and left out. */
+OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                                oxl_metrics *out);
+OXL_API void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 
-/* ---------------------------------------------------------------- training */
+/* ---------------- training */
 
 /* Which Gaussians get a second, negative lobe, and so are differences of Gaussians [OceanXL eq. 3-4]. */
 typedef enum oxl_dog {
     OXL_DOG_OFF = 0,
-    OXL_DOG_SELECTIVE, /* those whose mean |dL/d(u, v)|, of the splat's centre, is above dog_threshold late in the run */
+    /* those whose mean |dL/d(u, v)|, of the splat's centre, is above dog_threshold late in the run */
+    OXL_DOG_SELECTIVE,
     OXL_DOG_ALL,
     OXL_DOG_AUTO /* selective if a trial with validation views shows a gain */
 } oxl_dog;
@@ -358,7 +400,7 @@ typedef enum oxl_keep_kind {
 } oxl_keep_kind;
 typedef struct oxl_keep {
     oxl_keep_kind kind;
-    double        value;
+    double value;
 } oxl_keep;
 
 /* Underwater-Compensated Densification: more Gaussians where water reduces contrast [OceanXL eq. 2]. */
@@ -369,89 +411,105 @@ typedef enum oxl_ucd_mode {
 } oxl_ucd_mode;
 typedef struct oxl_ucd {
     oxl_ucd_mode mode;
-    float        f_mid, f_far; /* gradient weights of the mid and far third of depth; 1 <= mid <= far <= 5 */
-    int          learn;        /* 1: corrected during training by SPSA; 0: fixed */
+    float f_mid, f_far; /* gradient weights of the mid and far third of depth; 1 <= mid <= far <= 5 */
+    int learn;          /* 1: corrected during training by SPSA; 0: fixed */
 } oxl_ucd;
 
 typedef struct oxl_train_options {
-    int        iterations;    /* one image each */
-    int        sh_degree;     /* 0..3: final SH degree; -1 (auto): chosen by validation views */
-    int        max_gaussians; /* limit of their number; 0: one per 60 training pixels, at least one per point (PAPER.md) */
-    double     max_seconds;   /* stop after this time and write the model; 0: no limit */
-    float      background[3]; /* red, green, blue, 0..1 */
-    float      ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
+    int iterations; /* one image each */
+    int sh_degree;  /* 0..3: final SH degree; -1 (auto): chosen by validation views */
+    /* limit of their number; 0: one per 60 training pixels, at least one per point (PAPER.md) */
+    int max_gaussians;
+    double max_seconds;  /* stop after this time and write the model; 0: no limit */
+    float background[3]; /* red, green, blue, 0..1 */
+    float ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
-    float      coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
-    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU only. -1: with
-     * fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view, growing to 0.4 at 60; else 0. */
-    float      dropout;
-    float      alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
-    float      sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */
-    /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float      lr_position, lr_position_final, lr_scale, lr_rotation, lr_opacity, lr_sh0, lr_sh;
-    /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and rotations by h = (30 000 / n)^e and
-     * those of SH degrees above 0 by sqrt(h), with e = short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
-     * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by r^2 (at most 0.5)
-     * and 1 - beta2 by r^-1.5 (docs/TRADEOFF.md). */
-    float      short_run_exponent;
-    float      cooldown; /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
+    float coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
+    /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU
+     * only. -1: with fewer than 30 training views and fewer than 4.6 images per point 0 at 30 steps per view,
+     * growing to 0.4 at 60; else 0. */
+    float dropout;
+    float alpha_min;          /* as in oxl_render_options, in the first 0.8 of the run; at most 0.05 */
+    float sh_degree_interval; /* fraction of the run after which the SH degree rises by 1 */
+    /* Adam's learning rates [Kerbl 2023]; the position's is multiplied by the scene's extent and decays
+     * exponentially */
+    float lr_position, lr_position_final, lr_scale, lr_rotation, lr_opacity, lr_sh0, lr_sh;
+    /* They hold for 30 000 iterations. A run of n < 30 000 multiplies the rates of means, scales and
+     * rotations by h = (30 000 / n)^e and those of SH degrees above 0 by sqrt(h), with e =
+     * short_run_exponent; initial Gaussians are narrower and more opaque than Kerbl's.
+     * A run of n < 7000, with r = (7000 / n)^e, also multiplies the rate of scales by sqrt(r), 1 - beta1 by
+     * r^2 (at most 0.5) and 1 - beta2 by r^-1.5 (docs/TRADEOFF.md). */
+    float short_run_exponent;
+    /* last fraction of the run, in which all learning rates fall to a tenth; 0: none (docs/TRADEOFF.md) */
+    float cooldown;
     /* density control */
-    float      densify_from, densify_until; /* fractions of the run */
-    int        densify_every;               /* steps */
-    float      densify_gradient;            /* threshold of |dL/d(u, v)|, of the splat's centre, in units of half an image */
-    float      opacity_reset_interval;      /* fraction of the run, at least 3000 iterations; 0: no resets */
-    oxl_ucd    ucd;
-    oxl_keep   keep;
+    float densify_from, densify_until; /* fractions of the run */
+    int densify_every;                 /* steps */
+    /* threshold of |dL/d(u, v)|, of the splat's centre, in units of half an image */
+    float densify_gradient;
+    float opacity_reset_interval; /* fraction of the run, at least 3000 iterations; 0: no resets */
+    oxl_ucd ucd;
+    oxl_keep keep;
     oxl_switch exposure; /* a log gain per channel and training image */
-    oxl_switch lamp;     /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
-    oxl_switch medium;   /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */
-    int        carve;    /* 1: Gaussians between a camera and the points that it observes are removed */
-    int        mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
+    /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
+    oxl_switch lamp;
+    /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */
+    oxl_switch medium;
+    int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */
+    int mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */
-    oxl_dog    dog;
-    float      dog_from;      /* fraction of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
-    float      dog_threshold; /* on the mean gradient, in units of half an image; <= 0: minus the fraction without a lobe */
-    float      dog_opacity_factor, dog_scale_factor; /* a new lobe relative to its Gaussian */
-    int        survey_iterations; /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
+    oxl_dog dog;
+    /* fraction of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
+    float dog_from;
+    /* on the mean gradient, in units of half an image; <= 0: minus the fraction without a lobe */
+    float dog_threshold;
+    float dog_opacity_factor, dog_scale_factor; /* a new lobe relative to its Gaussian */
+    /* in a block: iterations of the whole run, which rates and intervals follow; 0: `iterations` */
+    int survey_iterations;
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
-OXL_API oxl_result        oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
+OXL_API oxl_result oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
-/* Counts of what a run skipped or cleared because a value was not finite, and of images that could not be read. All 0 in a normal run. */
+/* Counts of what a run skipped or cleared because a value was not finite, and of images that could not be
+ * read. All 0 in a normal run. */
 typedef struct oxl_nonfinite {
-    size_t images;     /* could not be read: left out */
-    size_t steps;      /* loss not finite: skipped */
-    size_t rows;       /* updates of single Gaussians with a gradient that was not finite: skipped */
-    size_t cleared;    /* Gaussians with a value that was not finite: made invisible, removed at the end */
-    size_t degenerate; /* Gaussians of the result with a zero quaternion or a scale beyond e^+-87; still rendered */
+    size_t images;  /* could not be read: left out */
+    size_t steps;   /* loss not finite: skipped */
+    size_t rows;    /* updates of single Gaussians with a gradient that was not finite: skipped */
+    size_t cleared; /* Gaussians with a value that was not finite: made invisible, removed at the end */
+    /* Gaussians of the result with a zero quaternion or a scale beyond e^+-87; still rendered */
+    size_t degenerate;
 } oxl_nonfinite;
 
 typedef struct oxl_progress {
-    int              iteration, iterations;
-    int              block, blocks; /* index and number of blocks in a job; else 0, 0 */
-    size_t           gaussians;
-    double           loss, psnr;   /* running means over training images */
-    double           f_mid, f_far; /* depth weights of density control; 1, 1 without */
-    double           seconds;      /* since the start */
-    double           seconds_left; /* predicted */
-    size_t           memory;       /* peak so far, bytes; only in a job, else 0 */
-    const oxl_model *model;     /* current state; on a device, the last download, rows as they are now; valid during the call */
-    oxl_nonfinite    nonfinite; /* so far */
-    int              trial;     /* 1: a step of a model selection trial, which may be discarded */
+    int iteration, iterations;
+    int block, blocks; /* index and number of blocks in a job; else 0, 0 */
+    size_t gaussians;
+    double loss, psnr;   /* running means over training images */
+    double f_mid, f_far; /* depth weights of density control; 1, 1 without */
+    double seconds;      /* since the start */
+    double seconds_left; /* predicted */
+    size_t memory;       /* peak so far, bytes; only in a job, else 0 */
+    /* current state; on a device, the last download, rows as they are now; valid during the call */
+    const oxl_model *model;
+    oxl_nonfinite nonfinite; /* so far */
+    int trial;               /* 1: a step of a model selection trial, which may be discarded */
 } oxl_progress;
 
-/* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a usable model. */
+/* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a usable
+ * model. */
 typedef struct oxl_callback {
     int (*progress)(void *user, const oxl_progress *progress);
     void *user;
 } oxl_callback;
 
-/* Trains a model on the scene's training views. The same scene, options and seed give the same bytes. callback may be NULL.
+/* Trains a model on the scene's training views. The same scene, options and seed give the same bytes.
+ * callback may be NULL.
  * OXL_ERR_USAGE: an option is out of its range; OXL_ERR_INTERRUPTED: stopped, out is usable. */
-OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
-                             oxl_model *out);
+OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                             const oxl_callback *callback, oxl_model *out);
 
 #ifdef __cplusplus
 }

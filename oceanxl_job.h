@@ -1,6 +1,8 @@
-/* oceanxl_job.h - survey folder in, output folder out: what the program oceanxl needs beside the library in oceanxl.h.
+/* oceanxl_job.h - survey folder in, output folder out: what the program oceanxl needs beside the library in
+ * oceanxl.h.
  *
- * The whole job (oxl_job_run), its options by name, the partition into blocks, predictions, and results as JSON.
+ * The whole job (oxl_job_run), its options by name, the partition into blocks, predictions, and results as
+ * JSON.
  * The conventions are those of oceanxl.h.
  */
 #ifndef OCEANXL_JOB_H
@@ -12,7 +14,7 @@
 extern "C" {
 #endif
 
-/* ---------------------------------------------------------------- blocks */
+/* ---------------- blocks */
 
 /* A survey too large for one model is cut into blocks along its principal axes [OceanXL sec. 3.1, Alg. 1]. */
 typedef enum oxl_partition_kind {
@@ -23,218 +25,255 @@ typedef enum oxl_partition_kind {
 } oxl_partition_kind;
 
 typedef enum oxl_cut {
-    OXL_CUT_BALANCED = 0, /* at 0.3 to 0.7 of the box, where the loads of the sides come nearest to their numbers of blocks */
-    OXL_CUT_MIDPOINT      /* at 0.5, as in BlockGaussian: the baseline */
+    /* at 0.3 to 0.7 of the box, where the loads of the sides come nearest to their numbers of blocks */
+    OXL_CUT_BALANCED = 0,
+    OXL_CUT_MIDPOINT /* at 0.5, as in BlockGaussian: the baseline */
 } oxl_cut;
 
 typedef struct oxl_partition_options {
-    int                block_points; /* blocks with more points are cut; 0: as memory requires */
-    int                blocks;       /* approximate number of blocks, in place of block_points; 0: by block_points or memory */
+    int block_points; /* blocks with more points are cut; 0: as memory requires */
+    /* approximate number of blocks, in place of block_points; 0: by block_points or memory */
+    int blocks;
     oxl_partition_kind kind;
-    oxl_cut            cut; /* option --cut */
+    oxl_cut cut; /* option --cut */
 } oxl_partition_options;
 
 OXL_API oxl_partition_options oxl_partition_options_default(void);
 
-/* ---------------------------------------------------------------- the whole job */
+/* ---------------- the whole job */
 
 typedef struct oxl_job_options {
-    oxl_scene_options     scene;
-    oxl_train_options     train;
+    oxl_scene_options scene;
+    oxl_train_options train;
     oxl_partition_options partition;
-    const char           *preset;  /* preset of the defaults, recorded in run.json */
-    int                   renders; /* 1: write renders of the held-out views to OUT/renders */
-    size_t                ram;     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
-    int         iterations_for;    /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
-    int         block;             /* train only this block and do not merge; -1: all */
-    int         keep_decoded;      /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int         restart;           /* 1: discard unfinished work with other options in OUT */
-    uint64_t    seed;              /* 0: the context's */
-    const char *from;              /* model that training starts from; NULL: the survey's points */
+    const char *preset; /* preset of the defaults, recorded in run.json */
+    int renders;        /* 1: write renders of the held-out views to OUT/renders */
+    /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: what is free */
+    size_t ram;
+    /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
+    int iterations_for;
+    int block;        /* train only this block and do not merge; -1: all */
+    int keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
+    int restart;      /* 1: discard unfinished work with other options in OUT */
+    uint64_t seed;    /* 0: the context's */
+    const char *from; /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
 
-/* ---------------------------------------------------------------- options by name */
+/* ---------------- options by name */
 
-/* One row per option; the table is in src/core/options.c. Defaults, parsing, range checks, run.json, the command line, its help, the manual
- * page and docs/OPTIONS.md are generated from it. A program can have a table of the same type for its own options. */
-typedef enum oxl_option_kind {                     /* what the field holds, and its text */
-                               OXL_OPTION_FLAG,    /* int, 0 or 1: no text, or true | false */
-                               OXL_OPTION_INT,     /* int */
-                               OXL_OPTION_LONG,    /* long */
-                               OXL_OPTION_SEED,    /* uint64_t */
-                               OXL_OPTION_FLOAT,   /* float: 0.05 or 1/255 */
-                               OXL_OPTION_DOUBLE,  /* double */
-                               OXL_OPTION_CHOICE,  /* an enum from 0: a word of `value` */
-                               OXL_OPTION_BYTES,   /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
+/* One row per option; the table is in src/core/options.c. Defaults, parsing, range checks, run.json, the
+ * command line, its help, the manual page and docs/OPTIONS.md are generated from it. A program can have a
+ * table of the same type for its own options. */
+typedef enum oxl_option_kind {                    /* what the field holds, and its text */
+                               OXL_OPTION_FLAG,   /* int, 0 or 1: no text, or true | false */
+                               OXL_OPTION_INT,    /* int */
+                               OXL_OPTION_LONG,   /* long */
+                               OXL_OPTION_SEED,   /* uint64_t */
+                               OXL_OPTION_FLOAT,  /* float: 0.05 or 1/255 */
+                               OXL_OPTION_DOUBLE, /* double */
+                               OXL_OPTION_CHOICE, /* an enum from 0: a word of `value` */
+                               /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
+                               OXL_OPTION_BYTES,
                                OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
                                OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not set */
                                OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
                                OXL_OPTION_POINT,   /* double[3]: X,Y,Z */
                                OXL_OPTION_SIZE,    /* int[2]: 400x260 */
-                               OXL_OPTION_PRESET,  /* const char *; sets all options of the job to the preset's defaults */
-                               OXL_OPTION_UCD,     /* oxl_ucd: on, off, auto; 1.5,2 (on, corrected); 1.5,2,fixed; auto,1.5,2 */
-                               OXL_OPTION_KEEP,    /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
-                               OXL_OPTION_LIMIT    /* float: 0.0002; or 90%, stored as -0.9 */
+                               /* const char *; sets all options of the job to the preset's defaults */
+                               OXL_OPTION_PRESET,
+                               /* oxl_ucd: on, off, auto; 1.5,2 (on, corrected); 1.5,2,fixed; auto,1.5,2 */
+                               OXL_OPTION_UCD,
+                               /* oxl_keep: 0.5, 400000, 80MB (B, KB, MB, GB, TB; KiB...), auto, all */
+                               OXL_OPTION_KEEP,
+                               OXL_OPTION_LIMIT /* float: 0.0002; or 90%, stored as -0.9 */
 } oxl_option_kind;
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
 
-enum {                               /* what takes the option, and where it does not apply: bits of oxl_option.use */
-       OXL_OPTION_OF_SURVEY   = 1,   /* reading a survey */
-       OXL_OPTION_OF_TRAINING = 2,   /* training, in a run or a study, and its prediction */
-       OXL_OPTION_OF_RUN      = 4,   /* one run, or its prediction */
-       OXL_OPTION_OF_OUT      = 8,   /* an existing folder OUT */
-       OXL_OPTION_OF_BLOCK    = 16,  /* a run or one block of it, not its prediction */
-       OXL_OPTION_OF_RESULT   = 64,  /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
-       OXL_OPTION_NOT_REFINED = 128, /* off while a finished model is refined: after merging, for viewers, to continue a run */
-       OXL_OPTION_ONE_BLOCK   = 256, /* refused if the survey is cut into several blocks */
-       OXL_OPTION_CPU_ONLY    = 512  /* a device does not have it: there `auto` is off */
+/* what takes the option, and where it does not apply: bits of oxl_option.use */
+enum {
+    OXL_OPTION_OF_SURVEY = 1,   /* reading a survey */
+    OXL_OPTION_OF_TRAINING = 2, /* training, in a run or a study, and its prediction */
+    OXL_OPTION_OF_RUN = 4,      /* one run, or its prediction */
+    OXL_OPTION_OF_OUT = 8,      /* an existing folder OUT */
+    OXL_OPTION_OF_BLOCK = 16,   /* a run or one block of it, not its prediction */
+    OXL_OPTION_OF_RESULT =
+        64, /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
+    /* off while a finished model is refined: after merging, for viewers, to continue a run */
+    OXL_OPTION_NOT_REFINED = 128,
+    OXL_OPTION_ONE_BLOCK = 256, /* refused if the survey is cut into several blocks */
+    OXL_OPTION_CPU_ONLY = 512   /* a device does not have it: there `auto` is off */
 };
 
 typedef struct oxl_option {
-    const char     *name;  /* "sh-degree" */
-    const char     *value; /* "auto|0..3"; NULL: a flag. A number with a value WORD|... also takes WORD, stored as -1 */
+    const char *name; /* "sh-degree" */
+    const char
+        *value; /* "auto|0..3"; NULL: a flag. A number with a value WORD|... also takes WORD, stored as -1 */
     oxl_option_kind kind;
-    size_t          at;        /* offset of the field in oxl_job_options, or in the struct of the program's table */
-    double          low, high; /* inclusive range of a number */
-    const char     *preset[3]; /* default as text, by oxl_preset; NULL: 0 */
+    /* offset of the field in oxl_job_options, or in the struct of the program's table */
+    size_t at;
+    double low, high;      /* inclusive range of a number */
+    const char *preset[3]; /* default as text, by oxl_preset; NULL: 0 */
     oxl_option_tier tier;
-    unsigned        use;
-    const char     *group, *help; /* help: with the unit, without the default */
-    const char     *alias;        /* former name, still accepted; after '=': another name; NULL: none */
+    unsigned use;
+    const char *group, *help; /* help: with the unit, without the default */
+    const char *alias;        /* former name, still accepted; after '=': another name; NULL: none */
 } oxl_option;
 
-OXL_API int               oxl_option_count(void);
+OXL_API int oxl_option_count(void);
 OXL_API const oxl_option *oxl_option_at(int index);          /* 0 .. count - 1; 0 is the preset */
 OXL_API const oxl_option *oxl_option_find(const char *name); /* by name or former name; NULL: none */
-/* Parses text into the option's field; text of folders is borrowed. On OXL_ERR_USAGE the field is unchanged, and error, which may be
- * NULL, names the option, the value found, the values allowed and a fix. */
-OXL_API oxl_result  oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size);
-/* The shortest text that oxl_option_set parses to the same value; "" for a folder that is not set. Returns out. */
+/* Parses text into the option's field; text of folders is borrowed. On OXL_ERR_USAGE the field is unchanged,
+ * and error, which may be NULL, names the option, the value found, the values allowed and a fix. */
+OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error,
+                                  size_t error_size);
+/* The shortest text that oxl_option_set parses to the same value; "" for a folder that is not set. Returns
+ * out. */
 OXL_API const char *oxl_option_get(const oxl_option *option, const void *options, char *out, size_t size);
 /* Its member name in run.json: sh_degree, images_folder. Returns out. */
 OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
-OXL_API oxl_result  oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
+OXL_API oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
 
 /* Content of a survey, its lint results and the predicted cost of training. */
 typedef struct oxl_survey {
-    int    images, images_missing; /* listed in images.txt; of these, not on disk */
-    int    train_views, test_views, masks;
-    int    cameras, cameras_distorted;
-    int    width, height; /* size of the largest view as trained, px */
+    int images, images_missing; /* listed in images.txt; of these, not on disk */
+    int train_views, test_views, masks;
+    int cameras, cameras_distorted;
+    int width, height; /* size of the largest view as trained, px */
     size_t points, observations;
-    double mean_track, mean_error;        /* images per point; reprojection error, px */
-    double bounds_min[3], bounds_max[3];  /* 1st to 99th percentile of the points, world coordinates */
-    double extent;                        /* see oxl_scene_extent */
-    double missed;                        /* fraction of track observations outside their image, without images of wrong pose */
-    double masked;                        /* black fraction of the masks; only oxl_check sets this and the next field */
-    int    unusable;                      /* images that are not readable, have another aspect ratio or are masked completely */
-    int    blurred, badly_exposed;        /* images, against those beside them; only oxl_check_quality sets these */
-    double gaussians;                     /* predicted, at the end of the run */
-    double memory, seconds;               /* predicted: peak in bytes, duration with ctx's threads */
-    double seconds_range[2];              /* lower and upper limit of the duration */
-    double memory_free;                   /* available now, bytes; 0: unknown */
-    char   cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report as lines of text */
+    double mean_track, mean_error;       /* images per point; reprojection error, px */
+    double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
+    double extent;                       /* see oxl_scene_extent */
+    /* fraction of track observations outside their image, without images of wrong pose */
+    double missed;
+    /* black fraction of the masks; only oxl_check sets this and the next field */
+    double masked;
+    /* images that are not readable, have another aspect ratio or are masked completely */
+    int unusable;
+    /* images, against those beside them; only oxl_check_quality sets these */
+    int blurred, badly_exposed;
+    double gaussians;                   /* predicted, at the end of the run */
+    double memory, seconds;             /* predicted: peak in bytes, duration with ctx's threads */
+    double seconds_range[2];            /* lower and upper limit of the duration */
+    double memory_free;                 /* available now, bytes; 0: unknown */
+    char cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report as lines of text */
 } oxl_survey;
 
-/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. out->text ends in a newline. */
-OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
-/* The same; also decodes every image as training does, compares it with those taken beside it, and logs the blurred and the badly
- * exposed ones. */
-OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
+/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. out->text ends in a
+ * newline. */
+OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options,
+                             oxl_survey *out);
+/* The same; also decodes every image as training does, compares it with those taken beside it, and logs the
+ * blurred and the badly exposed ones. */
+OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options,
+                                     oxl_survey *out);
 
-/* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
- * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey that
- * fits the memory (or, with block_points, has no more points than that) is one block, 000. A larger one is cut (partition.txt,
- * partition.svg). Training then has three stages: a coarse model of the survey (blocks/coarse/), the blocks, each with the Gaussians of
- * the others as context, and the merged model (blocks/whole/), if `ram` allows it. train.iterations is the number of steps of all
- * stages; a step on a window of an image counts as the window's fraction of the pixels.
+/* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply
+ * is not in the standard
+ * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and
+ * block.json. A survey that fits the memory (or, with block_points, has no more points than that) is one
+ * block, 000. A larger one is cut (partition.txt, partition.svg). Training then has three stages: a coarse
+ * model of the survey (blocks/coarse/), the blocks, each with the Gaussians of the others as context, and the
+ * merged model (blocks/whole/), if `ram` allows it. train.iterations is the number of steps of all stages; a
+ * step on a window of an image counts as the window's fraction of the pixels.
  *
- * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called again and ends in the same
- * bytes as an uninterrupted one; a finished run is not changed. If the callback stops the run (OXL_ERR_INTERRUPTED) or
- * train.max_seconds has passed (OXL_OK), model.ply is the current model, and scene.ply too if there is one block.
- * A finished run of one block is continued when it is called with more iterations and otherwise the same options: the missing steps refine
- * the model in blocks/000 without density control. With `from`, training starts from that model in the place of the points.
- * An unfinished run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set; if run.json is lost, its
- * checkpoints are renamed to NAME.other. options may be NULL: the draft preset. */
-OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
-                               const oxl_callback *callback);
+ * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called
+ * again and ends in the same bytes as an uninterrupted one; a finished run is not changed. If the callback
+ * stops the run (OXL_ERR_INTERRUPTED) or train.max_seconds has passed (OXL_OK), model.ply is the current
+ * model, and scene.ply too if there is one block.
+ * A finished run of one block is continued when it is called with more iterations and otherwise the same
+ * options: the missing steps refine the model in blocks/000 without density control. With `from`, training
+ * starts from that model in the place of the points.
+ * An unfinished run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set; if
+ * run.json is lost, its checkpoints are renamed to NAME.other. options may be NULL: the draft preset. */
+OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out,
+                               const oxl_job_options *options, const oxl_callback *callback);
 
-/* ---------------------------------------------------------------- the partition of a survey */
+/* ---------------- the partition of a survey */
 
 typedef struct oxl_block {
     size_t points, start_points;       /* inside the block; initial points of its training */
-    int    base_views, border_views;   /* views by overlap [OceanXL sec. 3.1] */
+    int base_views, border_views;      /* views by overlap [OceanXL sec. 3.1] */
     double gaussians, memory, seconds; /* predicted, as in oxl_survey */
 } oxl_block;
 
-typedef struct oxl_balance { /* peak: largest / mean; spread: standard deviation / mean; 1 and 0 are optimal */
-    int    blocks;
+/* peak: largest / mean; spread: standard deviation / mean; 1 and 0 are optimal */
+typedef struct oxl_balance {
+    int blocks;
     double points_peak, points_spread, views_peak, views_spread;
     double memory, seconds, longest; /* predicted: largest block; all blocks in sequence; longest block */
 } oxl_balance;
 
 typedef struct oxl_partition_report {
-    int         dimensions; /* 2 or 3 */
-    double      extent[3];  /* along the principal axes, in the survey's unit */
-    oxl_cut     cut;        /* used */
+    int dimensions;         /* 2 or 3 */
+    double extent[3];       /* along the principal axes, in the survey's unit */
+    oxl_cut cut;            /* used */
     oxl_balance balance[2]; /* by oxl_cut: for the cut used and for the other */
-    int         block_count;
-    oxl_block  *block;
+    int block_count;
+    oxl_block *block;
 } oxl_partition_report;
 
-/* Cuts the survey in folder `scene` into blocks and writes to folder `out`: blocks/KKK/ as COLMAP text exports, partition.txt and
- * partition.svg. report may be NULL; options may be NULL: the draft preset. The image folder may be missing; if it exists, views without
- * an image are left out, as in training. OXL_ERR_BUDGET: no partition fits options->ram. */
-OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
-                                 oxl_partition_report *report);
-OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
+/* Cuts the survey in folder `scene` into blocks and writes to folder `out`: blocks/KKK/ as COLMAP text
+ * exports, partition.txt and partition.svg. report may be NULL; options may be NULL: the draft preset. The
+ * image folder may be missing; if it exists, views without an image are left out, as in training.
+ * OXL_ERR_BUDGET: no partition fits options->ram. */
+OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out,
+                                 const oxl_job_options *options, oxl_partition_report *report);
+OXL_API void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
-/* The last stage of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply and evaluates it. callback may be
- * NULL. */
+/* The last stage of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply and
+ * evaluates it. callback may be NULL. */
 OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);
 
-/* Replaces options by those of an existing run of this survey in folder `out`, which a resumed run keeps; without such a run, options
- * are unchanged. *run holds their strings: free it with oxl_manifest_free after the last use of options. */
+/* Replaces options by those of an existing run of this survey in folder `out`, which a resumed run keeps;
+ * without such a run, options are unchanged. *run holds their strings: free it with oxl_manifest_free after
+ * the last use of options. */
 typedef struct oxl_manifest oxl_manifest;
-OXL_API oxl_result          oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options,
-                                           oxl_manifest **run);
-OXL_API void                oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
+OXL_API oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out,
+                                  oxl_job_options *options, oxl_manifest **run);
+OXL_API void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 
-/* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.image.png, the image, and, where
- * a medium is fitted, NAME.clear.png, the render without lamp and medium; with `depth` also NAME.depth.png (near is bright), NAME.depth.pfm
- * (float camera z, 0: no Gaussian) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or of a metre with `unit`; 0: no
+/* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.image.png, the image,
+ * and, where a medium is fitted, NAME.clear.png, the render without lamp and medium; with `depth` also
+ * NAME.depth.png (near is bright), NAME.depth.pfm
+ * (float camera z, 0: no Gaussian) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or
+ * of a metre with `unit`; 0: no
  * Gaussian, 65535: that or more). */
 typedef struct oxl_render_output {
     oxl_split split;
-    int       images, depth;
-    double    unit;    /* factor of depths: metres per unit of the scene; 0: none (0) */
-    int       clear;   /* 1: without the exposure and medium of imaging.txt (0) */
-    int       replace; /* 1: overwrites files that no earlier call wrote; 0: such a file is OXL_ERR_INPUT (0) */
+    int images, depth;
+    double unit; /* factor of depths: metres per unit of the scene; 0: none (0) */
+    int clear;   /* 1: without the exposure and medium of imaging.txt (0) */
+    int replace; /* 1: overwrites files that no earlier call wrote; 0: such a file is OXL_ERR_INPUT (0) */
 } oxl_render_output;
-OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
-                                    const char *folder, int *count);
+OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+                                    const oxl_render_output *what, const char *folder, int *count);
 
-/* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it cannot be written. */
-OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height);
+/* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it
+ * cannot be written. */
+OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
+                                 int height);
 
-/* For images that the caller renders: removes the files of the previous call, which FOLDER/.renders lists, and writes the new list: one
- * name per line. */
+/* For images that the caller renders: removes the files of the previous call, which FOLDER/.renders lists,
+ * and writes the new list: one name per line. */
 OXL_API oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace);
 
 /* As JSON, in the form of metrics.json; free with oxl_text_free. */
-OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out);
+OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics,
+                                       char **out);
 OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
 
-/* ---------------------------------------------------------------- files and terminal */
+/* ---------------- files and terminal */
 
-OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path); /* with its parents; an existing folder is no error */
-OXL_API int        oxl_is_folder(const char *path);
+/* with its parents; an existing folder is no error */
+OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
+OXL_API int oxl_is_folder(const char *path);
 
-/* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be rewritten. */
+/* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
+ * rewritten. */
 OXL_API int oxl_is_terminal(int stream);
 
 #ifdef __cplusplus

@@ -1,10 +1,11 @@
-/* bench.c - where the time of a training step goes, beside what the machine can do at most, measured in the same run.
+/* bench.c - where the time of a training step goes, beside what the machine can do at most, measured in the
+ * same run.
  *
  *     make bench                          fixed synthetic inputs
  *     build/bench SCENE [MAX_SIDE...]     a real survey at its starting model, for each size
  *
- * Machines are shared and noisy: read the ratios to the ceilings more than the milliseconds, and on a busy one the fastest round more
- * than the median.
+ * Machines are shared and noisy: read the ratios to the ceilings more than the milliseconds, and on a busy
+ * one the fastest round more than the median.
  */
 #include "../oceanxl.c"
 
@@ -25,7 +26,7 @@ static void bench_check(oxl_context *ctx, oxl_result rc)
     exit(1);
 }
 
-/* ---------------------------------------------------------------- ceilings */
+/* ---------------- ceilings */
 
 struct bench_ceiling {
     double forward, backward; /* G alpha evaluations a second, everything in the first-level cache, */
@@ -36,38 +37,39 @@ struct bench_ceiling {
 
 enum { BENCH_SPLATS = 64, BENCH_REPEAT = 40, BENCH_CHAINS = 12 };
 
-/* One tile, 64 faint splats that cover all of it: the kernels without binning, gathering or cache misses. Each thread has its own. */
+/* One tile, 64 faint splats that cover all of it: the kernels without binning, gathering or cache misses.
+ * Each thread has its own. */
 struct bench_tile {
-    struct splat      splat[BENCH_SPLATS];
-    struct pair       pair[BENCH_SPLATS];
-    float             rgb[3 * TILE_PIXELS], transmittance[TILE_PIXELS], drgb[3 * TILE_PIXELS];
-    float             sums[BENCH_SPLATS][SPLAT_SUMS];
-    uint32_t          start[2];
-    struct bins       bins;
+    struct splat splat[BENCH_SPLATS];
+    struct pair pair[BENCH_SPLATS];
+    float rgb[3 * TILE_PIXELS], transmittance[TILE_PIXELS], drgb[3 * TILE_PIXELS];
+    float sums[BENCH_SPLATS][SPLAT_SUMS];
+    uint32_t start[2];
+    struct bins bins;
     struct raster_job job;
-    float             spin[BENCH_CHAINS][PACK];
+    float spin[BENCH_CHAINS][PACK];
 };
 
 static void bench_tile(struct bench_tile *t)
 {
     t->start[1] = BENCH_SPLATS;
-    t->bins     = (struct bins){.tiles_x     = 1,
-                                .tiles_y     = 1,
-                                .alpha_min   = ALPHA_MIN,
-                                .cutoff_bits = LOG2_255,
-                                .splat       = t->splat,
-                                .pair        = t->pair,
-                                .tile_start  = t->start};
-    t->job      = (struct raster_job){.bins          = &t->bins,
-                                      .width         = TILE,
-                                      .height        = TILE,
-                                      .rgb           = t->rgb,
-                                      .transmittance = t->transmittance,
-                                      .drgb          = t->drgb,
-                                      .sums          = t->sums};
+    t->bins = (struct bins){.tiles_x = 1,
+                            .tiles_y = 1,
+                            .alpha_min = ALPHA_MIN,
+                            .cutoff_bits = LOG2_255,
+                            .splat = t->splat,
+                            .pair = t->pair,
+                            .tile_start = t->start};
+    t->job = (struct raster_job){.bins = &t->bins,
+                                 .width = TILE,
+                                 .height = TILE,
+                                 .rgb = t->rgb,
+                                 .transmittance = t->transmittance,
+                                 .drgb = t->drgb,
+                                 .sums = t->sums};
     for (int i = 0; i < BENCH_SPLATS; i++) {
-        t->splat[i] =
-            (struct splat){.u = 8, .v = 8, .a = 0.001f, .k = 0.1f, .e = 0.001f, .peak = -5, .colour = {0.5f, 0.4f, 0.3f}};
+        t->splat[i] = (struct splat){
+            .u = 8, .v = 8, .a = 0.001f, .k = 0.1f, .e = 0.001f, .peak = -5, .colour = {0.5f, 0.4f, 0.3f}};
         t->pair[i] = (struct pair){(uint32_t)i, (uint32_t)i, 0xFFFF};
     }
     for (int i = 0; i < 3 * TILE_PIXELS; i++) t->drgb[i] = (float)(i % 7) - 3;
@@ -105,7 +107,7 @@ static double bench_kernel(oxl_context *ctx, int kernel, int threads, struct ben
                 else bench_spin(ctx->isa, &chains);
             }
         }
-        t     = os_seconds() - t;
+        t = os_seconds() - t;
         least = OXL_MIN(least, t); /* it is a ceiling */
     }
     return 1e-9 * BENCH_SPLATS * TILE_PIXELS * BENCH_REPEAT * threads / least;
@@ -117,17 +119,18 @@ static void bench_kernel_ceiling(oxl_context *ctx, struct bench_ceiling *out)
     if (!tiles) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the tiles"));
     for (int thread = 0; thread < ctx->threads; thread++) bench_tile(&tiles[thread]);
     for (int kernel = 0; kernel < 3; kernel++) out->one[kernel] = bench_kernel(ctx, kernel, 1, tiles);
-    out->forward  = bench_kernel(ctx, 0, ctx->threads, tiles);
+    out->forward = bench_kernel(ctx, 0, ctx->threads, tiles);
     out->backward = bench_kernel(ctx, 1, ctx->threads, tiles);
-    out->spin     = bench_kernel(ctx, 2, ctx->threads, tiles);
+    out->spin = bench_kernel(ctx, 2, ctx->threads, tiles);
     oxl_free(ctx, tiles);
 }
 
 static void bench_triad(oxl_context *ctx, struct bench_ceiling *out)
 {
     const int64_t n = 1 << 24;
-    float        *a = oxl_calloc(ctx, (size_t)n, 4), *b = oxl_calloc(ctx, (size_t)n, 4), *c = oxl_calloc(ctx, (size_t)n, 4);
-    double        times[5];
+    float *a = oxl_calloc(ctx, (size_t)n, 4), *b = oxl_calloc(ctx, (size_t)n, 4),
+          *c = oxl_calloc(ctx, (size_t)n, 4);
+    double times[5];
     if (!a || !b || !c) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the triad"));
     for (int round = 0; round < 5; round++) {
         const double t = os_seconds();
@@ -141,7 +144,7 @@ static void bench_triad(oxl_context *ctx, struct bench_ceiling *out)
     oxl_free(ctx, c);
 }
 
-/* ---------------------------------------------------------------- the stages of a step */
+/* ---------------- the stages of a step */
 
 enum bench_stage {
     STAGE_PROJECT,
@@ -156,20 +159,20 @@ static const char *const BENCH_NAMES[STAGES] = {
     "project", "bin", "raster forward", "loss, there and back", "raster backward", "project back, Adam"};
 
 struct bench_input {
-    const char          *name;
+    const char *name;
     struct trained_model trained;
-    oxl_camera           camera;
-    float               *target;
-    float                near_plane;
+    oxl_camera camera;
+    float *target;
+    float near_plane;
 };
 
 static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input *in, double seconds[STAGES])
 {
-    oxl_render_options        o = oxl_render_options_default();
-    struct renderer_loss      loss;
+    oxl_render_options o = oxl_render_options_default();
+    struct renderer_loss loss;
     struct renderer_nonfinite skipped;
-    const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
-    double                    t[STAGES + 1];
+    const struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    double t[STAGES + 1];
     o.near_plane = in->near_plane;
     bench_check(ctx, render_begin(ctx, r, &in->trained.model, &in->camera, &o));
     t[0] = os_seconds();
@@ -196,9 +199,9 @@ static void bench_input_end(oxl_context *ctx, struct bench_input *in)
 
 static void bench_table(oxl_context *ctx, struct bench_input *in, const struct bench_ceiling *ceiling)
 {
-    static double          seconds[STAGES][BENCH_ROUNDS];
-    double                 one[STAGES], total = 0, least = 0, median[STAGES];
-    struct renderer       *r = NULL;
+    static double seconds[STAGES][BENCH_ROUNDS];
+    double one[STAGES], total = 0, least = 0, median[STAGES];
+    struct renderer *r = NULL;
     struct renderer_counts n;
     bench_check(ctx, renderer_create(ctx, &r));
     bench_step(ctx, r, in, one);
@@ -211,13 +214,16 @@ static void bench_table(oxl_context *ctx, struct bench_input *in, const struct b
         total += median[s] = bench_median(seconds[s], BENCH_ROUNDS);
         least += seconds[s][0];
     }
-    printf("\n%s: %d x %d px, %zu Gaussians, SH degree %d, %d threads, %s\n", in->name, in->camera.width, in->camera.height,
-           in->trained.model.count, in->trained.model.sh_degree, ctx->threads, oxl_isa_name(ctx));
-    printf("  %zu visible, %zu (tile, splat) pairs, %.3f M alpha evaluations in %.3f M block lanes: %.1f a pixel\n", n.visible,
-           n.pairs, n.pixels * 1e-6, n.subtiles * 16e-6, (double)n.pixels / in->camera.width / in->camera.height);
+    printf("\n%s: %d x %d px, %zu Gaussians, SH degree %d, %d threads, %s\n", in->name, in->camera.width,
+           in->camera.height, in->trained.model.count, in->trained.model.sh_degree, ctx->threads,
+           oxl_isa_name(ctx));
+    printf(
+        "  %zu visible, %zu (tile, splat) pairs, %.3f M alpha evaluations in %.3f M block lanes: %.1f a pixel\n",
+        n.visible, n.pairs, n.pixels * 1e-6, n.subtiles * 16e-6,
+        (double)n.pixels / in->camera.width / in->camera.height);
     for (int s = 0; s < STAGES; s++) {
-        printf("  %-22s %8.3f ms, fastest %8.3f %5.1f %%", BENCH_NAMES[s], 1e3 * median[s], 1e3 * seconds[s][0],
-               100 * median[s] / total);
+        printf("  %-22s %8.3f ms, fastest %8.3f %5.1f %%", BENCH_NAMES[s], 1e3 * median[s],
+               1e3 * seconds[s][0], 100 * median[s] / total);
         if (s == STAGE_RASTER || s == STAGE_RASTER_BACK) {
             const double rate = 1e-9 * (double)n.pixels / seconds[s][0];
             const double most = s == STAGE_RASTER ? ceiling->forward : ceiling->backward;
@@ -229,43 +235,49 @@ static void bench_table(oxl_context *ctx, struct bench_input *in, const struct b
     renderer_free(ctx, r);
 }
 
-/* ---------------------------------------------------------------- inputs */
+/* ---------------- inputs */
 
-/* A plane of Gaussians before the camera, as a survey looks from above; every second number from random_bits, so the same everywhere. */
-static struct bench_input bench_synthetic(oxl_context *ctx, const char *name, size_t count, int width, int height, double spread)
+/* A plane of Gaussians before the camera, as a survey looks from above; every second number from random_bits,
+ * so the same everywhere. */
+static struct bench_input bench_synthetic(oxl_context *ctx, const char *name, size_t count, int width,
+                                          int height, double spread)
 {
-    struct bench_input in    = {.name = name, .near_plane = 0.01f};
-    oxl_point         *point = oxl_calloc(ctx, count, sizeof *point);
+    struct bench_input in = {.name = name, .near_plane = 0.01f};
+    oxl_point *point = oxl_calloc(ctx, count, sizeof *point);
     if (!point) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", count));
     for (size_t i = 0; i < count; i++) {
         for (int a = 0; a < 3; a++) {
-            const double u       = random_unit(random_bits(7, i, (uint64_t)a)) - 0.5;
-            point[i].position[a] = a == 0 ? 4 * spread * u : a == 1 ? 4 * spread * u * height / width : 0.3 * u;
-            point[i].rgb[a]      = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
+            const double u = random_unit(random_bits(7, i, (uint64_t)a)) - 0.5;
+            point[i].position[a] = a == 0   ? 4 * spread * u
+                                   : a == 1 ? 4 * spread * u * height / width
+                                            : 0.3 * u;
+            point[i].rgb[a] = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
         }
     }
     bench_check(ctx, oxl_model_from_points(ctx, point, count, 3, &in.trained.model));
     oxl_free(ctx, point);
-    in.camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                             {0, 0, 3}};
+    in.camera = (oxl_camera){
+        width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
+        {0, 0, 3}};
     in.target = oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, sizeof *in.target);
     if (!in.target) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
-    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) in.target[i] = (float)random_unit(random_bits(8, i, 0));
+    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++)
+        in.target[i] = (float)random_unit(random_bits(8, i, 0));
     bench_check(ctx, model_trained_begin(ctx, &in.trained));
     return in;
 }
 
 static struct bench_input bench_survey(oxl_context *ctx, const char *path, int max_side, int degree)
 {
-    struct bench_input in      = {.name = path};
-    oxl_scene_options  options = oxl_scene_options_default();
-    oxl_scene         *scene   = NULL;
-    oxl_image          image;
+    struct bench_input in = {.name = path};
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene *scene = NULL;
+    oxl_image image;
     options.max_side = max_side;
     bench_check(ctx, oxl_scene_load(ctx, path, &options, &scene));
-    bench_check(ctx,
-                oxl_model_from_points(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), degree, &in.trained.model));
-    in.camera     = oxl_scene_view(scene, 1)->camera;
+    bench_check(ctx, oxl_model_from_points(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), degree,
+                                           &in.trained.model));
+    in.camera = oxl_scene_view(scene, 1)->camera;
     in.near_plane = (float)scene_near_plane(scene);
     bench_check(ctx, oxl_scene_image(ctx, scene, 1, &image));
     in.target = image.rgb;
@@ -277,9 +289,9 @@ static struct bench_input bench_survey(oxl_context *ctx, const char *path, int m
 
 int main(int argc, char **argv)
 {
-    oxl_context         *ctx     = NULL;
+    oxl_context *ctx = NULL;
     struct bench_ceiling ceiling = {0};
-    struct bench_input   in;
+    struct bench_input in;
     if (oxl_context_create(NULL, &ctx) != OXL_OK) return 1;
     bench_kernel_ceiling(ctx, &ceiling);
     bench_triad(ctx, &ceiling);
@@ -287,8 +299,8 @@ int main(int argc, char **argv)
         "ceilings (%s), %d threads at once, and one alone:\n"
         "  %.2f (%.2f) Gpairs/s forward, %.2f (%.2f) backward, in cache; %.1f (%.1f) G multiply-adds/s in registers: %.0f %% of\n"
         "  what as many cores would do; %.1f GB/s triad\n",
-        oxl_isa_name(ctx), ctx->threads, ceiling.forward, ceiling.one[0], ceiling.backward, ceiling.one[1], ceiling.spin,
-        ceiling.one[2], 100 * ceiling.spin / ceiling.one[2] / ctx->threads, ceiling.triad);
+        oxl_isa_name(ctx), ctx->threads, ceiling.forward, ceiling.one[0], ceiling.backward, ceiling.one[1],
+        ceiling.spin, ceiling.one[2], 100 * ceiling.spin / ceiling.one[2] / ctx->threads, ceiling.triad);
     if (argc > 1) {
         for (int i = 2; i < OXL_MAX(argc, 3); i++) {
             in = bench_survey(ctx, argv[1], i < argc ? atoi(argv[i]) : 1600, 0);

@@ -1,10 +1,12 @@
-/* cost.c - how the cost of a training step grows: with Gaussians, pixels, views, bands of spherical harmonics, threads.
+/* cost.c - how the cost of a training step grows: with Gaussians, pixels, views, bands of spherical
+ * harmonics, threads.
  *
- *     build/cost SCENE > docs/log/cost.tsv     one line a point: what is varied, its value, milliseconds a step
- *     awk -f bench/cost_plot.awk docs/log/cost.tsv > docs/log/cost.svg
+ *     build/cost SCENE > docs/log/cost.tsv     one line a point: what is varied, its value, milliseconds a
+ *     step awk -f bench/cost_plot.awk docs/log/cost.tsv > docs/log/cost.svg
  *
- * Everything but one thing stays as it is in the middle: the survey's points, images of 320 px, degree 3, one thread. Models are
- * fresh ones, as in predict_time.c. Time is the processors', of all threads together, and of several tries of each view's step the shortest:
+ * Everything but one thing stays as it is in the middle: the survey's points, images of 320 px, degree 3, one
+ * thread. Models are fresh ones, as in predict_time.c. Time is the processors', of all threads together, and
+ * of several tries of each view's step the shortest:
  * other work on the machine only adds. So two threads without loss take what one does.
  */
 #include "../oceanxl.c"
@@ -28,10 +30,10 @@ static double cost_cpu(void)
 /* Milliseconds of a step, the mean over some views. */
 static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trained_model *trained, int views)
 {
-    struct time_probe r     = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
-    const int         count = oxl_scene_view_count(scene);
-    double            sum   = 0;
-    r.render.near_plane     = (float)scene_near_plane(scene);
+    struct time_probe r = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
+    const int count = oxl_scene_view_count(scene);
+    double sum = 0;
+    r.render.near_plane = (float)scene_near_plane(scene);
     cost_check(ctx, predict_time_target(&r));
     cost_check(ctx, renderer_create(ctx, &r.renderer));
     cost_check(ctx, model_trained_begin(ctx, trained));
@@ -40,8 +42,9 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trai
         double least = HUGE_VAL;
         for (int round = 0; round <= COST_ROUNDS; round++) { /* the first makes room */
             const double begun = cost_cpu();
-            cost_check(ctx,
-                       predict_time_step(&r, trained, &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
+            cost_check(ctx, predict_time_step(
+                                &r, trained,
+                                &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
             if (round > 0) least = OXL_MIN(least, cost_cpu() - begun);
         }
         sum += least;
@@ -54,8 +57,8 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trai
 static oxl_scene *cost_scene(oxl_context *ctx, const char *path, int side)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene   = NULL;
-    options.max_side          = side;
+    oxl_scene *scene = NULL;
+    options.max_side = side;
     cost_check(ctx, oxl_scene_load(ctx, path, &options, &scene));
     return scene;
 }
@@ -64,8 +67,8 @@ static oxl_scene *cost_scene(oxl_context *ctx, const char *path, int side)
 static oxl_model cost_model(oxl_context *ctx, const oxl_scene *scene, double times, int degree)
 {
     const size_t points = oxl_scene_point_count(scene), count = (size_t)(times * (double)points);
-    oxl_point   *some = oxl_calloc(ctx, points + 1, sizeof *some);
-    oxl_model    model, grown;
+    oxl_point *some = oxl_calloc(ctx, points + 1, sizeof *some);
+    oxl_model model, grown;
     if (!some) cost_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", points));
     for (size_t i = 0; i < OXL_MIN(count, points); i++)
         some[i] = oxl_scene_points(scene)[times < 1 ? (size_t)((double)i / times) : i];
@@ -77,12 +80,13 @@ static oxl_model cost_model(oxl_context *ctx, const oxl_scene *scene, double tim
     return grown;
 }
 
-static void cost_line(oxl_context *ctx, const char *path, const char *what, int side, double times, int degree, int views)
+static void cost_line(oxl_context *ctx, const char *path, const char *what, int side, double times,
+                      int degree, int views)
 {
-    oxl_scene           *scene  = cost_scene(ctx, path, side);
-    struct trained_model t      = {.model = cost_model(ctx, scene, times, degree)};
-    double               value  = (double)t.model.count;
-    const oxl_camera    *camera = &oxl_scene_view(scene, 0)->camera;
+    oxl_scene *scene = cost_scene(ctx, path, side);
+    struct trained_model t = {.model = cost_model(ctx, scene, times, degree)};
+    double value = (double)t.model.count;
+    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
     if (!strcmp(what, "pixels")) value = (double)camera->width * camera->height;
     if (!strcmp(what, "views")) value = OXL_MIN(views, oxl_scene_view_count(scene));
     if (!strcmp(what, "planes")) value = oxl_model_planes(&t.model);
@@ -96,17 +100,19 @@ static void cost_line(oxl_context *ctx, const char *path, const char *what, int 
 int main(int argc, char **argv)
 {
     static const double times[] = {0.25, 0.5, 1, 2, 4};
-    static const int    sides[] = {160, 226, 320, 453, 640}, views[] = {3, 6, 12, 24, 48};
+    static const int sides[] = {160, 226, 320, 453, 640}, views[] = {3, 6, 12, 24, 48};
     oxl_context_options options = oxl_context_options_default();
-    oxl_context        *ctx     = NULL;
-    options.threads             = 1;
+    oxl_context *ctx = NULL;
+    options.threads = 1;
     if (argc != 2 || oxl_context_create(&options, &ctx) != OXL_OK) return 2;
     printf("#what\tvalue\tms a step\t%s, %s\n", argv[1], oxl_isa_name(ctx));
     for (int i = 0; i < 5; i++) cost_line(ctx, argv[1], "Gaussians", COST_SIDE, times[i], 3, COST_VIEWS);
     for (int i = 0; i < 5; i++) cost_line(ctx, argv[1], "pixels", sides[i], 1, 3, COST_VIEWS);
     for (int i = 0; i < 5; i++) cost_line(ctx, argv[1], "views", COST_SIDE, 1, 3, views[i]);
-    for (int degree = 0; degree < 4; degree++) cost_line(ctx, argv[1], "planes", COST_SIDE, 1, degree, COST_VIEWS);
-    for (ctx->threads = 1; ctx->threads <= 2; ctx->threads++) cost_line(ctx, argv[1], "threads", COST_SIDE, 1, 3, COST_VIEWS);
+    for (int degree = 0; degree < 4; degree++)
+        cost_line(ctx, argv[1], "planes", COST_SIDE, 1, degree, COST_VIEWS);
+    for (ctx->threads = 1; ctx->threads <= 2; ctx->threads++)
+        cost_line(ctx, argv[1], "threads", COST_SIDE, 1, 3, COST_VIEWS);
     oxl_context_free(ctx);
     return 0;
 }

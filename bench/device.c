@@ -2,53 +2,59 @@
  *
  *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE [cpu]]"]
  *
- * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the device's own (timestamps);
+ * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the
+ * device's own (timestamps);
  * those of the step are the host's and hold the waiting. The image is on the device, as in training.
- * Bandwidth is read against a copy between two of the device's buffers, arithmetic against multiply-adds in registers, both taken in
- * the same run. Waits of the host, dispatches and bytes sent are counted over the measured steps. cpu: the same steps by the CPU, too, which
- * at 4 million Gaussians takes minutes; it counts the evaluations, without it 256 a pair are taken. Evaluations are those of bench.c: the pixels of the blocks that the footprints ask for, pixel by pixel and splat by splat.
+ * Bandwidth is read against a copy between two of the device's buffers, arithmetic against multiply-adds in
+ * registers, both taken in the same run. Waits of the host, dispatches and bytes sent are counted over the
+ * measured steps. cpu: the same steps by the CPU, too, which at 4 million Gaussians takes minutes; it counts
+ * the evaluations, without it 256 a pair are taken. Evaluations are those of bench.c: the pixels of the
+ * blocks that the footprints ask for, pixel by pixel and splat by splat.
  */
 #include "../oceanxl.c"
 
 #ifndef OXL_VULKAN
 int main(void)
 {
-    fputs("bench: this program was built without the Vulkan backend. fix: make bench VULKAN=1 BACKEND=vulkan\n", stderr);
+    fputs(
+        "bench: this program was built without the Vulkan backend. fix: make bench VULKAN=1 BACKEND=vulkan\n",
+        stderr);
     return 1;
 }
 #else
 
 enum { DEVICE_ROUNDS = 11 };
 
-/* Operations an evaluation, counted in the shaders; each takes the place of a multiply-add: additions, comparisons, selections, a
- * division. What else the passes do (looking which blocks a splat reaches, barriers, adding up what the invocations have) is not work. */
+/* Operations an evaluation, counted in the shaders; each takes the place of a multiply-add: additions,
+ * comparisons, selections, a division. What else the passes do (looking which blocks a splat reaches,
+ * barriers, adding up what the invocations have) is not work. */
 enum {
-    DEVICE_SHARE    = 7 + 13 + 4 + 5, /* raster.glsl: the exponent; 2 to that; its bounds; T and the weight */
-    DEVICE_FORWARD  = DEVICE_SHARE + 3,
+    DEVICE_SHARE = 7 + 13 + 4 + 5, /* raster.glsl: the exponent; 2 to that; its bounds; T and the weight */
+    DEVICE_FORWARD = DEVICE_SHARE + 3,
     DEVICE_BACKWARD = DEVICE_SHARE + 12 + 14 /* raster_backward.comp: the first room, the second */
 };
 
-static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]            = "project",
-                                                      [PASS_SCAN]               = "scan",
-                                                      [PASS_COMPACT]            = "compact",
-                                                      [PASS_SORT_COUNT]         = "sort, count",
-                                                      [PASS_SORT_SCATTER]       = "sort, scatter",
-                                                      [PASS_FOOTPRINT]          = "footprint",
-                                                      [PASS_RANGES]             = "ranges",
-                                                      [PASS_RASTER]             = "raster",
-                                                      [PASS_RASTER_BACKWARD_4]  = "raster backward",
-                                                      [PASS_RASTER_BACKWARD_8]  = "raster backward",
+static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT] = "project",
+                                                      [PASS_SCAN] = "scan",
+                                                      [PASS_COMPACT] = "compact",
+                                                      [PASS_SORT_COUNT] = "sort, count",
+                                                      [PASS_SORT_SCATTER] = "sort, scatter",
+                                                      [PASS_FOOTPRINT] = "footprint",
+                                                      [PASS_RANGES] = "ranges",
+                                                      [PASS_RASTER] = "raster",
+                                                      [PASS_RASTER_BACKWARD_4] = "raster backward",
+                                                      [PASS_RASTER_BACKWARD_8] = "raster backward",
                                                       [PASS_RASTER_BACKWARD_16] = "raster backward",
-                                                      [PASS_LOSS_FORWARD]       = "loss forward",
-                                                      [PASS_LOSS_TOTAL]         = "loss total",
-                                                      [PASS_LOSS_BACKWARD]      = "loss backward",
-                                                      [PASS_PROJECT_BACKWARD]   = "project backward",
-                                                      [PASS_STEP]               = "backward + Adam",
-                                                      [PASS_OBSERVE]            = "observe",
-                                                      [PASS_SCORE]              = "score",
-                                                      [PASS_UNPACK]             = "unpack",
-                                                      [PASS_MOVE]               = "move",
-                                                      [PASS_PEAK]               = "peak"};
+                                                      [PASS_LOSS_FORWARD] = "loss forward",
+                                                      [PASS_LOSS_TOTAL] = "loss total",
+                                                      [PASS_LOSS_BACKWARD] = "loss backward",
+                                                      [PASS_PROJECT_BACKWARD] = "project backward",
+                                                      [PASS_STEP] = "backward + Adam",
+                                                      [PASS_OBSERVE] = "observe",
+                                                      [PASS_SCORE] = "score",
+                                                      [PASS_UNPACK] = "unpack",
+                                                      [PASS_MOVE] = "move",
+                                                      [PASS_PEAK] = "peak"};
 
 struct device_most {    /* what the passes are held against */
     double copy, peak;  /* GB/s; G multiply-adds a second */
@@ -61,7 +67,8 @@ struct device_counts {
 
 static struct device_counts device_counts(const struct vulkan *v)
 {
-    return (struct device_counts){v->waits, v->frame_waits, v->dispatches, v->barriers, v->submissions, v->sent, v->read_bytes};
+    return (struct device_counts){v->waits,       v->frame_waits, v->dispatches, v->barriers,
+                                  v->submissions, v->sent,        v->read_bytes};
 }
 
 static void device_check(oxl_context *ctx, oxl_result rc)
@@ -72,12 +79,12 @@ static void device_check(oxl_context *ctx, oxl_result rc)
 }
 
 struct device_run {
-    struct trained_model  trained;
-    oxl_model             gradient;
-    oxl_camera            camera;
+    struct trained_model trained;
+    oxl_model gradient;
+    oxl_camera camera;
     struct training_image image;
-    float                *numbers;
-    struct renderer      *renderer;
+    float *numbers;
+    struct renderer *renderer;
 };
 
 static void device_begin(oxl_context *ctx, size_t count, int width, int height, struct device_run *r)
@@ -86,20 +93,24 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
     if (!point) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", count));
     for (size_t i = 0; i < count; i++)
         for (int a = 0; a < 3; a++) {
-            const double u       = random_unit(random_bits(7, i, (uint64_t)a)) - 0.5;
+            const double u = random_unit(random_bits(7, i, (uint64_t)a)) - 0.5;
             point[i].position[a] = a == 0 ? 4 * u : a == 1 ? 4 * u * height / width : 0.3 * u;
-            point[i].rgb[a]      = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
+            point[i].rgb[a] = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
         }
     device_check(ctx, oxl_model_from_points(ctx, point, count, 3, &r->trained.model));
     oxl_free(ctx, point);
     device_check(ctx, model_trained_begin(ctx, &r->trained));
     device_check(ctx, oxl_model_create(ctx, count, 3, &r->gradient));
-    r->camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                             {0, 0, 3}};
-    r->image  = (struct training_image){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
+    r->camera = (oxl_camera){
+        width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
+        {0, 0, 3}};
+    r->image =
+        (struct training_image){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
     r->numbers = oxl_calloc(ctx, 2 * count, sizeof *r->numbers);
-    if (!r->image.rgb || !r->numbers) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
-    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) r->image.rgb[i] = (uint8_t)random_bits(8, i, 0);
+    if (!r->image.rgb || !r->numbers)
+        device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
+    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++)
+        r->image.rgb[i] = (uint8_t)random_bits(8, i, 0);
     device_check(ctx, renderer_create(ctx, &r->renderer));
     renderer_expect_steps(r->renderer);
 }
@@ -116,12 +127,13 @@ static void device_end(oxl_context *ctx, struct device_run *r)
 /* Rates of 0: every round draws the same. */
 static void device_step(oxl_context *ctx, struct device_run *r)
 {
-    const struct adam_params  still   = {.beta = RENDERER_BETAS, .step = 1};
-    oxl_render_options        options = oxl_render_options_default();
-    struct renderer_loss      loss;
+    const struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_render_options options = oxl_render_options_default();
+    struct renderer_loss loss;
     struct renderer_nonfinite skipped;
-    struct renderer_sums      sums = {
-             .count = r->trained.model.count, .gradient = r->numbers, .views = r->numbers + r->trained.model.count};
+    struct renderer_sums sums = {.count = r->trained.model.count,
+                                 .gradient = r->numbers,
+                                 .views = r->numbers + r->trained.model.count};
     options.near_plane = 0.01f;
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->trained.model, &r->camera, &options));
     device_check(ctx, renderer_set_image(ctx, r->renderer, 0, &r->image, NULL, 0));
@@ -143,10 +155,10 @@ static void device_deferred_step(oxl_context *ctx, struct device_run *r)
 /* GB/s read and written, from one buffer of 64 MiB to another. */
 static double device_copy(oxl_context *ctx)
 {
-    struct vulkan       *v = ctx->backend->vulkan;
+    struct vulkan *v = ctx->backend->vulkan;
     struct vulkan_buffer a = {0}, b = {0};
-    const VkBufferCopy   copy = {0, 0, 64u << 20};
-    double               best = 1e9;
+    const VkBufferCopy copy = {0, 0, 64u << 20};
+    double best = 1e9;
     vulkan_reserve(v, &a, 64u << 20, 1, "bytes");
     vulkan_reserve(v, &b, 64u << 20, 1, "bytes");
     for (int round = 0; round < 4; round++) {
@@ -166,14 +178,15 @@ static double device_copy(oxl_context *ctx)
     return 8 * 2 * (double)(64u << 20) / best * 1e-9;
 }
 
-/* G multiply-adds a second. As many workgroups as take a while: devices are more than a thousand times apart. */
+/* G multiply-adds a second. As many workgroups as take a while: devices are more than a thousand times apart.
+ * */
 static double device_peak(oxl_context *ctx)
 {
     enum { ROUNDS = 512, EACH = 64 };
-    const uint32_t       push[3] = {ROUNDS, vulkan_bits(0.999f), vulkan_bits(0.001f)};
-    struct vulkan       *v       = ctx->backend->vulkan;
-    struct vulkan_buffer out     = {0};
-    double               best = 0, seconds = 0;
+    const uint32_t push[3] = {ROUNDS, vulkan_bits(0.999f), vulkan_bits(0.001f)};
+    struct vulkan *v = ctx->backend->vulkan;
+    struct vulkan_buffer out = {0};
+    double best = 0, seconds = 0;
     vulkan_reserve(v, &out, 256, sizeof(float), "numbers");
     for (size_t groups = 16, long_enough = 0; long_enough < 5; groups *= seconds < 0.05 ? 2 : 1) {
         double begun;
@@ -202,51 +215,61 @@ static void device_arithmetic(const struct device_most *most, int operations, do
            100 * rate * operations / most->peak);
 }
 
-static void device_table(const struct vulkan *v, const struct device_run *r, const double seconds[DEVICE_ROUNDS],
-                         const struct device_most *most, const struct device_counts *before, const struct device_counts *now)
+static void device_table(const struct vulkan *v, const struct device_run *r,
+                         const double seconds[DEVICE_ROUNDS], const struct device_most *most,
+                         const struct device_counts *before, const struct device_counts *now)
 {
-    const struct vulkan_renderer *d      = r->renderer->device;
-    const double                  rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
-    const double                  touched = 4.0 * (double)r->trained.model.count * oxl_model_planes(&r->trained.model);
-    double                        all     = 0;
+    const struct vulkan_renderer *d = r->renderer->device;
+    const double rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
+    const double touched = 4.0 * (double)r->trained.model.count * oxl_model_planes(&r->trained.model);
+    double all = 0;
     for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
-    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel, batches of %u\n",
-           r->trained.model.count, r->camera.width, r->camera.height, d->most_pairs, (double)most->evaluations / pixels,
-           v->batch);
+    printf(
+        "%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel, batches of %u\n",
+        r->trained.model.count, r->camera.width, r->camera.height, d->most_pairs,
+        (double)most->evaluations / pixels, v->batch);
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
         printf("  %-18s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
-        if (p == PASS_STEP) printf("   %.1f GB/s, %.0f %% of a copy", 6e-9 * touched / each, 6e-7 * touched / each / most->copy);
+        if (p == PASS_STEP)
+            printf("   %.1f GB/s, %.0f %% of a copy", 6e-9 * touched / each,
+                   6e-7 * touched / each / most->copy);
         if (p == PASS_PROJECT)
-            printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / most->copy);
+            printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each,
+                   1e-7 * touched / each / most->copy);
         if (p == PASS_RASTER) device_arithmetic(most, DEVICE_FORWARD, each);
-        if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16) device_arithmetic(most, DEVICE_BACKWARD, each);
+        if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16)
+            device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
     printf(
         "  a step: %.1f waits, %.1f for the step before, %.1f dispatches, %.1f barriers, %.1f submissions, %.0f bytes sent, %.0f read\n",
-        (double)(now->waits - before->waits) / rounds, (double)(now->frame_waits - before->frame_waits) / rounds,
-        (double)(now->dispatches - before->dispatches) / rounds, (double)(now->barriers - before->barriers) / rounds,
-        (double)(now->submissions - before->submissions) / rounds, (double)(now->sent - before->sent) / rounds,
-        (double)(now->read - before->read) / rounds);
-    printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",
-           1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
+        (double)(now->waits - before->waits) / rounds,
+        (double)(now->frame_waits - before->frame_waits) / rounds,
+        (double)(now->dispatches - before->dispatches) / rounds,
+        (double)(now->barriers - before->barriers) / rounds,
+        (double)(now->submissions - before->submissions) / rounds,
+        (double)(now->sent - before->sent) / rounds, (double)(now->read - before->read) / rounds);
+    printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes",
+           1e3 * all / rounds, "step", 1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0],
+           1 / seconds[DEVICE_ROUNDS / 2]);
 }
 
-/* What --mask-transients adds in each step: downloads the rendered image, uploads the image and its weights. */
+/* What --mask-transients adds in each step: downloads the rendered image, uploads the image and its weights.
+ * */
 static double device_robust(oxl_context *ctx, const struct device_run *r)
 {
-    const size_t         pixels = (size_t)r->camera.width * (size_t)r->camera.height;
-    float               *image  = oxl_calloc(ctx, 4 * pixels, sizeof *image);
-    double               more[DEVICE_ROUNDS];
+    const size_t pixels = (size_t)r->camera.width * (size_t)r->camera.height;
+    float *image = oxl_calloc(ctx, 4 * pixels, sizeof *image);
+    double more[DEVICE_ROUNDS];
     struct renderer_loss loss;
-    const float         *rendered;
+    const float *rendered;
     if (!image) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
     for (size_t i = 3 * pixels; i < 4 * pixels; i++) image[i] = 1;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
         const double begun = os_seconds();
-        double       plain;
+        double plain;
         device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
         plain = os_seconds();
         device_check(ctx, renderer_image(ctx, r->renderer, &rendered));
@@ -258,12 +281,13 @@ static double device_robust(oxl_context *ctx, const struct device_run *r)
     return more[DEVICE_ROUNDS / 2];
 }
 
-static void device_bench(oxl_context *ctx, size_t count, int width, int height, const struct device_most *most)
+static void device_bench(oxl_context *ctx, size_t count, int width, int height,
+                         const struct device_most *most)
 {
-    struct device_run    r;
-    struct device_most   all = *most;
+    struct device_run r;
+    struct device_most all = *most;
     struct device_counts before, after;
-    double               seconds[DEVICE_ROUNDS];
+    double seconds[DEVICE_ROUNDS];
     device_begin(ctx, count, width, height, &r);
     device_step(ctx, &r); /* makes the shaders, and takes the model there */
     renderer_defer(r.renderer, 1);
@@ -271,7 +295,8 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
     vulkan_finish(ctx->backend->vulkan);
     device_check(ctx, vulkan_measure(ctx->backend->vulkan));
     before = device_counts(ctx->backend->vulkan);
-    if (all.evaluations == 0) all.evaluations = 256 * ((struct vulkan_renderer *)r.renderer->device)->most_pairs;
+    if (all.evaluations == 0)
+        all.evaluations = 256 * ((struct vulkan_renderer *)r.renderer->device)->most_pairs;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
         const double begun = os_seconds();
         device_deferred_step(ctx, &r);
@@ -282,16 +307,17 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
     renderer_defer(r.renderer, 0);
     device_table(ctx->backend->vulkan, &r, seconds, &all, &before, &after);
-    printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --mask-transients", 1e3 * device_robust(ctx, &r));
+    printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --mask-transients",
+           1e3 * device_robust(ctx, &r));
     device_end(ctx, &r);
 }
 
 /* The same steps by the CPU's own kernels, which count the evaluations, too. */
 static struct renderer_counts device_cpu(size_t count, int width, int height, double seconds[DEVICE_ROUNDS])
 {
-    struct device_run      r;
+    struct device_run r;
     struct renderer_counts counts;
-    oxl_context           *ctx;
+    oxl_context *ctx;
     if (oxl_context_create(NULL, &ctx) != OXL_OK) exit(1);
     device_begin(ctx, count, width, height, &r);
     device_step(ctx, &r);
@@ -310,25 +336,25 @@ static struct renderer_counts device_cpu(size_t count, int width, int height, do
 int main(int argc, char **argv)
 {
     oxl_context_options options = oxl_context_options_default();
-    const size_t        count   = argc > 3 ? (size_t)atol(argv[1]) : 30000;
-    const int           width = argc > 3 ? atoi(argv[2]) : 640, height = argc > 3 ? atoi(argv[3]) : 360;
-    oxl_context        *ctx;
-    struct device_most  most;
-    double              cpu[DEVICE_ROUNDS] = {0};
-    options.backend                        = OXL_BACKEND_VULKAN;
+    const size_t count = argc > 3 ? (size_t)atol(argv[1]) : 30000;
+    const int width = argc > 3 ? atoi(argv[2]) : 640, height = argc > 3 ? atoi(argv[3]) : 360;
+    oxl_context *ctx;
+    struct device_most most;
+    double cpu[DEVICE_ROUNDS] = {0};
+    options.backend = OXL_BACKEND_VULKAN;
     if (argc > 4) options.device = atoi(argv[4]);
     if (oxl_context_create(&options, &ctx) != OXL_OK) return 1;
     device_check(ctx, oxl_backend_begin(ctx));
     most.evaluations = argc > 5 ? device_cpu(count, width, height, cpu).pixels : 0;
-    most.copy        = device_copy(ctx);
-    most.peak        = device_peak(ctx);
-    printf("%s: copies %.1f GB/s between its buffers; %.1f G multiply-adds a second in registers\n", oxl_backend_name(ctx),
-           most.copy, most.peak);
+    most.copy = device_copy(ctx);
+    most.peak = device_peak(ctx);
+    printf("%s: copies %.1f GB/s between its buffers; %.1f G multiply-adds a second in registers\n",
+           oxl_backend_name(ctx), most.copy, most.peak);
     device_bench(ctx, count, width, height, &most);
     oxl_context_free(ctx);
     if (argc > 5)
-        printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step", 1e3 * cpu[DEVICE_ROUNDS / 2],
-               1e3 * cpu[0], 1 / cpu[DEVICE_ROUNDS / 2]);
+        printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step",
+               1e3 * cpu[DEVICE_ROUNDS / 2], 1e3 * cpu[0], 1 / cpu[DEVICE_ROUNDS / 2]);
     return 0;
 }
 #endif

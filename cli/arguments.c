@@ -1,13 +1,14 @@
 /* arguments.c - parses the command line into a command, paths and options, by the tables of options.c.
  *
- * Invariant: the options of the job are applied in the table's order, independent of the command line's: the preset first.
+ * Invariant: the options of the job are applied in the table's order, independent of the command line's: the
+ * preset first.
  */
 #include "cli.h"
 
 #include <stdarg.h>
 #include <string.h>
 
-/* ---------------------------------------------------------------- names */
+/* ---------------- names */
 
 /* Edits between two words (Levenshtein), enough for names of up to 31 letters. */
 static int distance(const char *a, const char *b)
@@ -18,7 +19,7 @@ static int distance(const char *a, const char *b)
     for (int j = 0; j <= nb; j++) row[j] = j;
     for (int i = 0; a[i]; i++) {
         int diagonal = row[0];
-        row[0]       = i + 1;
+        row[0] = i + 1;
         for (int j = 1; j <= nb; j++) {
             int best = diagonal + (a[i] != b[j - 1]);
             diagonal = row[j];
@@ -61,18 +62,22 @@ static int fail_unknown(struct arguments *a, const char *what, const char *word,
 static int unknown_option(const char *word, struct arguments *a)
 {
     char other[40], best[40] = "";
-    int  least = 4; /* more edits: no suggestion */
+    int least = 4; /* more edits: no suggestion */
     if (a->command == COMMAND_ABLATE && cli_is_study_variable(word + strspn(word, "-")))
-        return fail(a, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl", word);
+        return fail(
+            a,
+            "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
+            word);
     for (int i = 0; i < cli_option_count(); i++)
-        if (cli_option_is_of(i, a->command)) suggest(word, cli_option_word(cli_option_at(i), other), best, &least);
+        if (cli_option_is_of(i, a->command))
+            suggest(word, cli_option_word(cli_option_at(i), other), best, &least);
     return fail_unknown(a, "option", word, best);
 }
 
 static int find_command(const char *word, struct arguments *a)
 {
     char best[40] = "";
-    int  least    = 4;
+    int least = 4;
     for (enum command c = COMMAND_TRAIN; c < COMMANDS; c++) {
         if (strcmp(word, CLI_COMMANDS[c].name) == 0) a->command = c;
         suggest(word, CLI_COMMANDS[c].name, best, &least);
@@ -80,7 +85,7 @@ static int find_command(const char *word, struct arguments *a)
     return a->command ? 0 : fail_unknown(a, "command", word, best);
 }
 
-/* ---------------------------------------------------------------- parsing */
+/* ---------------- parsing */
 
 /* The option of the command that `word` names, or -1; a former name is noted. */
 static int find_option(const char *word, struct arguments *a)
@@ -90,9 +95,12 @@ static int find_option(const char *word, struct arguments *a)
         const oxl_option *o = cli_option_at(i);
         if (!cli_option_is_of(i, a->command)) continue;
         if (strcmp(word, cli_option_word(o, name)) == 0) return i;
-        if (!o->alias || strncmp(word, "--", 2) != 0 || strcmp(word + 2, o->alias + (o->alias[0] == '=')) != 0) continue;
+        if (!o->alias || strncmp(word, "--", 2) != 0 ||
+            strcmp(word + 2, o->alias + (o->alias[0] == '=')) != 0)
+            continue;
         if (o->alias[0] == '=') return i;
-        snprintf(a->note, sizeof a->note, "--%s is the former name of %s; the next release will not accept it", o->alias, name);
+        snprintf(a->note, sizeof a->note,
+                 "--%s is the former name of %s; the next release will not accept it", o->alias, name);
         return i;
     }
     return -1;
@@ -108,11 +116,11 @@ static int parse_help(int argc, char **argv, int *at, struct arguments *a)
 /* One option at argv[*at], as "--name value" or "--name=value". */
 static int parse_option(int argc, char **argv, int *at, struct arguments *a)
 {
-    const char       *value = strchr(argv[*at], '=');
+    const char *value = strchr(argv[*at], '=');
     const oxl_option *o;
-    oxl_job_options   tried = a->job;
-    char              word[40];
-    int               index;
+    oxl_job_options tried = a->job;
+    char word[40];
+    int index;
     snprintf(word, sizeof word, "%.*s", (int)(value ? value - argv[*at] : 39), argv[*at]);
     if (value) value++;
     if (strcmp(word, "--help") == 0 || strcmp(word, "-h") == 0) return parse_help(argc, argv, at, a);
@@ -121,8 +129,9 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a)
     o = cli_option_at(index);
     if (!value && o->kind != OXL_OPTION_FLAG && *at + 1 < argc) value = argv[++*at];
     if (o->kind == OXL_OPTION_FLAG ? value != NULL : value == NULL)
-        return fail(a, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word, o->value ? "a value: " : "no value",
-                    o->value ? o->value : "", CLI_COMMANDS[a->command].name);
+        return fail(a, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word,
+                    o->value ? "a value: " : "no value", o->value ? o->value : "",
+                    CLI_COMMANDS[a->command].name);
     if (cli_option_of_job(index) < 0) return oxl_option_set(o, a, value, a->error, sizeof a->error) != OXL_OK;
     a->given[cli_option_of_job(index)] = value ? value : "true";
     return oxl_option_set(o, &tried, value, a->error, sizeof a->error) != OXL_OK;
@@ -131,7 +140,8 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a)
 static int check_complete(struct arguments *a)
 {
     const struct cli_command *c = &CLI_COMMANDS[a->command];
-    if (a->ortho && a->flight) return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
+    if (a->ortho && a->flight)
+        return fail(a, "--ortho and --flight exclude each other\nfix: leave one of the two out");
     if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
     return fail(a, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }
@@ -154,9 +164,9 @@ static void parse_first(int argc, char **argv, struct arguments *a)
 {
     int at = 1;
     if (argc < 2) return;
-    a->version    = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
-    a->manual     = strcmp(argv[1], "--man") == 0;
-    a->page       = strcmp(argv[1], "--options-page") == 0;
+    a->version = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
+    a->manual = strcmp(argv[1], "--man") == 0;
+    a->page = strcmp(argv[1], "--options-page") == 0;
     a->completion = strcmp(argv[1], "--completion") == 0;
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)
         parse_help(argc, argv, &at, a);
@@ -165,12 +175,12 @@ static void parse_first(int argc, char **argv, struct arguments *a)
 int arguments_parse(int argc, char **argv, struct arguments *a)
 {
     int ended = 0;
-    *a        = arguments_default();
+    *a = arguments_default();
     parse_first(argc, argv, a);
     if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
-        char   names[200] = "";
-        size_t used       = 0;
+        char names[200] = "";
+        size_t used = 0;
         for (int i = 1; i < COMMANDS && used < sizeof names; i++)
             used += (size_t)snprintf(names + used, sizeof names - used, " %s", CLI_COMMANDS[i].name);
         return fail(a, "a command is expected:%s\nfix: oceanxl --help", names);

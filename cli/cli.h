@@ -1,5 +1,6 @@
-/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and json.h, eigen.h, random.h,
- * svg.h of src/core, and are not in the library. One section for each file of cli/; synth_options is here because arguments holds it.
+/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers and
+ * json.h, eigen.h, random.h, svg.h of src/core, and are not in the library. One section for each file of
+ * cli/; synth_options is here because arguments holds it.
  */
 #ifndef CLI_H
 #define CLI_H
@@ -15,35 +16,40 @@ struct cli_memory {           /* of the library, in bytes, as main.c counts it *
     size_t used, peak, limit; /* limit: --ram; 0: none */
 };
 
-/* ---------------------------------------------------------------- info.c: statistics of a model, tables of a partition */
+/* ---------------- info.c: statistics of a model, tables of a partition */
 
 struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none */
     float low, middle, high;
 };
-struct spread info_spread(const float *value, size_t count, float *sorted); /* sorted (count): scratch, may be value itself */
-oxl_result    info_print(oxl_context *ctx, FILE *to, const char *path, int json);
-/* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
-int           info_copy_imaging(const char *from, const char *to);
-void          info_print_blocks(FILE *to, const oxl_partition_report *report);
+/* sorted (count): scratch, may be value itself */
+struct spread info_spread(const float *value, size_t count, float *sorted);
+oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
+/* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains
+ * alone. 1: done. */
+int info_copy_imaging(const char *from, const char *to);
+void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
-/* ---------------------------------------------------------------- output.c: text and files independent of the locale */
+/* ---------------- output.c: text and files independent of the locale */
 
-struct output {  /* text in memory; once it is opened as a file, what is not written yet */
-    char  *data; /* terminated; free() it */
+struct output { /* text in memory; once it is opened as a file, what is not written yet */
+    char *data; /* terminated; free() it */
     size_t used, capacity;
-    int    failed; /* an allocation or a write */
-    FILE  *file;   /* atomic: renamed to its name on close */
-    char   path[1024], temporary[1040];
+    int failed; /* an allocation or a write */
+    FILE *file; /* atomic: renamed to its name on close */
+    char path[1024], temporary[1040];
 };
-/* The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half up; nothing if not finite or, with its
- * decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within quotes; %J: likewise the value of a member of
- * JSON, or "unknown". %S of NULL is nothing. */
-void  output_add(struct output *t, const char *format, ...);
-void  output_bytes(struct output *t, const void *data, size_t size);
-void  output_open(struct output *t, const char *path);                 /* t is empty, or its text is the beginning */
-int   output_close(struct output *t);                                  /* 1: written, whole; t is empty then */
-int   output_save(struct output *t, const char *path);                 /* open and close */
-char *output_read(const char *folder, const char *name, size_t *size); /* in fresh memory, or NULL; size may be NULL */
+/* The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half up; nothing if not
+ * finite or, with its decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within
+ * quotes; %J: likewise the value of a member of JSON, or "unknown". %S of NULL is nothing. */
+void output_add(struct output *t, const char *format, ...);
+void output_bytes(struct output *t, const void *data, size_t size);
+/* t is empty, or its text is the beginning */
+void output_open(struct output *t, const char *path);
+/* 1: written, whole; t is empty then */
+int output_close(struct output *t);
+int output_save(struct output *t, const char *path); /* open and close */
+/* in fresh memory, or NULL; size may be NULL */
+char *output_read(const char *folder, const char *name, size_t *size);
 
 /* The same for one number, and figures for people; return out. */
 const char *output_fixed(char out[32], double value, int decimals);
@@ -51,58 +57,67 @@ const char *output_count(char out[40], double value);   /* 22 400 */
 const char *output_size(char out[40], double value);    /* bytes: 5.7 MB */
 const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h */
 #define OUTPUT_FIXED(value, decimals) output_fixed((char[32]){0}, value, decimals)
-#define OUTPUT_COUNT(value)           output_count((char[40]){0}, value)
-#define OUTPUT_SIZE(value)            output_size((char[40]){0}, value)
-#define OUTPUT_SECONDS(value)         output_seconds((char[40]){0}, value)
+#define OUTPUT_COUNT(value) output_count((char[40]){0}, value)
+#define OUTPUT_SIZE(value) output_size((char[40]){0}, value)
+#define OUTPUT_SECONDS(value) output_seconds((char[40]){0}, value)
 
-double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
+/* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
+double axis_step(double span);
 
-void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
-char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
+void json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
+/* in fresh memory, free() it; NULL: it is no string, or there is no memory */
+char *json_string(const char *value);
 
-/* ---------------------------------------------------------------- frame.c: the axes right, up and above of a survey */
+/* ---------------- frame.c: the axes right, up and above of a survey */
 
 struct frame {
     double centre[3], axis[3][3]; /* local coordinates; rows: right, up, above, of unit length */
-    int    is_world;              /* they are the world's x, y and z */
+    int is_world;                 /* they are the world's x, y and z */
 };
-void   frame_of(const oxl_scene *scene, struct frame *out);
+void frame_of(const oxl_scene *scene, struct frame *out);
 double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
-void   frame_eye(const oxl_view *view, double out[3]);  /* where the camera stood */
-void   frame_place(oxl_camera *c, const double eye[3]); /* the inverse: sets the translation, for its rotation */
-void   frame_cross(const double a[3], const double b[3], double out[3]);
-/* Along right and up: all points but the outermost 1/200 on each side, and all cameras if they are wanted. 0: no memory. */
-int    frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2], double high[2]);
+void frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
+/* the inverse: sets the translation, for its rotation */
+void frame_place(oxl_camera *c, const double eye[3]);
+void frame_cross(const double a[3], const double b[3], double out[3]);
+/* Along right and up: all points but the outermost 1/200 on each side, and all cameras if they are wanted. 0:
+ * no memory. */
+int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2],
+                 double high[2]);
 
-/* ---------------------------------------------------------------- ortho.c: an orthomosaic */
+/* ---------------- ortho.c: an orthomosaic */
 
-/* Writes ortho.png, ortho.pgw and ortho.height.pfm (--depth) to -o, by --pixel (0: the longer side has 2048) and --scale (0: not known). */
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a, FILE *to);
+/* Writes ortho.png, ortho.pgw and ortho.height.pfm (--depth) to -o, by --pixel (0: the longer side has 2048)
+ * and --scale (0: not known). */
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                       const struct arguments *a, FILE *to);
 
-/* ---------------------------------------------------------------- flight.c: frames along a path */
+/* ---------------- flight.c: frames along a path */
 
 /* Writes --frames of --flight to -o. A nonzero result of stop stops it. */
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                        const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user);
 
-/* ---------------------------------------------------------------- scale_bar.c: metres per unit */
+/* ---------------- scale_bar.c: metres per unit */
 
 /* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to);
 
-/* ---------------------------------------------------------------- overlap.c: does a model belong to a survey? */
+/* ---------------- overlap.c: does a model belong to a survey? */
 
-/* Writes a warning when the model covers another place than the survey, or the same at another size; "" otherwise. */
-oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name, char *warning,
-                         size_t size);
+/* Writes a warning when the model covers another place than the survey, or the same at another size; ""
+ * otherwise. */
+oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name,
+                         char *warning, size_t size);
 
-/* ---------------------------------------------------------------- report.c: one page about a run */
+/* ---------------- report.c: one page about a run */
 
 /* Writes OUT/report.html, whole or not at all. Absent parts are left out. */
 oxl_result report_write(oxl_context *ctx, const char *out);
 
-/* ---------------------------------------------------------------- lab/synth.c: options of a procedural survey */
+/* ---------------- lab/synth.c: options of a procedural survey */
 
 enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD, SYNTH_ROV };
 enum synth_scene {
@@ -112,37 +127,60 @@ enum synth_scene {
     SYNTH_RIDGE      /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
 };
 /* Jerlov's, of water. */
-enum synth_type { SYNTH_AIR, SYNTH_I, SYNTH_IA, SYNTH_IB, SYNTH_II, SYNTH_III, SYNTH_1C, SYNTH_3C, SYNTH_5C, SYNTH_7C, SYNTH_9C };
+enum synth_type {
+    SYNTH_AIR,
+    SYNTH_I,
+    SYNTH_IA,
+    SYNTH_IB,
+    SYNTH_II,
+    SYNTH_III,
+    SYNTH_1C,
+    SYNTH_3C,
+    SYNTH_5C,
+    SYNTH_7C,
+    SYNTH_9C
+};
 
 /* Ranges are checked by the table of options. */
 typedef struct synth_options {
-    const char *out;             /* folder */
-    int         views;           /* images (40) */
-    int         width, height;   /* px (400 x 260) */
-    double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
-    int         water;           /* enum synth_type (1C) */
-    int         path;            /* enum synth_path (lawnmower) */
-    double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
-    double      lamp;            /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
-    double      backscatter;     /* of that lamp: what the water near the camera adds, of full white, at most (0) */
-    double      stereo;          /* metres between the two cameras of a rig; 0: one camera (0) */
-    int         scene;           /* enum synth_scene (any) */
-    long        points;          /* sparse points; 0: 400 a view (0) */
-    double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int         fish;            /* fish in each image (0) */
-    double      origin[3];       /* where the survey's middle lies in the export's world, metres (0 0 0) */
-    uint64_t    seed;            /* (1) */
-    int         write_images;    /* 0: the COLMAP model alone, for load tests (1) */
-    int         threads;         /* 0: as many as OpenMP offers; the files do not depend on it */
-    int (*progress)(void *user, const char *what, long done, long total); /* nonzero stops the run; may be NULL */
+    const char *out;   /* folder */
+    int views;         /* images (40) */
+    int width, height; /* px (400 x 260) */
+    /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
+    double extent;
+    int water;              /* enum synth_type (1C) */
+    int path;               /* enum synth_path (lawnmower) */
+    double exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
+    /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
+    double lamp;
+    /* of that lamp: what the water near the camera adds, of full white, at most (0) */
+    double backscatter;
+    double stereo;    /* metres between the two cameras of a rig; 0: one camera (0) */
+    int scene;        /* enum synth_scene (any) */
+    long points;      /* sparse points; 0: 400 a view (0) */
+    double noise;     /* sigma of the sensor's noise in 8-bit levels (1.5) */
+    int fish;         /* fish in each image (0) */
+    double origin[3]; /* where the survey's middle lies in the export's world, metres (0 0 0) */
+    uint64_t seed;    /* (1) */
+    int write_images; /* 0: the COLMAP model alone, for load tests (1) */
+    int threads;      /* 0: as many as OpenMP offers; the files do not depend on it */
+    /* nonzero stops the run; may be NULL */
+    int (*progress)(void *user, const char *what, long done, long total);
     void *user;
 } synth_options;
 
 synth_options synth_options_default(void); /* everything but out */
 
-/* ---------------------------------------------------------------- options.c: commands and options */
+/* ---------------- options.c: commands and options */
 
-enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
+enum exit_code {
+    EXIT_DONE = 0,
+    EXIT_FAILED = 1,
+    EXIT_USAGE = 2,
+    EXIT_INPUT = 3,
+    EXIT_BUDGET = 4,
+    EXIT_STOPPED = 130
+};
 
 enum { CLI_JOB_OPTIONS = 96, CLI_SEEDS = 99 /* of a study, at most */ };
 
@@ -165,49 +203,52 @@ enum command { /* in the order of the help */
 };
 
 struct arguments { /* as given, or the default; NULL: not given */
-    enum command    command;
-    const char     *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
-    int             path_count;
-    const char     *help; /* "", or "all" */
-    int             completion, version, manual, page, quiet, json, depth, no_images, devices, clear;
-    int             dry_run, quality, progress_json;
-    int             split, backend;         /* enum oxl_split, enum oxl_backend */
-    int             device, threads, seeds; /* -1: the best, all */
-    double          budget;                 /* s */
-    int             ortho, frames;
-    double          pixel, scale, length; /* of --ortho; metres a unit; metres. 0: not given */
-    const char     *flight, *bar;         /* --flight of render, --scale-bar */
-    const char     *out, *rows;
-    synth_options   synth;
-    oxl_job_options job;                    /* the preset's defaults, and what was given */
-    const char     *given[CLI_JOB_OPTIONS]; /* text of each option of the job, in the library's order */
-    char            note[160], error[512];  /* a former name was used; what is wrong. "" */
+    enum command command;
+    const char *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
+    int path_count;
+    const char *help; /* "", or "all" */
+    int completion, version, manual, page, quiet, json, depth, no_images, devices, clear;
+    int dry_run, quality, progress_json;
+    int split, backend;         /* enum oxl_split, enum oxl_backend */
+    int device, threads, seeds; /* -1: the best, all */
+    double budget;              /* s */
+    int ortho, frames;
+    double pixel, scale, length; /* of --ortho; metres a unit; metres. 0: not given */
+    const char *flight, *bar;    /* --flight of render, --scale-bar */
+    const char *out, *rows;
+    synth_options synth;
+    oxl_job_options job;                /* the preset's defaults, and what was given */
+    const char *given[CLI_JOB_OPTIONS]; /* text of each option of the job, in the library's order */
+    char note[160], error[512];         /* a former name was used; what is wrong. "" */
 };
 struct arguments arguments_default(void);
 
 struct cli_command {
     const char *name;
-    int         paths;
+    int paths;
     const char *usage, *purpose, *example, *more;
 };
 extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* of COMMAND_NONE: empty */
 
 /* The program's options and the job's, as one list. */
-int               cli_option_count(void);
+int cli_option_count(void);
 const oxl_option *cli_option_at(int index);
-int               cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
-int               cli_option_is_of(int index, enum command command);
-int               cli_is_study_variable(const char *name);            /* options that differ between the rows of ablate */
-const char       *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
+int cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
+int cli_option_is_of(int index, enum command command);
+/* options that differ between the rows of ablate */
+int cli_is_study_variable(const char *name);
+const char *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
 
-/* ---------------------------------------------------------------- arguments.c: parsing of the command line */
+/* ---------------- arguments.c: parsing of the command line */
 
 /* 0, or 1: out->error says what is wrong. */
-int         arguments_parse(int argc, char **argv, struct arguments *out);
-void        arguments_apply(const struct arguments *a, oxl_job_options *o); /* what was given overrides what is there */
-const char *arguments_given(const struct arguments *a, const char *name);   /* text of an option of the job; NULL: not given */
+int arguments_parse(int argc, char **argv, struct arguments *out);
+/* what was given overrides what is there */
+void arguments_apply(const struct arguments *a, oxl_job_options *o);
+/* text of an option of the job; NULL: not given */
+const char *arguments_given(const struct arguments *a, const char *name);
 
-/* ---------------------------------------------------------------- help.c: text generated from the tables */
+/* ---------------- help.c: text generated from the tables */
 
 void complete_print(FILE *to);
 void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */

@@ -1,7 +1,8 @@
 /* flight.c - frames along a camera path: through the survey's cameras, or an orbit around its centre.
  *
- * Through the cameras: positions on a Catmull-Rom spline (1974), constant speed; rotations are interpolated from one camera to the
- * next. Intrinsics and size are those of the first view. Frames are PNG, numbered from 0, as ffmpeg takes them.
+ * Through the cameras: positions on a Catmull-Rom spline (1974), constant speed; rotations are interpolated
+ * from one camera to the next. Intrinsics and size are those of the first view. Frames are PNG, numbered from
+ * 0, as ffmpeg takes them.
  */
 #include "cli.h"
 
@@ -31,27 +32,28 @@ static void flight_look(const double eye[3], double forward[3], double down[3], 
     frame_place(c, eye);
 }
 
-/* ---------------------------------------------------------------- around the centre */
+/* ---------------- around the centre */
 
 static int flight_orbit(const oxl_scene *scene, double fraction, oxl_camera *c)
 {
     struct frame f;
-    double       low[2], high[2], eye[3], forward[3], down[3], radius, height;
+    double low[2], high[2], eye[3], forward[3], down[3], radius, height;
     frame_of(scene, &f);
     if (!frame_bounds(&f, scene, 0, low, high)) return 0;
     radius = 0.5 * fmax(high[0] - low[0], high[1] - low[1]);
     height = fmax(frame_camera_height(&f, scene), 0.6 * radius);
     for (int k = 0; k < 3; k++) {
-        const double out = cos(FLIGHT_TURN * fraction) * f.axis[0][k] + sin(FLIGHT_TURN * fraction) * f.axis[1][k];
-        eye[k]           = f.centre[k] + radius * out + height * f.axis[2][k];
-        forward[k]       = f.centre[k] - eye[k];
-        down[k]          = -f.axis[2][k];
+        const double out =
+            cos(FLIGHT_TURN * fraction) * f.axis[0][k] + sin(FLIGHT_TURN * fraction) * f.axis[1][k];
+        eye[k] = f.centre[k] + radius * out + height * f.axis[2][k];
+        forward[k] = f.centre[k] - eye[k];
+        down[k] = -f.axis[2][k];
     }
     flight_look(eye, forward, down, c);
     return 1;
 }
 
-/* ---------------------------------------------------------------- along the cameras */
+/* ---------------- along the cameras */
 
 static const oxl_view *flight_view(const oxl_scene *scene, int i)
 {
@@ -64,77 +66,83 @@ static double flight_leg(const oxl_scene *scene, int i)
     double a[3], b[3];
     frame_eye(flight_view(scene, i), a);
     frame_eye(flight_view(scene, i + 1), b);
-    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                (a[2] - b[2]) * (a[2] - b[2]));
 }
 
 static void flight_between(const oxl_scene *scene, int i, double t, oxl_camera *c)
 {
     const oxl_camera *a = &flight_view(scene, i)->camera, *b = &flight_view(scene, i + 1)->camera;
-    const double      ease = t * t * (3 - 2 * t);
-    double            p[4][3], eye[3], forward[3], down[3], length = 0;
+    const double ease = t * t * (3 - 2 * t);
+    double p[4][3], eye[3], forward[3], down[3], length = 0;
     for (int k = 0; k < 4; k++) frame_eye(flight_view(scene, i - 1 + k), p[k]);
     for (int k = 0; k < 3; k++) {
-        eye[k] =
-            p[1][k] +
-            0.5 * t *
-                (p[2][k] - p[0][k] +
-                 t * (2 * p[0][k] - 5 * p[1][k] + 4 * p[2][k] - p[3][k] + t * (3 * (p[1][k] - p[2][k]) + p[3][k] - p[0][k])));
+        eye[k] = p[1][k] + 0.5 * t *
+                               (p[2][k] - p[0][k] +
+                                t * (2 * p[0][k] - 5 * p[1][k] + 4 * p[2][k] - p[3][k] +
+                                     t * (3 * (p[1][k] - p[2][k]) + p[3][k] - p[0][k])));
         forward[k] = (1 - ease) * a->rotation[6 + k] + ease * b->rotation[6 + k];
-        down[k]    = (1 - ease) * a->rotation[3 + k] + ease * b->rotation[3 + k];
+        down[k] = (1 - ease) * a->rotation[3 + k] + ease * b->rotation[3 + k];
         length += down[k] * down[k];
     }
-    if (length < 1e-3) memcpy(down, t < 0.5 ? a->rotation + 3 : b->rotation + 3, sizeof down); /* opposite directions */
+    /* opposite directions */
+    if (length < 1e-3) memcpy(down, t < 0.5 ? a->rotation + 3 : b->rotation + 3, sizeof down);
     flight_look(eye, forward, down, c);
 }
 
 static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c)
 {
-    const int legs  = oxl_scene_view_count(scene) - 1;
-    double    whole = 0, at;
-    int       i     = 0;
+    const int legs = oxl_scene_view_count(scene) - 1;
+    double whole = 0, at;
+    int i = 0;
     for (int k = 0; k < legs; k++) whole += flight_leg(scene, k);
     for (at = fraction * whole; i < legs - 1 && at > flight_leg(scene, i); i++) at -= flight_leg(scene, i);
     whole = flight_leg(scene, i);
     flight_between(scene, i, whole > 0 ? fmin(at / whole, 1) : 0, c);
 }
 
-/* ---------------------------------------------------------------- the frames */
+/* ---------------- the frames */
 
 /* In the place of an earlier flight's. A frame past the last would join a film of these. */
 static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count)
 {
     struct output list = {0};
-    char          path[1100];
-    FILE         *next = NULL;
-    oxl_result    rc   = OXL_ERR_MEMORY;
+    char path[1100];
+    FILE *next = NULL;
+    oxl_result rc = OXL_ERR_MEMORY;
     for (int i = 0; i < count; i++) output_add(&list, "frame_%.5d.png\n", i);
     if (!list.failed) rc = oxl_render_list(ctx, folder, list.data, 0);
     free(list.data);
     snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count);
     if (rc == OXL_OK && (next = fopen(path, "rb"))) {
         fclose(next);
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it", path);
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it",
+            path);
     }
     return rc;
 }
 
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                        const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user)
 {
     const oxl_render_options render = oxl_render_options_default();
-    const int                orbit  = strcmp(a->flight, "orbit") == 0;
-    oxl_result               rc     = oxl_make_folder(ctx, a->out);
+    const int orbit = strcmp(a->flight, "orbit") == 0;
+    oxl_result rc = oxl_make_folder(ctx, a->out);
     if (rc == OXL_OK && !orbit && strcmp(a->flight, "survey") != 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3)))
         return oxl_fail(ctx, OXL_ERR_INPUT, "--flight %s: the survey has too few views or points", a->flight);
     if (rc == OXL_OK) rc = flight_list_frames(ctx, a->out, a->frames);
     for (int i = 0; i < a->frames && rc == OXL_OK; i++) {
-        oxl_camera   c        = oxl_scene_view(scene, 0)->camera;
-        const double fraction = orbit ? (double)i / a->frames : (double)i / (a->frames > 1 ? a->frames - 1 : 1);
-        oxl_image    image    = {0};
-        char         path[1100];
+        oxl_camera c = oxl_scene_view(scene, 0)->camera;
+        const double fraction =
+            orbit ? (double)i / a->frames : (double)i / (a->frames > 1 ? a->frames - 1 : 1);
+        oxl_image image = {0};
+        char path[1100];
         if (!orbit) flight_survey(scene, fraction, &c);
         else if (!flight_orbit(scene, fraction, &c)) rc = OXL_ERR_MEMORY;
         snprintf(path, sizeof path, "%s/frame_%05d.png", a->out, i);

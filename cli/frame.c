@@ -1,8 +1,9 @@
 /* frame.c - the axes right, up and above of a survey, for maps, orthomosaics and camera paths.
  *
- * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the world's z to within 20
- * degrees, the survey is assumed to be georeferenced, and right, up and above are the world's x, y and z. Otherwise right is the widest
- * axis, in the direction that partition_axes.c gives it. Invariant: the frame is right-handed: no rendering is mirrored.
+ * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the
+ * world's z to within 20 degrees, the survey is assumed to be georeferenced, and right, up and above are the
+ * world's x, y and z. Otherwise right is the widest axis, in the direction that partition_axes.c gives it.
+ * Invariant: the frame is right-handed: no rendering is mirrored.
  */
 #include "cli.h"
 
@@ -33,7 +34,8 @@ void frame_eye(const oxl_view *view, double out[3])
 void frame_place(oxl_camera *c, const double eye[3])
 {
     for (int i = 0; i < 3; i++)
-        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] +
+                              c->rotation[3 * i + 2] * eye[2]);
 }
 
 void frame_cross(const double a[3], const double b[3], double out[3])
@@ -49,7 +51,7 @@ static size_t frame_stride(const oxl_scene *scene)
 /* The cameras' mean height, in units of the scene. */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene)
 {
-    double    sum   = 0;
+    double sum = 0;
     const int views = oxl_scene_view_count(scene);
     for (int i = 0; i < views; i++) {
         double eye[3];
@@ -62,15 +64,16 @@ double frame_camera_height(const struct frame *f, const oxl_scene *scene)
 static void frame_axes(struct frame *f, const oxl_scene *scene)
 {
     const oxl_point *point = oxl_scene_points(scene);
-    const size_t     count = oxl_scene_point_count(scene), stride = frame_stride(scene);
-    double           a[3][3] = {{0}}, v[3][3], n = 0;
-    int              wide = 0, narrow = 0;
+    const size_t count = oxl_scene_point_count(scene), stride = frame_stride(scene);
+    double a[3][3] = {{0}}, v[3][3], n = 0;
+    int wide = 0, narrow = 0;
     for (size_t i = 0; i < count; i += stride, n++)
         for (int k = 0; k < 3; k++) f->centre[k] += point[i].position[k];
     for (int k = 0; k < 3; k++) f->centre[k] /= n > 0 ? n : 1;
     for (size_t i = 0; i < count; i += stride)
         for (int k = 0; k < 9; k++)
-            a[k / 3][k % 3] += (point[i].position[k / 3] - f->centre[k / 3]) * (point[i].position[k % 3] - f->centre[k % 3]);
+            a[k / 3][k % 3] +=
+                (point[i].position[k / 3] - f->centre[k / 3]) * (point[i].position[k % 3] - f->centre[k % 3]);
     eigen_symmetric(a, v);
     for (int k = 1; k < 3; k++) {
         if (a[k][k] > a[wide][wide]) wide = k;
@@ -99,11 +102,12 @@ static int frame_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2], double high[2])
+int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2],
+                 double high[2])
 {
     const oxl_point *point = oxl_scene_points(scene);
-    const size_t     count = oxl_scene_point_count(scene), stride = frame_stride(scene);
-    double          *along = malloc(sizeof *along * (count / stride + 1));
+    const size_t count = oxl_scene_point_count(scene), stride = frame_stride(scene);
+    double *along = malloc(sizeof *along * (count / stride + 1));
     for (int d = 0; along && d < 2; d++) {
         size_t n = 0;
         for (size_t i = 0; i < count; i += stride) along[n++] = frame_along(f, point[i].position, d);
@@ -112,7 +116,7 @@ int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras
         for (int i = 0; with_cameras && i < oxl_scene_view_count(scene); i++) {
             double eye[3];
             frame_eye(oxl_scene_view(scene, i), eye);
-            low[d]  = fmin(low[d], frame_along(f, eye, d));
+            low[d] = fmin(low[d], frame_along(f, eye, d));
             high[d] = fmax(high[d], frame_along(f, eye, d));
         }
     }

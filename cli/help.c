@@ -1,4 +1,5 @@
-/* help.c - generates --help, the manual page, docs/OPTIONS.md and the completion of shells from the tables of commands and options.
+/* help.c - generates --help, the manual page, docs/OPTIONS.md and the completion of shells from the tables of
+ * commands and options.
  *
  * Invariant: no option of a command is named here: a row of a table is sufficient.
  */
@@ -6,19 +7,23 @@
 
 #include <string.h>
 
-static const char HELP_PURPOSE[] = "from a COLMAP model of an underwater survey to one compact 3D Gaussian Splatting model,\n"
-                                   "on a laptop without a GPU.\n";
+static const char HELP_PURPOSE[] =
+    "from a COLMAP model of an underwater survey to one compact 3D Gaussian Splatting model,\n"
+    "on a laptop without a GPU.\n";
 static const char HELP_SCENE[] =
     "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the files of a COLMAP model, text or binary), or with a\n"
     "transforms.json or reconstruction.json.\n";
-static const char HELP_CODES[] = "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
+static const char HELP_CODES[] =
+    "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
 
 /* What train writes to OUT. */
 static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
-    {"scene.ply", "the model, for any viewer: the SH degrees in use, second lobes in an element of their own."},
-    {"scene_standard.ply", "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already."},
+    {"scene.ply",
+     "the model, for any viewer: the SH degrees in use, second lobes in an element of their own."},
+    {"scene_standard.ply",
+     "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already."},
     {"scene_clear.ply, imaging.txt",
      "with a medium: the scene without it; with exposure, lamp or a medium: the parameters of the image formation. eval and render use both."},
     {"metrics.json",
@@ -36,27 +41,29 @@ static const struct {
 
 enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
 
-/* ---------------------------------------------------------------- one option in words */
+/* ---------------- one option in words */
 
 /* "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard 7000, paper 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
-    const oxl_option      *o        = cli_option_at(index);
+    const oxl_option *o = cli_option_at(index);
     const struct arguments defaults = arguments_default();
-    out[0]                          = 0;
+    out[0] = 0;
     if (o->kind == OXL_OPTION_FLAG) return out;
     if (cli_option_of_job(index) < 0) {
         oxl_option_get(o, &defaults, out, HELP_DEFAULT);
         if (o->low > 0 && strcmp(out, "0") == 0) out[0] = 0; /* 0: not given */
     } else if (o->kind == OXL_OPTION_PRESET) snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
-    else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 && strcmp(o->preset[0], o->preset[2]) == 0)
+    else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 &&
+             strcmp(o->preset[0], o->preset[2]) == 0)
         snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
     else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0)
         snprintf(out, HELP_DEFAULT, "%s, paper %s", o->preset[0], o->preset[2]);
     else if (o->preset[0] && strcmp(o->preset[1], o->preset[2]) == 0)
         snprintf(out, HELP_DEFAULT, "draft %s, otherwise %s", o->preset[0], o->preset[1]);
     else if (o->preset[0])
-        snprintf(out, HELP_DEFAULT, "draft %s, standard %s, paper %s", o->preset[0], o->preset[1], o->preset[2]);
+        snprintf(out, HELP_DEFAULT, "draft %s, standard %s, paper %s", o->preset[0], o->preset[1],
+                 o->preset[2]);
     return out;
 }
 
@@ -95,7 +102,7 @@ static int help_group_begins(int index)
     return 1;
 }
 
-/* ---------------------------------------------------------------- --help */
+/* ---------------- --help */
 
 /* In two columns; a first that is too long has its own line. */
 static void help_row(FILE *to, const char *left, const char *right, const char *standard)
@@ -122,20 +129,22 @@ static void help_overview(FILE *to)
 static void help_option(FILE *to, int index)
 {
     const oxl_option *o = cli_option_at(index);
-    char              left[100], standard[HELP_DEFAULT], note[HELP_NOTE];
+    char left[100], standard[HELP_DEFAULT], note[HELP_NOTE];
     help_default(index, standard);
     help_row(to, help_option_text(o, left), o->help, help_note(index, standard, "", note));
 }
 
-/* The options of a command, or of all commands that have any, group by group. Returns how many were left out. */
+/* The options of a command, or of all commands that have any, group by group. Returns how many were left
+ * out. */
 static int help_options(FILE *to, enum command command, int all)
 {
     int left_out = 0;
     for (int g = 0; g < cli_option_count(); g++)
         for (int i = g, shown = 0; i < cli_option_count() && help_group_begins(g); i++) {
-            const oxl_option *o      = cli_option_at(i);
-            const int         hidden = o->tier != OXL_TIER_BASIC && !all;
-            if (!help_is_of_group(i, g) || (command != COMMAND_NONE && !cli_option_is_of(i, command))) continue;
+            const oxl_option *o = cli_option_at(i);
+            const int hidden = o->tier != OXL_TIER_BASIC && !all;
+            if (!help_is_of_group(i, g) || (command != COMMAND_NONE && !cli_option_is_of(i, command)))
+                continue;
             left_out += hidden;
             if (hidden) continue;
             if (!shown++) fprintf(to, "\n%s (default in parentheses)\n", o->group);
@@ -157,16 +166,18 @@ static void help_first(FILE *to)
 
 void help_print(FILE *to, enum command command, int all)
 {
-    const struct cli_command *c        = &CLI_COMMANDS[command];
-    int                       left_out = 0;
+    const struct cli_command *c = &CLI_COMMANDS[command];
+    int left_out = 0;
     if (command == COMMAND_NONE) help_overview(to);
-    else fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", c->purpose, c->example, c->name, c->usage, c->more);
+    else
+        fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", c->purpose, c->example, c->name,
+                c->usage, c->more);
     if (command == COMMAND_NONE && all) help_first(to);
     if (command != COMMAND_NONE || all) left_out = help_options(to, command, all);
     if (left_out > 0) fprintf(to, "\n%d more options, advanced and expert: --help all\n", left_out);
 }
 
-/* ---------------------------------------------------------------- all options and outputs, for the manual page and docs/OPTIONS.md */
+/* ---------------- all options and outputs, for the manual page and docs/OPTIONS.md */
 
 /* Minus signs that can be copied, backslashes that are one, and no line that looks like a request. */
 static void manual_text(FILE *to, const char *text)
@@ -203,33 +214,40 @@ static void help_entry(FILE *to, int page, const char *name, const char *what)
     manual_lines(to, "", what);
 }
 
-/* "HELP (default; range; limit). Advanced. Also --NAME." A former name is in the warning that its use gives. */
+/* "HELP (default; range; limit). Advanced. Also --NAME." A former name is in the warning that its use
+ * gives. */
 static void help_full_option(FILE *to, int page, int index)
 {
-    const char *const        quote     = page ? "`" : "";
-    static const char *const tiers[]   = {"", " Advanced.", " Expert."};
-    const oxl_option        *o         = cli_option_at(index);
-    const int                has_range = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    char                     name[100], standard[HELP_DEFAULT], range[40] = "", note[HELP_NOTE], alias[60] = "", text[1000];
+    const char *const quote = page ? "`" : "";
+    static const char *const tiers[] = {"", " Advanced.", " Expert."};
+    const oxl_option *o = cli_option_at(index);
+    const int has_range =
+        o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
+    char name[100], standard[HELP_DEFAULT], range[40] = "", note[HELP_NOTE], alias[60] = "", text[1000];
     help_default(index, standard);
-    if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) /* else not worth stating */
+    /* else not worth stating */
+    if (has_range && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1))
         snprintf(range, sizeof range, "; %g to %g", o->low, o->high);
-    if (o->alias && o->alias[0] == '=') snprintf(alias, sizeof alias, " Also %s--%s%s.", quote, o->alias + 1, quote);
+    if (o->alias && o->alias[0] == '=')
+        snprintf(alias, sizeof alias, " Also %s--%s%s.", quote, o->alias + 1, quote);
     help_note(index, standard, range, note);
-    snprintf(text, sizeof text, note[0] ? "%s (%s).%s%s" : "%s%.0s.%s%s", o->help, note, tiers[o->tier], alias);
+    snprintf(text, sizeof text, note[0] ? "%s (%s).%s%s" : "%s%.0s.%s%s", o->help, note, tiers[o->tier],
+             alias);
     help_entry(to, page, help_option_text(o, name), text);
 }
 
 static void help_not_refined(FILE *to, int page)
 {
-    char   names[400], word[40];
+    char names[400], word[40];
     size_t used = 0;
     for (int i = 0; i < cli_option_count(); i++)
-        if (cli_option_of_job(i) >= 0 && cli_option_at(i)->use & OXL_OPTION_NOT_REFINED && used < sizeof names)
+        if (cli_option_of_job(i) >= 0 && cli_option_at(i)->use & OXL_OPTION_NOT_REFINED &&
+            used < sizeof names)
             used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "",
                                      cli_option_word(cli_option_at(i), word));
     help_group(to, page, "Refinements");
-    help_entry(to, page, names, "off while a finished model is refined: after merging, for viewers, to continue a run.");
+    help_entry(to, page, names,
+               "off while a finished model is refined: after merging, for viewers, to continue a run.");
 }
 
 static void help_full(FILE *to, int page)
@@ -246,12 +264,12 @@ static void help_full(FILE *to, int page)
         help_entry(to, page, HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
 }
 
-/* ---------------------------------------------------------------- the manual page, in roff (man(7) macros) */
+/* ---------------- the manual page, in roff (man(7) macros) */
 
 static void manual_command(FILE *to, enum command command)
 {
-    const struct cli_command *c      = &CLI_COMMANDS[command];
-    const char               *before = "Options: ";
+    const struct cli_command *c = &CLI_COMMANDS[command];
+    const char *before = "Options: ";
     fprintf(to, ".SS oceanxl %s ", c->name);
     manual_lines(to, "", c->usage);
     manual_lines(to, "", c->purpose);
@@ -270,7 +288,9 @@ static void manual_command(FILE *to, enum command command)
 
 void help_manual(FILE *to)
 {
-    fputs(".\\\" made by: oceanxl \\-\\-man\n.TH OCEANXL 1 \"\" \"OceanXL " OXL_VERSION "\"\n.SH NAME\noceanxl \\- ", to);
+    fputs(".\\\" made by: oceanxl \\-\\-man\n.TH OCEANXL 1 \"\" \"OceanXL " OXL_VERSION
+          "\"\n.SH NAME\noceanxl \\- ",
+          to);
     manual_text(to, HELP_PURPOSE);
     fputs(".SH SYNOPSIS\n", to);
     for (int i = 1; i < COMMANDS; i++) {
@@ -285,7 +305,7 @@ void help_manual(FILE *to)
     manual_lines(to, ".SH EXIT STATUS\n", HELP_CODES);
 }
 
-/* ---------------------------------------------------------------- docs/OPTIONS.md */
+/* ---------------- docs/OPTIONS.md */
 
 void help_page(FILE *to)
 {
@@ -299,7 +319,7 @@ void help_page(FILE *to)
     fprintf(to, "\nExit codes: %s", HELP_CODES);
 }
 
-/* ---------------------------------------------------------------- completion in bash, and in zsh by its bashcompinit */
+/* ---------------- completion in bash, and in zsh by its bashcompinit */
 
 /* Words that an option accepts, separated by blanks; 0: any value, so file names are offered. */
 static int complete_choices(const oxl_option *o, char out[200])
@@ -318,7 +338,8 @@ static void complete_command(FILE *to, enum command command)
     for (int i = 0; i < cli_option_count(); i++) {
         const oxl_option *o = cli_option_at(i);
         if (!cli_option_is_of(i, command) || !complete_choices(o, choices)) continue;
-        fprintf(to, "        %s) COMPREPLY=($(compgen -W '%s' -- \"$cur\")); return ;;\n", cli_option_word(o, word), choices);
+        fprintf(to, "        %s) COMPREPLY=($(compgen -W '%s' -- \"$cur\")); return ;;\n",
+                cli_option_word(o, word), choices);
     }
     fputs("        esac\n        words='", to);
     for (int i = 0; i < cli_option_count(); i++)

@@ -1,4 +1,5 @@
-/* info.c - statistics of a model: number of Gaussians, position, size, opacity, nonfinite values; tables of a partition. */
+/* info.c - statistics of a model: number of Gaussians, position, size, opacity, nonfinite values; tables of a
+ * partition. */
 #include "cli.h"
 
 #include <math.h>
@@ -30,15 +31,16 @@ static void info_write_head(FILE *to, const oxl_model *m, int json)
         fprintf(to,
                 "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n"
                 "  \"origin\": [%s, %s, %s],\n  \"scale\": %s",
-                m->count, m->lobes, m->sh_degree, m->not_finite, INFO_NUMBER(m->origin[0]), INFO_NUMBER(m->origin[1]),
-                INFO_NUMBER(m->origin[2]), INFO_NUMBER(scale));
+                m->count, m->lobes, m->sh_degree, m->not_finite, INFO_NUMBER(m->origin[0]),
+                INFO_NUMBER(m->origin[1]), INFO_NUMBER(m->origin[2]), INFO_NUMBER(scale));
     else
-        fprintf(to,
-                "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\n"
-                "origin      %.10g %.10g %.10g (world = local + origin)\n"
-                "scale       %.10g (units of this file in a unit of the survey)\n"
-                "            5th, 50th, 95th percentile\n",
-                m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], scale);
+        fprintf(
+            to,
+            "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\n"
+            "origin      %.10g %.10g %.10g (world = local + origin)\n"
+            "scale       %.10g (units of this file in a unit of the survey)\n"
+            "            5th, 50th, 95th percentile\n",
+            m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], scale);
 }
 
 /* Of 6 digits. */
@@ -60,25 +62,26 @@ static void info_write_spread(FILE *to, const char *name, const struct spread *s
 
 static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
 {
-    static const char *const names[]  = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
-    static const int         planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
-                                         OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
+    static const char *const names[] = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
+    static const int planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
+                                 OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
     info_write_head(to, m, json);
     for (int i = 0; i < 7; i++) {
         struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);
         if (i >= 3 && i < 6) s = (struct spread){expf(s.low), expf(s.middle), expf(s.high)};
-        if (i == 6) s = (struct spread){1 / (1 + expf(-s.low)), 1 / (1 + expf(-s.middle)), 1 / (1 + expf(-s.high))};
+        if (i == 6)
+            s = (struct spread){1 / (1 + expf(-s.low)), 1 / (1 + expf(-s.middle)), 1 / (1 + expf(-s.high))};
         info_write_spread(to, names[i], &s, json);
     }
 }
 
-/* ---------------------------------------------------------------- imaging.txt beside a model (docs/IMAGING.md) */
+/* ---------------- imaging.txt beside a model (docs/IMAGING.md) */
 
 /* Beside `model`; NULL: there is none. */
 static FILE *info_open_imaging(const char *model, const char *mode)
 {
     const char *base = strrchr(model, '/');
-    char        path[4096];
+    char path[4096];
     snprintf(path, sizeof path, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
     return fopen(path, mode);
 }
@@ -87,7 +90,7 @@ static FILE *info_open_imaging(const char *model, const char *mode)
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
-    base             = base ? base + 1 : model;
+    base = base ? base + 1 : model;
     return strcmp(base, "scene.ply") == 0 || strcmp(base, "scene_standard.ply") == 0;
 }
 
@@ -103,12 +106,13 @@ static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
 
 static void info_write_imaging(FILE *to, const char *path, int json)
 {
-    FILE *file  = info_open_imaging(path, "rb");
-    int   gains = 0, lines = 0;
-    char  line[4096];
+    FILE *file = info_open_imaging(path, "rb");
+    int gains = 0, lines = 0;
+    char line[4096];
     while (file && fgets(line, sizeof line, file)) {
         gains += info_is_gain(line);
-        if (line[0] == '#' || info_is_gain(line) || (info_is_medium(line) && info_is_for_viewers(path))) continue;
+        if (line[0] == '#' || info_is_gain(line) || (info_is_medium(line) && info_is_for_viewers(path)))
+            continue;
         line[strcspn(line, "\r\n")] = 0;
         if (json) {
             fputs(lines ? ", " : ",\n  \"imaging\": [", to);
@@ -124,8 +128,8 @@ static void info_write_imaging(FILE *to, const char *path, int json)
 int info_copy_imaging(const char *from, const char *to)
 {
     FILE *in = info_open_imaging(from, "rb"), *there = in ? info_open_imaging(to, "rb") : NULL, *out = NULL;
-    char  line[4096];
-    int   failed;
+    char line[4096];
+    int failed;
     if (in && !there) out = info_open_imaging(to, "wb");
     while (out && fgets(line, sizeof line, in))
         if (!info_is_medium(line) || !info_is_for_viewers(from)) fputs(line, out);
@@ -138,8 +142,8 @@ int info_copy_imaging(const char *from, const char *to)
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
 {
-    oxl_model  model = {0};
-    float     *sorted;
+    oxl_model model = {0};
+    float *sorted;
     oxl_result rc = oxl_model_read(ctx, path, &model);
     if (rc != OXL_OK) return rc;
     sorted = malloc((model.count + 1) * sizeof *sorted);
@@ -152,7 +156,7 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
     return rc;
 }
 
-/* ---------------------------------------------------------------- a partition: each block, and the balance beside the baseline's */
+/* ---------------- a partition: each block, and the balance beside the baseline's */
 
 enum { INFO_BLOCKS = 60 }; /* blocks that are listed; partition.txt has them all */
 
@@ -164,21 +168,28 @@ static void info_print_balance(FILE *to, const char *what, const char *balanced,
 void info_print_blocks(FILE *to, const oxl_partition_report *r)
 {
     const oxl_balance *b = &r->balance[OXL_CUT_BALANCED], *m = &r->balance[OXL_CUT_MIDPOINT];
-    fprintf(to, "%6s %10s %10s %6s %7s %11s %10s\n", "block", "points", "starts", "base", "border", "memory", "time");
+    fprintf(to, "%6s %10s %10s %6s %7s %11s %10s\n", "block", "points", "starts", "base", "border", "memory",
+            "time");
     for (int i = 0; i < r->block_count && i < INFO_BLOCKS; i++) {
         const oxl_block *k = &r->block[i];
-        fprintf(to, "%6d %10zu %10zu %6d %7d %11s %10s\n", i, k->points, k->start_points, k->base_views, k->border_views,
-                OUTPUT_SIZE(k->memory), OUTPUT_SECONDS(k->seconds));
+        fprintf(to, "%6d %10zu %10zu %6d %7d %11s %10s\n", i, k->points, k->start_points, k->base_views,
+                k->border_views, OUTPUT_SIZE(k->memory), OUTPUT_SECONDS(k->seconds));
     }
     if (r->block_count > INFO_BLOCKS) fprintf(to, "   ... and %d more\n", r->block_count - INFO_BLOCKS);
     fprintf(to, "\n%-34s%11s%11s   (%s was used)\n", "", "balanced", "midpoint",
             r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced");
     info_print_balance(to, "blocks", OUTPUT_FIXED(b->blocks, 0), OUTPUT_FIXED(m->blocks, 0));
-    info_print_balance(to, "points a block, largest / mean", OUTPUT_FIXED(b->points_peak, 3), OUTPUT_FIXED(m->points_peak, 3));
-    info_print_balance(to, "  coefficient of variation", OUTPUT_FIXED(b->points_spread, 3), OUTPUT_FIXED(m->points_spread, 3));
-    info_print_balance(to, "cameras a block, largest / mean", OUTPUT_FIXED(b->views_peak, 3), OUTPUT_FIXED(m->views_peak, 3));
-    info_print_balance(to, "  coefficient of variation", OUTPUT_FIXED(b->views_spread, 3), OUTPUT_FIXED(m->views_spread, 3));
+    info_print_balance(to, "points a block, largest / mean", OUTPUT_FIXED(b->points_peak, 3),
+                       OUTPUT_FIXED(m->points_peak, 3));
+    info_print_balance(to, "  coefficient of variation", OUTPUT_FIXED(b->points_spread, 3),
+                       OUTPUT_FIXED(m->points_spread, 3));
+    info_print_balance(to, "cameras a block, largest / mean", OUTPUT_FIXED(b->views_peak, 3),
+                       OUTPUT_FIXED(m->views_peak, 3));
+    info_print_balance(to, "  coefficient of variation", OUTPUT_FIXED(b->views_spread, 3),
+                       OUTPUT_FIXED(m->views_spread, 3));
     info_print_balance(to, "memory of the largest block", OUTPUT_SIZE(b->memory), OUTPUT_SIZE(m->memory));
-    info_print_balance(to, "time of the longest block", OUTPUT_SECONDS(b->longest), OUTPUT_SECONDS(m->longest));
-    info_print_balance(to, "time of all, one after the other", OUTPUT_SECONDS(b->seconds), OUTPUT_SECONDS(m->seconds));
+    info_print_balance(to, "time of the longest block", OUTPUT_SECONDS(b->longest),
+                       OUTPUT_SECONDS(m->longest));
+    info_print_balance(to, "time of all, one after the other", OUTPUT_SECONDS(b->seconds),
+                       OUTPUT_SECONDS(m->seconds));
 }

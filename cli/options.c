@@ -1,6 +1,6 @@
-/* options.c - the commands, and the options that are the program's alone: two tables. The options of a training job are the
- * library's (src/core/options.c); both tables have the same type of row, and parsing, help, the manual page and docs/OPTIONS.md
- * are made from both.
+/* options.c - the commands, and the options that are the program's alone: two tables. The options of a
+ * training job are the library's (src/core/options.c); both tables have the same type of row, and parsing,
+ * help, the manual page and docs/OPTIONS.md are made from both.
  *
  * Invariant: an option that is in neither table is an error. Nothing is ignored silently.
  */
@@ -10,7 +10,7 @@
 #include <string.h>
 
 #define CLI_COUNT(array) ((int)(sizeof(array) / sizeof *(array)))
-#define IN(command)      (1u << COMMAND_##command)
+#define IN(command) (1u << COMMAND_##command)
 
 const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_TRAIN] =
@@ -18,22 +18,28 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "oceanxl train survey -o out",
          "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
          "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
-    [COMMAND_MERGE] = {"merge", 1, "OUT", "Joins the blocks that train --block K made, trains the merged model, evaluates it.",
+    [COMMAND_MERGE] = {"merge", 1, "OUT",
+                       "Joins the blocks that train --block K made, trains the merged model, evaluates it.",
                        "oceanxl merge out", "OUT gets the same bytes as from train."},
-    [COMMAND_CHECK] = {"check", 1, "SCENE", "Checks a survey: what train reads of it, predicted memory and time.",
-                       "oceanxl check survey", "Exit code 3: it cannot be trained; the message gives the reason."},
+    [COMMAND_CHECK] = {"check", 1, "SCENE",
+                       "Checks a survey: what train reads of it, predicted memory and time.",
+                       "oceanxl check survey",
+                       "Exit code 3: it cannot be trained; the message gives the reason."},
     [COMMAND_PARTITION] =
-        {"partition", 1, "SCENE -o OUT", "Cuts a survey into blocks of equal work, each a COLMAP text export.",
+        {"partition", 1, "SCENE -o OUT",
+         "Cuts a survey into blocks of equal work, each a COLMAP text export.",
          "oceanxl partition survey -o out",
          "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at.\n"
          "It takes the options of train, so that partition and train --block K can be given one list; what changes neither the\n"
          "blocks nor the prediction has no effect here."},
-    [COMMAND_RENDER] = {"render", 2, "MODEL SCENE -o DIR",
-                        "Renders a model from the cameras of a survey, from above, or along a flight.",
-                        "oceanxl render out/scene.ply survey -o renders",
-                        "One PNG a view, named as its image; --ortho and --flight render other views instead."},
+    [COMMAND_RENDER] =
+        {"render", 2, "MODEL SCENE -o DIR",
+         "Renders a model from the cameras of a survey, from above, or along a flight.",
+         "oceanxl render out/scene.ply survey -o renders",
+         "One PNG a view, named as its image; --ortho and --flight render other views instead."},
     [COMMAND_MEASURE] =
-        {"measure", 1, "SCENE --scale-bar ENDS", "Measures in a survey: the length of a scale bar, and from it metres per unit.",
+        {"measure", 1, "SCENE --scale-bar ENDS",
+         "Measures in a survey: the length of a scale bar, and from it metres per unit.",
          "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
          "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
     [COMMAND_EVAL] =
@@ -45,15 +51,18 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_INFO] = {"info", 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
                       "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =
-        {"convert", 2, "IN OUT", "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
+        {"convert", 2, "IN OUT",
+         "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
          "oceanxl convert out/scene.ply scene.splat",
          ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view; .glb is glTF with KHR_gaussian_splatting."},
     [COMMAND_REPORT] =
         {"report", 1, "OUT", "Writes one page about a run: input, decisions, metrics.", "oceanxl report out",
          "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
-    [COMMAND_SYNTH] = {"synth", 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
-                       "oceanxl synth -o survey",
-                       "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
+    [COMMAND_SYNTH] =
+        {"synth", 0, "-o DIR",
+         "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
+         "oceanxl synth -o survey",
+         "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
     [COMMAND_ABLATE] =
         {"ablate", 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
@@ -62,25 +71,27 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
          "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
          "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
     [COMMAND_TRADEOFF] =
-        {"tradeoff", 1, "SCENE -o OUT", "Measures speed against accuracy on a survey: options one at a time, and the presets.",
+        {"tradeoff", 1, "SCENE -o OUT",
+         "Measures speed against accuracy on a survey: options one at a time, and the presets.",
          "oceanxl tradeoff survey -o tradeoff --budget 20m",
          "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
          "do not fit the budget are named; the same command with a larger one resumes. Without --max-side images are reduced to fit it."},
 };
 
-/* ---------------------------------------------------------------- options of the program */
+/* ---------------- options of the program */
 
-#define STUDIES     (IN(ABLATE) | IN(TRADEOFF))
-#define TRAINS      (IN(TRAIN) | IN(CHECK) | IN(PARTITION)) /* the same options each time: what decides nothing yet is accepted */
-#define DRAWS       (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
-#define EVERYWHERE  (~0u)
+#define STUDIES (IN(ABLATE) | IN(TRADEOFF))
+/* the same options each time: what decides nothing yet is accepted */
+#define TRAINS (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
+#define DRAWS (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
+#define EVERYWHERE (~0u)
 #define FIELD(name) offsetof(struct arguments, name)
 #define NO_TEXT          \
     {                    \
         NULL, NULL, NULL \
     }
 #define LEAST 1e-9 /* metres: of what is not 0 */
-#define MOST  1e15 /* metres, seconds: limit of plausible values */
+#define MOST 1e15  /* metres, seconds: limit of plausible values */
 
 /* Defaults are in arguments_default; `use` has a bit for each command. */
 /* clang-format off */
@@ -135,17 +146,17 @@ static const oxl_option CLI_OPTIONS[] = {
 
 struct arguments arguments_default(void)
 {
-    return (struct arguments){.split   = OXL_SPLIT_TEST,
+    return (struct arguments){.split = OXL_SPLIT_TEST,
                               .threads = -1,
-                              .device  = -1,
-                              .seeds   = 1,
-                              .frames  = 120,
-                              .budget  = 1200,
-                              .job     = oxl_job_options_default(OXL_PRESET_DRAFT),
-                              .synth   = synth_options_default()};
+                              .device = -1,
+                              .seeds = 1,
+                              .frames = 120,
+                              .budget = 1200,
+                              .job = oxl_job_options_default(OXL_PRESET_DRAFT),
+                              .synth = synth_options_default()};
 }
 
-/* ---------------------------------------------------------------- both tables as one */
+/* ---------------- both tables as one */
 
 int cli_option_count(void)
 {
@@ -186,9 +197,10 @@ int cli_is_study_variable(const char *name)
 
 int cli_option_is_of(int index, enum command command)
 {
-    const oxl_option *o        = cli_option_at(index);
-    const unsigned    commands = cli_option_of_job(index) < 0 ? o->use : cli_commands_of(o->use);
-    if (command == COMMAND_ABLATE && cli_option_of_job(index) >= 0 && cli_is_study_variable(o->name)) return 0;
+    const oxl_option *o = cli_option_at(index);
+    const unsigned commands = cli_option_of_job(index) < 0 ? o->use : cli_commands_of(o->use);
+    if (command == COMMAND_ABLATE && cli_option_of_job(index) >= 0 && cli_is_study_variable(o->name))
+        return 0;
     return (commands >> command & 1) != 0;
 }
 

@@ -1,4 +1,5 @@
-/* output.c - text that grows in memory or goes to a file; its numbers do not depend on the locale. Strings of JSON.
+/* output.c - text that grows in memory or goes to a file; its numbers do not depend on the locale. Strings of
+ * JSON.
  *
  * A load test writes gigabytes of digits; printf would take most of the time and may write decimal commas.
  * Invariant: files are atomic; errors are kept and reported on close.
@@ -23,7 +24,7 @@ void output_bytes(struct output *t, const void *data, size_t size)
     if (t->file && t->used + size > OUTPUT_FLUSH) output_flush(t);
     if (!t->failed && t->used + size + 1 > t->capacity) {
         const size_t capacity = 2 * t->capacity + size + 1024;
-        char        *grown    = realloc(t->data, capacity);
+        char *grown = realloc(t->data, capacity);
         if (grown) t->data = grown, t->capacity = capacity;
         else t->failed = 1;
     }
@@ -33,7 +34,7 @@ void output_bytes(struct output *t, const void *data, size_t size)
     t->data[t->used] = 0;
 }
 
-/* ---------------------------------------------------------------- numbers */
+/* ---------------- numbers */
 
 /* Writes at least `least` digits of value before `end`. Returns their start. */
 static char *output_digits(char *end, unsigned long long value, int least)
@@ -50,12 +51,12 @@ static char *output_digits(char *end, unsigned long long value, int least)
 static char *output_fixed_before(char *end, double value, int decimals)
 {
     unsigned long long power = 1, scaled;
-    char              *at    = end;
+    char *at = end;
     for (int i = 0; i < decimals; i++) power *= 10;
     if (!(fabs(value) * (double)power < 9e18)) return end;
     scaled = (unsigned long long)(fabs(value) * (double)power + 0.5);
     if (decimals > 0) {
-        at    = output_digits(at, scaled % power, decimals);
+        at = output_digits(at, scaled % power, decimals);
         *--at = '.';
     }
     at = output_digits(at, scaled / power, 1);
@@ -65,19 +66,19 @@ static char *output_fixed_before(char *end, double value, int decimals)
 
 const char *output_fixed(char out[32], double value, int decimals)
 {
-    char        digits[32], *end = digits + sizeof digits - 1;
+    char digits[32], *end = digits + sizeof digits - 1;
     const char *at = output_fixed_before(end, value, decimals);
-    *end           = 0;
+    *end = 0;
     return memcpy(out, at, (size_t)(end - at) + 1);
 }
 
-/* ---------------------------------------------------------------- formats */
+/* ---------------- formats */
 
 /* Without the control characters that XML does not have. */
 static void output_escaped(struct output *t, const char *text, size_t size)
 {
-    static const char        special[] = "&<>\"'";
-    static const char *const escape[]  = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
+    static const char special[] = "&<>\"'";
+    static const char *const escape[] = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
     for (size_t i = 0; i < size; i++) {
         const char *found = strchr(special, text[i]);
         if (found) output_add(t, "%s", escape[found - special]);
@@ -89,7 +90,8 @@ static void output_json(struct output *t, const char *value)
 {
     char *text = json_string(value);
     if (text) output_escaped(t, text, strlen(text));
-    else if (value && strncmp(value, "null", 4) != 0) output_escaped(t, value, (size_t)(oxl_json_end(value) - value));
+    else if (value && strncmp(value, "null", 4) != 0)
+        output_escaped(t, value, (size_t)(oxl_json_end(value) - value));
     else output_add(t, "unknown");
     free(text);
 }
@@ -97,10 +99,10 @@ static void output_json(struct output *t, const char *value)
 /* The conversion at `at`, a percent sign. Returns what follows it. */
 static const char *output_convert(struct output *t, const char *at, va_list *list)
 {
-    char        digits[32], *last = digits + sizeof digits;
-    const char *text, *end        = last;
-    const int   left  = at[1] == '-';
-    int         width = 0, precision = -1, number;
+    char digits[32], *last = digits + sizeof digits;
+    const char *text, *end = last;
+    const int left = at[1] == '-';
+    int width = 0, precision = -1, number;
     at += 1 + left;
     if (*at == '*') {
         width = va_arg(*list, int);
@@ -113,8 +115,9 @@ static const char *output_convert(struct output *t, const char *at, va_list *lis
     switch (*at) {
     case 'd':
         number = va_arg(*list, int);
-        text = last = output_digits(last, number < 0 ? 0ull - (unsigned long long)number : (unsigned long long)number,
-                                    precision > 1 ? precision : 1);
+        text = last =
+            output_digits(last, number < 0 ? 0ull - (unsigned long long)number : (unsigned long long)number,
+                          precision > 1 ? precision : 1);
         if (number < 0) *--last = '-', text = last;
         break;
     case 'f': text = output_fixed_before(last, va_arg(*list, double), precision); break;
@@ -122,7 +125,7 @@ static const char *output_convert(struct output *t, const char *at, va_list *lis
     case 'l': text = output_digits(last, va_arg(*list, unsigned long long), 1); break;
     case 's':
         text = va_arg(*list, const char *);
-        end  = text + (precision >= 0 ? (size_t)precision : strlen(text));
+        end = text + (precision >= 0 ? (size_t)precision : strlen(text));
         break;
     case 'S':
         text = va_arg(*list, const char *);
@@ -153,7 +156,7 @@ void output_add(struct output *t, const char *format, ...)
 /* Groups of three digits, with narrow spaces that do not break. */
 const char *output_count(char out[40], double value)
 {
-    char   digits[32];
+    char digits[32];
     size_t length, used = 0;
     output_fixed(digits, floor(value + 0.5), 0);
     length = strlen(digits);
@@ -195,13 +198,13 @@ double axis_step(double span)
     return span;
 }
 
-/* ---------------------------------------------------------------- files */
+/* ---------------- files */
 
 char *output_read(const char *folder, const char *name, size_t *size)
 {
-    char  path[2048], *text = NULL;
+    char path[2048], *text = NULL;
     FILE *file;
-    long  end;
+    long end;
     if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) return NULL;
     file = fopen(path, "rb");
     if (!file) return NULL;
@@ -209,7 +212,7 @@ char *output_read(const char *folder, const char *name, size_t *size)
         text = malloc((size_t)end + 1);
     if (text) {
         const size_t got = fread(text, 1, (size_t)end, file);
-        text[got]        = 0;
+        text[got] = 0;
         if (size) *size = got;
     }
     fclose(file);
@@ -245,12 +248,12 @@ int output_save(struct output *t, const char *path)
     return output_close(t);
 }
 
-/* ---------------------------------------------------------------- strings of JSON */
+/* ---------------- strings of JSON */
 
 char *json_string(const char *value)
 {
     const size_t room = oxl_json_room(value);
-    char        *out  = room ? malloc(room) : NULL;
+    char *out = room ? malloc(room) : NULL;
     if (out) oxl_json_text(value, out, room);
     return out;
 }

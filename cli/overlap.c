@@ -1,7 +1,9 @@
 /* overlap.c - does a model belong to a survey? If it does, these are alike: the boxes that hold nine tenths
- * of the survey's points and of the model's Gaussians along each axis, and what the survey's cameras see of the model.
+ * of the survey's points and of the model's Gaussians along each axis, and what the survey's cameras see of
+ * the model.
  *
- * Another origin moves the box away, another scale changes its size, another frame empties the pixels. A warning, never an error:
+ * Another origin moves the box away, another scale changes its size, another frame empties the pixels. A
+ * warning, never an error:
  * the survey may be a part of the model's.
  */
 #include "cli.h"
@@ -10,14 +12,14 @@
 #include <stdlib.h>
 
 /* Twelve trained models have 1.0 to 1.1 of the diagonal, 95 to 99 % of the points and no empty pixel. */
-#define OVERLAP_SMALL  0.75 /* of the diagonal of the survey's box, at least */
-#define OVERLAP_LARGE  1.5  /* at most: Gaussians of the background lie far out */
-#define OVERLAP_INSIDE 0.6  /* of the survey's points are in the model's box, at least */
-#define OVERLAP_EMPTY  0.5  /* of the pixels show nothing, at most */
+#define OVERLAP_SMALL 0.75 /* of the diagonal of the survey's box, at least */
+#define OVERLAP_LARGE 1.5  /* at most: Gaussians of the background lie far out */
+#define OVERLAP_INSIDE 0.6 /* of the survey's points are in the model's box, at least */
+#define OVERLAP_EMPTY 0.5  /* of the pixels show nothing, at most */
 enum {
     OVERLAP_POINTS = 20, /* fewer have no box */
-    OVERLAP_VIEWS  = 4,  /* are rendered, */
-    OVERLAP_SIDE   = 160 /* reduced to so many px on the longer side */
+    OVERLAP_VIEWS = 4,   /* are rendered, */
+    OVERLAP_SIDE = 160   /* reduced to so many px on the longer side */
 };
 
 /* box: of nine tenths along each axis. */
@@ -32,29 +34,31 @@ static double overlap_diagonal(const struct spread box[3])
 static double overlap_inside(const struct spread box[3], const oxl_point *point, size_t count)
 {
     const double margin = 0.1 * overlap_diagonal(box);
-    size_t       inside = 0;
+    size_t inside = 0;
     for (size_t i = 0; i < count; i++) {
         int in = 1;
         for (int a = 0; a < 3; a++)
-            in &= point[i].position[a] >= (double)box[a].low - margin && point[i].position[a] <= (double)box[a].high + margin;
+            in &= point[i].position[a] >= (double)box[a].low - margin &&
+                  point[i].position[a] <= (double)box[a].high + margin;
         inside += (size_t)in;
     }
     return (double)inside / (double)count;
 }
 
 /* The pixels of a few views, reduced, in which no Gaussian is met. */
-static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, double *fraction)
+static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                double *fraction)
 {
     const int views = oxl_scene_view_count(scene), asked = views < OVERLAP_VIEWS ? views : OVERLAP_VIEWS;
-    size_t    empty = 0, all = 0;
+    size_t empty = 0, all = 0;
     for (int k = 0; k < asked; k++) {
-        oxl_camera   c      = oxl_scene_view(scene, (int)((2 * (long)k + 1) * views / (2 * asked)))->camera;
-        const int    side   = c.width > c.height ? c.width : c.height;
+        oxl_camera c = oxl_scene_view(scene, (int)((2 * (long)k + 1) * views / (2 * asked)))->camera;
+        const int side = c.width > c.height ? c.width : c.height;
         const double factor = side > OVERLAP_SIDE ? (double)OVERLAP_SIDE / side : 1;
-        const int    width = (int)ceil(c.width * factor), height = (int)ceil(c.height * factor);
-        oxl_image    image = {0};
-        float       *depth = malloc((size_t)width * (size_t)height * sizeof *depth);
-        oxl_result   rc    = depth ? OXL_OK : OXL_ERR_MEMORY;
+        const int width = (int)ceil(c.width * factor), height = (int)ceil(c.height * factor);
+        oxl_image image = {0};
+        float *depth = malloc((size_t)width * (size_t)height * sizeof *depth);
+        oxl_result rc = depth ? OXL_OK : OXL_ERR_MEMORY;
         c.width = width, c.height = height;
         c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
         if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, NULL, &image, depth);
@@ -68,17 +72,17 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const 
     return OXL_OK;
 }
 
-oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name, char *warning,
-                         size_t size)
+oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name,
+                         char *warning, size_t size)
 {
-    const size_t     points = oxl_scene_point_count(scene);
-    const oxl_point *point  = oxl_scene_points(scene);
-    const int        boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
-    float           *value  = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
-    struct spread    its[3] = {{0}}, own[3] = {{0}};
-    double           ratio = 1, inside = 1, empty = 0;
-    oxl_result       rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
-    warning[0]          = 0;
+    const size_t points = oxl_scene_point_count(scene);
+    const oxl_point *point = oxl_scene_points(scene);
+    const int boxes = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
+    float *value = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
+    struct spread its[3] = {{0}}, own[3] = {{0}};
+    double ratio = 1, inside = 1, empty = 0;
+    oxl_result rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
+    warning[0] = 0;
     for (int a = 0; a < 3 && rc == OXL_OK && boxes; a++) {
         for (size_t i = 0; i < points; i++) value[i] = (float)point[i].position[a];
         its[a] = info_spread(value, points, value);
@@ -87,14 +91,16 @@ oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_sce
     free(value);
     if (rc != OXL_OK) return rc;
     if (boxes && overlap_diagonal(its) > 0) {
-        ratio  = overlap_diagonal(own) / overlap_diagonal(its);
+        ratio = overlap_diagonal(own) / overlap_diagonal(its);
         inside = overlap_inside(own, point, points);
     }
-    if (model->count > 0 && (ratio < OVERLAP_SMALL || ratio > OVERLAP_LARGE || inside < OVERLAP_INSIDE || empty > OVERLAP_EMPTY))
-        snprintf(warning, size,
-                 "%s does not seem to cover the survey: it is %.2g times as large, %.0f %% of the survey's points lie in it, "
-                 "and %.0f %% of the pixels show nothing\n"
-                 "fix: compare it with the survey that it was trained on, from a file that keeps origin and scale (.ply, .spz)",
-                 name, ratio, 100 * inside, 100 * empty);
+    if (model->count > 0 &&
+        (ratio < OVERLAP_SMALL || ratio > OVERLAP_LARGE || inside < OVERLAP_INSIDE || empty > OVERLAP_EMPTY))
+        snprintf(
+            warning, size,
+            "%s does not seem to cover the survey: it is %.2g times as large, %.0f %% of the survey's points lie in it, "
+            "and %.0f %% of the pixels show nothing\n"
+            "fix: compare it with the survey that it was trained on, from a file that keeps origin and scale (.ply, .spz)",
+            name, ratio, 100 * inside, 100 * empty);
     return OXL_OK;
 }

@@ -1,7 +1,9 @@
-/* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one page.
+/* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one
+ * page.
  *
- * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey for
- * the map. Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
+ * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the
+ * survey for the map. Invariant: every figure on the page is from one of these files; what is absent is left
+ * out or reported as missing.
  */
 #include "report_state.h"
 
@@ -11,7 +13,7 @@
 
 enum { REPORT_EVIDENCE = 3, REPORT_NOTES = 100 /* lines that are shown at once; at all */ };
 
-/* ---------------------------------------------------------------- at the top */
+/* ---------------- at the top */
 
 static void report_tile(struct output *t, const char *figure, const char *what)
 {
@@ -23,38 +25,43 @@ static void report_tiles(struct report *r)
     struct output *t = &r->page;
     output_add(t, "<div class=\"tiles\">\n");
     if (r->metrics) {
-        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n", oxl_json_number(r->metrics, "psnr"));
+        output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n",
+                   oxl_json_number(r->metrics, "psnr"));
         report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
         report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
         report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "peak_rss_bytes")), "peak memory");
     }
-    report_tile(t, OUTPUT_COUNT(oxl_json_number(r->survey, "images") - oxl_json_number(r->survey, "images_missing")), "images");
+    report_tile(
+        t, OUTPUT_COUNT(oxl_json_number(r->survey, "images") - oxl_json_number(r->survey, "images_missing")),
+        "images");
     report_tile(t, OUTPUT_COUNT(oxl_json_number(r->survey, "points")), "initial points");
     output_add(t, "</div>\n");
 }
 
 static void report_head(struct report *r)
 {
-    struct output *t        = &r->page;
-    const int      finished = oxl_json_is_true(r->run, "finished");
-    const char    *name     = r->scene ? r->scene : r->out;
+    struct output *t = &r->page;
+    const int finished = oxl_json_is_true(r->run, "finished");
+    const char *name = r->scene ? r->scene : r->out;
     page_open(t, name);
-    output_add(t,
-               "<header><span class=\"pale\">OceanXL report</span><h1>%S"
-               "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
-               name, finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
-               OUTPUT_COUNT(oxl_json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
+    output_add(
+        t,
+        "<header><span class=\"pale\">OceanXL report</span><h1>%S"
+        "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
+        name, finished ? "good" : "warn",
+        finished ? "finished" : "not finished: run the same command again to resume",
+        OUTPUT_COUNT(oxl_json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
     report_tiles(r);
 }
 
-/* ---------------------------------------------------------------- lines of the log */
+/* ---------------- lines of the log */
 
 struct report_list {
     struct report *r;
-    const char    *tag;           /* of a line: "small", "li" */
-    int            folded, count; /* lines from the one on that only a click shows; so far */
+    const char *tag;   /* of a line: "small", "li" */
+    int folded, count; /* lines from the one on that only a click shows; so far */
 };
 
 /* block -1: of the whole job. */
@@ -74,8 +81,9 @@ static void report_notes(struct report_list *list)
     struct report *r = list->r;
     for (int k = -1; k < r->parts; k++)
         for (const char *e = oxl_json_first(oxl_json_member(k < 0 ? r->run : r->block[k].json, "notes")); e;
-             e             = oxl_json_next(e)) {
-            char *level = json_string(oxl_json_member(e, "level")), *text = json_string(oxl_json_member(e, "text"));
+             e = oxl_json_next(e)) {
+            char *level = json_string(oxl_json_member(e, "level")),
+                 *text = json_string(oxl_json_member(e, "text"));
             if (level && text && strcmp(level, "warning") == 0) report_line(list, k, text);
             free(level);
             free(text);
@@ -85,27 +93,32 @@ static void report_notes(struct report_list *list)
 static void report_list_end(struct report_list *list)
 {
     struct output *t = &list->r->page;
-    if (list->count > REPORT_NOTES) output_add(t, "<%s>and %d more</%s>", list->tag, list->count - REPORT_NOTES, list->tag);
+    if (list->count > REPORT_NOTES)
+        output_add(t, "<%s>and %d more</%s>", list->tag, list->count - REPORT_NOTES, list->tag);
     if (list->count > list->folded) output_add(t, "</details>");
 }
 
-/* ---------------------------------------------------------------- what went in */
+/* ---------------- what went in */
 
 static void report_survey(struct report *r)
 {
-    struct output *t       = &r->page;
-    const char    *origin  = oxl_json_first(oxl_json_member(r->run, "origin"));
-    const double   missing = oxl_json_number(r->survey, "images_missing"), masks = oxl_json_number(r->survey, "masks");
+    struct output *t = &r->page;
+    const char *origin = oxl_json_first(oxl_json_member(r->run, "origin"));
+    const double missing = oxl_json_number(r->survey, "images_missing"),
+                 masks = oxl_json_number(r->survey, "masks");
     output_add(t, "<dl>\n<dt>Images</dt><dd>%s training views, %s held-out views",
-               OUTPUT_COUNT(oxl_json_number(r->survey, "train_views")), OUTPUT_COUNT(oxl_json_number(r->survey, "test_views")));
+               OUTPUT_COUNT(oxl_json_number(r->survey, "train_views")),
+               OUTPUT_COUNT(oxl_json_number(r->survey, "test_views")));
     if (missing > 0) output_add(t, "; <b class=\"warn\">%s missing</b>", OUTPUT_COUNT(missing));
     if (masks > 0) output_add(t, "; %s masks", OUTPUT_COUNT(masks));
     output_add(t, "</dd>\n<dt>Cameras</dt><dd>%J<small>trained at up to %s x %s px</small></dd>\n",
                oxl_json_member(r->survey, "cameras_text"), OUTPUT_COUNT(oxl_json_number(r->survey, "width")),
                OUTPUT_COUNT(oxl_json_number(r->survey, "height")));
-    output_add(t, "<dt>Points</dt><dd>%s, each in %.1f images on average<small>reprojection error %.2f px</small></dd>\n",
-               OUTPUT_COUNT(oxl_json_number(r->survey, "points")), oxl_json_number(r->survey, "mean_track"),
-               oxl_json_number(r->survey, "mean_error"));
+    output_add(
+        t,
+        "<dt>Points</dt><dd>%s, each in %.1f images on average<small>reprojection error %.2f px</small></dd>\n",
+        OUTPUT_COUNT(oxl_json_number(r->survey, "points")), oxl_json_number(r->survey, "mean_track"),
+        oxl_json_number(r->survey, "mean_error"));
     output_add(t, "<dt>Origin</dt><dd>world = model + (");
     for (int k = 0; k < 3 && origin; k++) {
         output_add(t, "%s%.6f", k ? ", " : "", oxl_json_number_at(&origin));
@@ -114,15 +127,15 @@ static void report_survey(struct report *r)
     output_add(t, ")<small>the origin is also a comment in scene.ply</small></dd>\n</dl>\n");
 }
 
-/* ---------------------------------------------------------------- decisions */
+/* ---------------- decisions */
 
 /* "CHOSEN: EVIDENCE" of a decision, from run.json (block -1) or block.json. */
 static void report_decision(struct report_list *list, int block, const char *name)
 {
-    const char *json     = block < 0 ? list->r->run : list->r->block[block].json;
+    const char *json = block < 0 ? list->r->run : list->r->block[block].json;
     const char *decision = oxl_json_member(oxl_json_member(json, "decisions"), name);
-    char       *chosen   = json_string(oxl_json_member(decision, "chosen")),
-         *evidence       = json_string(oxl_json_member(decision, "evidence"));
+    char *chosen = json_string(oxl_json_member(decision, "chosen")),
+         *evidence = json_string(oxl_json_member(decision, "evidence"));
     char text[1000];
     snprintf(text, sizeof text, "%s: %s", chosen ? chosen : "", evidence ? evidence : "");
     if (chosen && evidence) report_line(list, block, text);
@@ -150,10 +163,11 @@ static void report_decisions(struct report *r)
                                              {"Free space (--carve)", "carve"},
                                              {"Dropout (--dropout)", "dropout"},
                                              {"Second lobes (--dog)", "dog"}};
-    struct output           *t            = &r->page;
+    struct output *t = &r->page;
     page_section(r, "Decisions and evidence");
-    output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n", oxl_json_member(r->run, "preset"),
-               OUTPUT_COUNT(oxl_json_number(r->job, "iterations")), oxl_json_number(r->job, "seed"));
+    output_add(t, "<dl>\n<dt>Preset</dt><dd>%J<small>%s iterations, seed %.0f</small></dd>\n",
+               oxl_json_member(r->run, "preset"), OUTPUT_COUNT(oxl_json_number(r->job, "iterations")),
+               oxl_json_number(r->job, "seed"));
     output_add(t, "<dt>Blocks</dt><dd>%d", r->blocks);
     if (r->blocks > 1) output_add(t, ", %J cuts", oxl_json_member(r->job, "cut"));
     report_evidence(r, "partition", -1, 0);
@@ -164,23 +178,25 @@ static void report_decisions(struct report *r)
     output_add(t, "</dl>\n");
 }
 
-/* ---------------------------------------------------------------- warnings */
+/* ---------------- warnings */
 
 static void report_warnings(struct report *r)
 {
-    const double predicted  = oxl_json_number(r->metrics, "predicted_memory_bytes"),
-                 peak       = oxl_json_number(r->metrics, "peak_rss_bytes");
+    const double predicted = oxl_json_number(r->metrics, "predicted_memory_bytes"),
+                 peak = oxl_json_number(r->metrics, "peak_rss_bytes");
     struct report_list list = {r, "li", REPORT_NOTES, 0};
-    char               words[160];
+    char words[160];
     page_section(r, "Warnings");
     output_add(&r->page, "<ul>\n");
     if (!oxl_json_is_true(r->run, "finished"))
         report_line(&list, -1, "the run is not finished; run the same command again to resume");
     if (r->metrics && oxl_json_number(r->survey, "test_views") <= 0)
-        report_line(&list, -1,
-                    "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
+        report_line(
+            &list, -1,
+            "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
     if (peak > 1.5 * predicted) {
-        snprintf(words, sizeof words, "peak memory %s, predicted %s", OUTPUT_SIZE(peak), OUTPUT_SIZE(predicted));
+        snprintf(words, sizeof words, "peak memory %s, predicted %s", OUTPUT_SIZE(peak),
+                 OUTPUT_SIZE(predicted));
         report_line(&list, -1, words);
     }
     report_notes(&list);
@@ -188,23 +204,26 @@ static void report_warnings(struct report *r)
     output_add(&r->page, "</ul>\n%s", list.count > 0 ? "" : "<p>None.</p>\n");
 }
 
-/* ---------------------------------------------------------------- blocks, seams, sizes, times */
+/* ---------------- blocks, seams, sizes, times */
 
 static void report_block_rows(struct report *r)
 {
     struct output *t = &r->page;
     page_section(r, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
-    output_add(t,
-               "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
-               "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
+    output_add(
+        t,
+        "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
+        "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
     for (int k = 0; k < r->parts; k++) {
         const char *b = r->block[k].json;
         output_add(
             t,
             "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
-            REPORT_PART(r, k), OUTPUT_COUNT(oxl_json_number(b, "iterations_done")), OUTPUT_COUNT(oxl_json_number(b, "gaussians")),
-            OUTPUT_SECONDS(oxl_json_number(b, "seconds")), OUTPUT_SECONDS(oxl_json_number(b, "predicted_seconds")),
-            OUTPUT_SIZE(oxl_json_number(b, "peak_rss_bytes")), OUTPUT_SIZE(oxl_json_number(b, "predicted_memory_bytes")));
+            REPORT_PART(r, k), OUTPUT_COUNT(oxl_json_number(b, "iterations_done")),
+            OUTPUT_COUNT(oxl_json_number(b, "gaussians")), OUTPUT_SECONDS(oxl_json_number(b, "seconds")),
+            OUTPUT_SECONDS(oxl_json_number(b, "predicted_seconds")),
+            OUTPUT_SIZE(oxl_json_number(b, "peak_rss_bytes")),
+            OUTPUT_SIZE(oxl_json_number(b, "predicted_memory_bytes")));
     }
     output_add(
         t,
@@ -213,24 +232,25 @@ static void report_block_rows(struct report *r)
 
 static void report_seam(struct report *r)
 {
-    const char  *seam      = oxl_json_member(r->metrics, "seam");
-    const double near_psnr = oxl_json_number(seam, "near_psnr"), elsewhere = oxl_json_number(seam, "elsewhere_psnr");
+    const char *seam = oxl_json_member(r->metrics, "seam");
+    const double near_psnr = oxl_json_number(seam, "near_psnr"),
+                 elsewhere = oxl_json_number(seam, "elsewhere_psnr");
     if (!isfinite(near_psnr) || !isfinite(elsewhere)) return;
     output_add(
         &r->page,
         "<h3>Seams</h3>\n<p>PSNR within %.0f %% of a block's size from a border: <b>%.2f dB</b> (%s px); elsewhere: <b>%.2f dB</b>. "
         "Difference: %.2f dB.</p>\n",
-        100 * oxl_json_number(seam, "width"), near_psnr, OUTPUT_COUNT(oxl_json_number(seam, "near_pixels")), elsewhere,
-        near_psnr - elsewhere);
+        100 * oxl_json_number(seam, "width"), near_psnr, OUTPUT_COUNT(oxl_json_number(seam, "near_pixels")),
+        elsewhere, near_psnr - elsewhere);
 }
 
-/* ---------------------------------------------------------------- to repeat it */
+/* ---------------- to repeat it */
 
 /* A word for a POSIX shell: quoted where it has to be. */
 static void report_shell(struct output *t, const char *word)
 {
     static const char plain[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./,-+:@%";
-    const char       *quote   = word[0] && strspn(word, plain) == strlen(word) ? "" : "'";
+    const char *quote = word[0] && strspn(word, plain) == strlen(word) ? "" : "'";
     output_add(t, "%S", quote);
     for (; *word; word++) output_add(t, "%S", *word == '\'' ? "'\\''" : (char[2]){*word, 0});
     output_add(t, "%S", quote);
@@ -249,9 +269,10 @@ static void report_command(struct report *r)
     output_add(&r->page, " --preset %s", fresh.preset);
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
-        char              member[40], usual[4096], seen[4096];
+        char member[40], usual[4096], seen[4096];
         if (!oxl_json_member(r->job, oxl_option_member(o, member))) continue;
-        if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen), oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
+        if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen),
+                   oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
             continue;
         output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
         if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, seen);
@@ -263,7 +284,8 @@ static void report_reproduction(struct report *r)
 {
     struct output *t = &r->page;
     page_section(r, "Reproduction");
-    output_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
+    output_add(
+        t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
     report_command(r);
     output_add(t, "oceanxl eval ");
     report_shell(t, r->out);
@@ -276,7 +298,7 @@ static void report_reproduction(struct report *r)
                oxl_json_member(r->run, "instructions"));
 }
 
-/* ---------------------------------------------------------------- the page */
+/* ---------------- the page */
 
 static void report_compose(struct report *r)
 {
@@ -298,19 +320,22 @@ static void report_compose(struct report *r)
 
 oxl_result report_write(oxl_context *ctx, const char *out)
 {
-    struct report r  = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
-    oxl_result    rc = OXL_ERR_MEMORY;
-    char          path[1024];
+    struct report r = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
+    oxl_result rc = OXL_ERR_MEMORY;
+    char path[1024];
     if (!oxl_json_member(r.run, "job")) {
         free(r.run);
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
     }
     report_open(&r);
     if (!r.page.failed) report_compose(&r);
     snprintf(path, sizeof path, "%s/report.html", out);
     if (r.page.failed) oxl_fail(ctx, rc, "report: out of memory for the page of %s", out);
     else if (output_save(&r.page, path)) rc = OXL_OK;
-    else rc = oxl_fail(ctx, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions", path);
+    else
+        rc = oxl_fail(ctx, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions",
+                      path);
     report_close(&r);
     return rc;
 }

@@ -1,4 +1,5 @@
-/* report_chart.c - curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights, memory; a line for each block.
+/* report_chart.c - curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights, memory; a
+ * line for each block.
  *
  * Lengths are in the drawing's own units; rendered 420 wide it is read on a phone as it is.
  * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
@@ -9,21 +10,21 @@
 #include <math.h>
 
 enum {
-    CURVE_WIDTH  = 420,
+    CURVE_WIDTH = 420,
     CURVE_HEIGHT = 210,
-    CURVE_LEFT   = 46,
-    CURVE_RIGHT  = 14,
-    CURVE_TOP    = 12,
-    CURVE_FOOT   = 28,
-    CURVE_NAMED  = 6,   /* as many colours as the style has; with more blocks, all lines are alike */
+    CURVE_LEFT = 46,
+    CURVE_RIGHT = 14,
+    CURVE_TOP = 12,
+    CURVE_FOOT = 28,
+    CURVE_NAMED = 6,    /* as many colours as the style has; with more blocks, all lines are alike */
     CURVE_POINTS = 4000 /* of a chart at most, over all blocks */
 };
 
 static const struct curve {
-    const char     *title, *unit; /* the unit with its comma */
-    enum log_column column[2];    /* the second: dashed, when it is another */
-    double          scale;        /* shown = value / scale */
-    int             from_zero;
+    const char *title, *unit;  /* the unit with its comma */
+    enum log_column column[2]; /* the second: dashed, when it is another */
+    double scale;              /* shown = value / scale */
+    int from_zero;
 } CURVES[] = {
     {"Loss, smoothed", "", {LOG_LOSS, LOG_LOSS}, 1, 1},
     {"PSNR of training views, smoothed", ", dB", {LOG_PSNR, LOG_PSNR}, 1, 0},
@@ -39,15 +40,17 @@ struct curve_axis {
 static struct curve_axis curve_axis_round(double low, double high)
 {
     struct curve_axis a;
-    if (!(high - low > 1e-6 * fabs(high)) || !(high - low > 1e-5)) high = low + (fabs(low) > 1 ? fabs(low) : 1);
+    if (!(high - low > 1e-6 * fabs(high)) || !(high - low > 1e-5))
+        high = low + (fabs(low) > 1 ? fabs(low) : 1);
     a.step = axis_step(high - low);
-    a.low  = floor(low / a.step + 1e-9) * a.step;
+    a.low = floor(low / a.step + 1e-9) * a.step;
     a.high = ceil(high / a.step - 1e-9) * a.step;
     return a;
 }
 
 /* 0: there is no value. */
-static int curve_axes(const struct report *r, const struct curve *c, struct curve_axis *x, struct curve_axis *y)
+static int curve_axes(const struct report *r, const struct curve *c, struct curve_axis *x,
+                      struct curve_axis *y)
 {
     double low = INFINITY, high = -INFINITY, last = 0;
     for (int k = 0; k < r->parts; k++)
@@ -60,7 +63,8 @@ static int curve_axes(const struct report *r, const struct curve *c, struct curv
                 if (value > high) high = value;
             }
         }
-    if (!(low <= high) || (c->column[0] == LOG_F_MID && high <= 1)) return 0; /* weights that stayed at 1 are no curve */
+    /* weights that stayed at 1 are no curve */
+    if (!(low <= high) || (c->column[0] == LOG_F_MID && high <= 1)) return 0;
     *x = curve_axis_round(0, last);
     *y = curve_axis_round(c->from_zero && low > 0 ? 0 : low, high);
     return 1;
@@ -73,7 +77,8 @@ static double curve_x(const struct curve_axis *a, double value)
 
 static double curve_y(const struct curve_axis *a, double value)
 {
-    return CURVE_HEIGHT - CURVE_FOOT - (CURVE_HEIGHT - CURVE_TOP - CURVE_FOOT) * (value - a->low) / (a->high - a->low);
+    return CURVE_HEIGHT - CURVE_FOOT -
+           (CURVE_HEIGHT - CURVE_TOP - CURVE_FOOT) * (value - a->low) / (a->high - a->low);
 }
 
 static void curve_grid(struct output *t, const struct curve_axis *x, const struct curve_axis *y)
@@ -81,22 +86,25 @@ static void curve_grid(struct output *t, const struct curve_axis *x, const struc
     const int decimals = y->step >= 1 ? 0 : (int)ceil(-log10(y->step) - 1e-9);
     for (int i = 0; y->low + i * y->step <= y->high * (1 + 1e-9) + 1e-12; i++) {
         const double value = y->low + i * y->step;
-        const double at    = curve_y(y, value);
-        output_add(t, "%s%s%.*f</text>", SVG_LINE(CURVE_LEFT, at, CURVE_WIDTH - CURVE_RIGHT, at, "class='grid'"),
+        const double at = curve_y(y, value);
+        output_add(t, "%s%s%.*f</text>",
+                   SVG_LINE(CURVE_LEFT, at, CURVE_WIDTH - CURVE_RIGHT, at, "class='grid'"),
                    SVG_TEXT(CURVE_LEFT - 6, at + 4, "text-anchor='end'"), decimals, value);
     }
     for (int i = 0; x->low + i * x->step <= x->high * (1 + 1e-9); i++)
-        output_add(t, "%s%s</text>", SVG_TEXT(curve_x(x, x->low + i * x->step), CURVE_HEIGHT - 8, "text-anchor='middle'"),
+        output_add(t, "%s%s</text>",
+                   SVG_TEXT(curve_x(x, x->low + i * x->step), CURVE_HEIGHT - 8, "text-anchor='middle'"),
                    OUTPUT_COUNT(x->low + i * x->step));
 }
 
 static void curve_line(struct output *t, const struct report *r, int block, const struct curve *c, int second,
                        const struct curve_axis *x, const struct curve_axis *y)
 {
-    const struct report_block *b     = &r->block[block];
-    const int                  every = 1 + b->rows * r->parts / CURVE_POINTS, colour = r->parts <= CURVE_NAMED ? block : 0;
-    const char                *command = "M";
-    output_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
+    const struct report_block *b = &r->block[block];
+    const int every = 1 + b->rows * r->parts / CURVE_POINTS, colour = r->parts <= CURVE_NAMED ? block : 0;
+    const char *command = "M";
+    output_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour,
+               second ? " stroke-dasharray=\"5 4\"" : "");
     for (int i = 0; i < b->rows; i++) {
         const double *row = b->log + (size_t)i * LOG_COLUMNS, value = row[c->column[second]] / c->scale;
         if (!isfinite(value) || (i % every != 0 && i + 1 < b->rows)) continue;
@@ -114,8 +122,8 @@ static void curve_draw(struct output *t, const struct report *r, const struct cu
         t,
         "<figure><figcaption>%s%s</figcaption>\n<svg class=\"chart%s\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" "
         "aria-label=\"%s over the iterations\">",
-        c->title, c->unit, r->parts > CURVE_NAMED ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH, 2 * CURVE_HEIGHT,
-        c->title);
+        c->title, c->unit, r->parts > CURVE_NAMED ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH,
+        2 * CURVE_HEIGHT, c->title);
     curve_grid(t, &x, &y);
     for (int k = 0; k < r->parts; k++)
         for (int j = 0; j < (c->column[0] == c->column[1] ? 1 : 2); j++) curve_line(t, r, k, c, j, &x, &y);
@@ -124,12 +132,15 @@ static void curve_draw(struct output *t, const struct report *r, const struct cu
 
 void chart_section(struct report *r)
 {
-    struct output *t    = &r->page;
-    int            rows = 0;
+    struct output *t = &r->page;
+    int rows = 0;
     for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
     page_section(r, "Training curves");
     if (rows == 0) output_add(t, "<p>There is no log.csv yet.</p>\n");
-    else output_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
+    else
+        output_add(
+            t,
+            "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
     for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++) curve_draw(t, r, &CURVES[i]);
     if (rows > 0) output_add(t, "</div>\n");
     if (rows > 0 && r->parts > 1 && r->parts <= CURVE_NAMED) {

@@ -1,7 +1,7 @@
 /* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any
- * size.
+ * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are
+ * distinguishable at any size.
  */
 #include "report_state.h"
 #include "../src/core/svg.h"
@@ -14,10 +14,10 @@ enum { MAP_WIDTH = 960, MAP_CAMERAS = 4000 };
 
 struct map {
     const oxl_scene *scene;
-    struct frame     frame;
-    double           low[2], high[2]; /* along right and up */
-    double           scale;           /* px a unit */
-    int              width, height;
+    struct frame frame;
+    double low[2], high[2]; /* along right and up */
+    double scale;           /* px a unit */
+    int width, height;
 };
 
 static void map_size(struct map *m)
@@ -25,10 +25,10 @@ static void map_size(struct map *m)
     const double wide = fmax(m->high[0] - m->low[0], 1e-9), tall = fmax(m->high[1] - m->low[1], 1e-9),
                  edge = 0.03 * fmax(wide, tall);
     for (int d = 0; d < 2; d++) m->low[d] -= edge, m->high[d] += edge;
-    m->width  = MAP_WIDTH;
-    m->scale  = MAP_WIDTH / (wide + 2 * edge);
+    m->width = MAP_WIDTH;
+    m->scale = MAP_WIDTH / (wide + 2 * edge);
     m->height = (int)fmin(ceil((tall + 2 * edge) * m->scale), 2 * MAP_WIDTH);
-    m->scale  = fmin(m->scale, m->height / (tall + 2 * edge));
+    m->scale = fmin(m->scale, m->height / (tall + 2 * edge));
 }
 
 static double map_x(const struct map *m, const double p[3])
@@ -41,15 +41,16 @@ static double map_y(const struct map *m, const double p[3])
     return (m->high[1] - frame_along(&m->frame, p, 1)) * m->scale;
 }
 
-/* ---------------------------------------------------------------- the image of the points */
+/* ---------------- the image of the points */
 
 /* The highest point shows; top (H,W). */
 static void map_draw_points(const struct map *m, oxl_image *image, double *top)
 {
     const oxl_point *point = oxl_scene_points(m->scene);
-    const size_t     count = oxl_scene_point_count(m->scene), pixels = (size_t)m->width * (size_t)m->height;
-    const int        side =
-        fmin(sqrt((double)pixels / ((double)count + 1)), 5) < 2 ? 1 : (int)fmin(sqrt((double)pixels / (double)count), 5);
+    const size_t count = oxl_scene_point_count(m->scene), pixels = (size_t)m->width * (size_t)m->height;
+    const int side = fmin(sqrt((double)pixels / ((double)count + 1)), 5) < 2
+                         ? 1
+                         : (int)fmin(sqrt((double)pixels / (double)count), 5);
     static const float sea[3] = {0.035f, 0.10f, 0.14f};
     for (size_t i = 0; i < pixels; i++) {
         top[i] = -INFINITY;
@@ -60,7 +61,7 @@ static void map_draw_points(const struct map *m, oxl_image *image, double *top)
                      height = frame_along(&m->frame, point[i].position, 2);
         for (int k = 0; k < side * side; k++) {
             const double px = floor(x) + k % side, py = floor(y) + k / side;
-            size_t       at;
+            size_t at;
             if (!(px >= 0 && py >= 0 && px < m->width && py < m->height)) continue;
             at = (size_t)py * (size_t)m->width + (size_t)px;
             if (height <= top[at]) continue;
@@ -73,7 +74,7 @@ static void map_draw_points(const struct map *m, oxl_image *image, double *top)
 static void map_points(struct report *r, const struct map *m)
 {
     oxl_image image = {0};
-    double   *top   = malloc(sizeof *top * (size_t)m->width * (size_t)m->height);
+    double *top = malloc(sizeof *top * (size_t)m->width * (size_t)m->height);
     if (top && oxl_image_create(r->ctx, m->width, m->height, &image) == OXL_OK) {
         map_draw_points(m, &image, top);
         page_jpeg(r, &image, 82);
@@ -82,16 +83,16 @@ static void map_points(struct report *r, const struct map *m)
     free(top);
 }
 
-/* ---------------------------------------------------------------- the drawing */
+/* ---------------- the drawing */
 
 static void map_cameras(struct output *t, const struct map *m)
 {
-    const int    views = oxl_scene_view_count(m->scene), stride = 1 + views / MAP_CAMERAS;
+    const int views = oxl_scene_view_count(m->scene), stride = 1 + views / MAP_CAMERAS;
     const double radius = fmax(2.2, fmin(6, 60 / sqrt((double)views)));
     for (int test = 0; test < 2; test++)
         for (int i = 0; i < views; i += stride) {
             const oxl_view *view = oxl_scene_view(m->scene, i);
-            double          c[3];
+            double c[3];
             if (view->is_test != test) continue;
             frame_eye(view, c);
             output_add(t, "%s", SVG_CIRCLE(map_x(m, c), map_y(m, c), radius, test ? "class='test'" : ""));
@@ -104,16 +105,16 @@ static void map_cameras(struct output *t, const struct map *m)
 static void map_ruler(struct output *t, const struct map *m)
 {
     const double length = svg_scale_bar(m->width / m->scale / 5), px = length * m->scale;
-    const int    y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
+    const int y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
     output_add(t, "%s<path d=\"M26 %d v8 h%.1f v-8\"/>%s%.*f unit%s</text>",
-               SVG_RECTANGLE(14, y - 36, fmax(px, 100) + 24, 50, "rx='6'"), y - 2, px, SVG_TEXT(26, y - 12, ""), decimals, length,
-               length == 1 ? "" : "s");
+               SVG_RECTANGLE(14, y - 36, fmax(px, 100) + 24, 50, "rx='6'"), y - 2, px,
+               SVG_TEXT(26, y - 12, ""), decimals, length, length == 1 ? "" : "s");
 }
 
 static void map_figure(struct report *r, const oxl_scene *scene)
 {
     struct output *t = &r->page;
-    struct map     m = {.scene = scene};
+    struct map m = {.scene = scene};
     frame_of(scene, &m.frame);
     if (!frame_bounds(&m.frame, scene, 1, m.low, m.high)) {
         t->failed = 1;
@@ -121,41 +122,46 @@ static void map_figure(struct report *r, const oxl_scene *scene)
     }
     map_size(&m);
     output_add(t, "<figure>%s<image width=\"%d\" height=\"%d\" href=\"",
-               SVG_OPEN(m.width, m.height, "class='map' role='img' aria-label='Map of cameras and points'"), m.width, m.height);
+               SVG_OPEN(m.width, m.height, "class='map' role='img' aria-label='Map of cameras and points'"),
+               m.width, m.height);
     map_points(r, &m);
     output_add(t, "\"/>\n");
     map_cameras(t, &m);
     map_ruler(t, &m);
-    output_add(t, "</svg>\n<figcaption>View from above. Initial points in their colours; white: training views, "
-                  "yellow: held-out views.</figcaption></figure>\n");
+    output_add(t,
+               "</svg>\n<figcaption>View from above. Initial points in their colours; white: training views, "
+               "yellow: held-out views.</figcaption></figure>\n");
 }
 
 /* The survey as the run read it, without its images. */
 static oxl_scene *map_load(oxl_context *ctx, const struct report *r)
 {
     oxl_scene_options options = r->options.scene;
-    oxl_scene        *scene   = NULL;
-    options.read_images       = 0;
-    options.allow_truncated   = 1;
+    oxl_scene *scene = NULL;
+    options.read_images = 0;
+    options.allow_truncated = 1;
     return oxl_scene_load(ctx, r->scene, &options, &scene) == OXL_OK ? scene : NULL;
 }
 
 static void map_partition(struct report *r)
 {
     size_t size = 0;
-    char  *svg  = r->blocks > 1 ? output_read(r->out, "partition.svg", &size) : NULL;
+    char *svg = r->blocks > 1 ? output_read(r->out, "partition.svg", &size) : NULL;
     if (svg && size < 3000000) {
         output_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
         page_data(&r->page, "image/svg+xml", svg, size);
-        output_add(&r->page, "\"><figcaption>partition.svg: the blocks of the survey.</figcaption></figure>\n");
-    } else if (svg) output_add(&r->page, "<p>The blocks are shown in partition.svg, which is too large to embed here.</p>\n");
+        output_add(&r->page,
+                   "\"><figcaption>partition.svg: the blocks of the survey.</figcaption></figure>\n");
+    } else if (svg)
+        output_add(&r->page,
+                   "<p>The blocks are shown in partition.svg, which is too large to embed here.</p>\n");
     free(svg);
 }
 
 void map_section(struct report *r)
 {
     oxl_context *silent = NULL; /* the run has logged the survey's warnings already */
-    oxl_scene   *scene  = r->scene && oxl_context_create(NULL, &silent) == OXL_OK ? map_load(silent, r) : NULL;
+    oxl_scene *scene = r->scene && oxl_context_create(NULL, &silent) == OXL_OK ? map_load(silent, r) : NULL;
     if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
     else output_add(&r->page, "<p class=\"pale\">No map: the survey is not found.</p>\n");
     oxl_scene_free(silent, scene);

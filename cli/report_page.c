@@ -1,11 +1,13 @@
 /* report_page.c - the frame of the page: style, base64, JPEG.
  *
- * One column that fits a phone, wider where there is room; light or dark as the reader's system is; black on white on paper.
+ * One column that fits a phone, wider where there is room; light or dark as the reader's system is; black on
+ * white on paper.
  * Invariant: the page asks the network for nothing, and no name from outside reaches it unescaped.
  */
 #include "report_state.h"
 
-/* Ink on paper has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1 (WCAG 2.1, levels AAA and AA). */
+/* Ink on paper has a contrast of at least 7 : 1 in both themes, the pale ink 4.5 : 1 (WCAG 2.1, levels AAA
+ * and AA). */
 static const char *const PAGE_STYLE[] = {
     ":root{--paper:#f5f8f9;--card:#fff;--ink:#14232b;--pale:#506470;--line:#d5dfe4;--sea:#0a6781;--warn:#9a4a00;--good:#1d6b3a;"
     "--s0:#0a6781;--s1:#b4530f;--s2:#5b4bb4;--s3:#2c7a3f;--s4:#a32b62;--s5:#6b6b00;color-scheme:light dark}",
@@ -66,13 +68,13 @@ void page_section(struct report *r, const char *title)
 /* RFC 4648, table 1. */
 void page_data(struct output *t, const char *type, const void *data, size_t size)
 {
-    static const char    digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    const unsigned char *from    = data;
+    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    const unsigned char *from = data;
     output_add(t, "data:%s;base64,", type);
     for (size_t i = 0; i < size; i += 3) {
-        const size_t   left = size - i;
-        const unsigned bits =
-            (unsigned)from[i] << 16 | (left > 1 ? (unsigned)from[i + 1] << 8 : 0) | (left > 2 ? from[i + 2] : 0);
+        const size_t left = size - i;
+        const unsigned bits = (unsigned)from[i] << 16 | (left > 1 ? (unsigned)from[i + 1] << 8 : 0) |
+                              (left > 2 ? from[i + 2] : 0);
         char four[4];
         for (unsigned k = 0; k < 4; k++) four[k] = k <= left ? digit[bits >> (18 - 6 * k) & 63] : '=';
         output_bytes(t, four, 4);
@@ -81,9 +83,10 @@ void page_data(struct output *t, const char *type, const void *data, size_t size
 
 void page_jpeg(struct report *r, const oxl_image *image, int q)
 {
-    char  *bytes = NULL;
-    size_t size  = 0;
-    if (oxl_image_to_jpeg(r->ctx, image, q, &bytes, &size) == OXL_OK) page_data(&r->page, "image/jpeg", bytes, size);
+    char *bytes = NULL;
+    size_t size = 0;
+    if (oxl_image_to_jpeg(r->ctx, image, q, &bytes, &size) == OXL_OK)
+        page_data(&r->page, "image/jpeg", bytes, size);
     else r->page.failed = 1;
     oxl_text_free(r->ctx, bytes);
 }

@@ -1,4 +1,5 @@
-/* report_read.c - reads the files of a run that the report shows: run.json, metrics.json, and of each block block.json and log.csv. */
+/* report_read.c - reads the files of a run that the report shows: run.json, metrics.json, and of each block
+ * block.json and log.csv. */
 #include "report_state.h"
 
 #include <math.h>
@@ -32,7 +33,7 @@ static double report_field(const char *line, int place)
 
 static void report_read_log(struct report *r, struct report_block *b, const char *text)
 {
-    int    place[LOG_COLUMNS];
+    int place[LOG_COLUMNS];
     size_t lines = 0;
     for (int k = 0; k < LOG_COLUMNS; k++) place[k] = report_place(text, REPORT_NAMES[k]);
     for (const char *at = text; *at; at++) lines += *at == '\n';
@@ -58,7 +59,7 @@ static void report_read_block(struct report *r, int k)
     snprintf(folder, sizeof folder, "%s/blocks/%s", r->out, k == r->blocks ? "coarse" : "whole");
     if (k < r->blocks) snprintf(folder, sizeof folder, "%s/blocks/%03d", r->out, k);
     r->block[k].json = output_read(folder, "block.json", NULL);
-    log              = output_read(folder, "log.csv", NULL);
+    log = output_read(folder, "log.csv", NULL);
     if (log) report_read_log(r, &r->block[k], log);
     free(log);
 }
@@ -66,14 +67,14 @@ static void report_read_block(struct report *r, int k)
 void report_open(struct report *r)
 {
     const double blocks = oxl_json_number(r->run, "blocks");
-    r->job              = oxl_json_member(r->run, "job");
-    r->survey           = oxl_json_member(r->run, "survey");
-    r->scene            = json_string(oxl_json_member(r->job, "scene"));
-    r->metrics          = output_read(r->out, "metrics.json", NULL);
-    r->options          = oxl_job_options_default(OXL_PRESET_DRAFT);
+    r->job = oxl_json_member(r->run, "job");
+    r->survey = oxl_json_member(r->run, "survey");
+    r->scene = json_string(oxl_json_member(r->job, "scene"));
+    r->metrics = output_read(r->out, "metrics.json", NULL);
+    r->options = oxl_job_options_default(OXL_PRESET_DRAFT);
     if (r->scene) oxl_job_resume(r->ctx, r->scene, r->out, &r->options, &r->manifest);
     r->blocks = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
-    r->block  = calloc((size_t)r->blocks + 2, sizeof *r->block);
+    r->block = calloc((size_t)r->blocks + 2, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;
     for (int k = 0; r->block && k < r->blocks + (r->blocks > 1 ? 2 : 0); k++) report_read_block(r, k);
     r->parts = r->blocks;

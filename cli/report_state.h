@@ -13,37 +13,46 @@
 #include "cli.h"
 
 /* Of log.csv. */
-enum log_column { LOG_ITERATION, LOG_LOSS, LOG_PSNR, LOG_GAUSSIANS, LOG_F_MID, LOG_F_FAR, LOG_MEMORY, LOG_COLUMNS };
+enum log_column {
+    LOG_ITERATION,
+    LOG_LOSS,
+    LOG_PSNR,
+    LOG_GAUSSIANS,
+    LOG_F_MID,
+    LOG_F_FAR,
+    LOG_MEMORY,
+    LOG_COLUMNS
+};
 
 struct report_block {
-    char   *json; /* block.json, or NULL: not trained yet */
-    int     rows; /* of log.csv */
-    double *log;  /* (rows,LOG_COLUMNS); NaN: missing */
+    char *json;  /* block.json, or NULL: not trained yet */
+    int rows;    /* of log.csv */
+    double *log; /* (rows,LOG_COLUMNS); NaN: missing */
 };
 
 struct report {
-    oxl_context         *ctx;
-    const char          *out;           /* folder */
-    char                *run, *scene;   /* run.json; the survey's folder as it was given */
-    char                *metrics;       /* metrics.json, or NULL: not evaluated yet */
-    const char          *job, *survey;  /* within run */
-    oxl_job_options      options;       /* as of run.json */
-    oxl_manifest        *manifest;      /* holds their strings; NULL: not read */
-    int                  blocks, parts; /* parts: the blocks, then the coarse and the merged model if they are there */
+    oxl_context *ctx;
+    const char *out;          /* folder */
+    char *run, *scene;        /* run.json; the survey's folder as it was given */
+    char *metrics;            /* metrics.json, or NULL: not evaluated yet */
+    const char *job, *survey; /* within run */
+    oxl_job_options options;  /* as of run.json */
+    oxl_manifest *manifest;   /* holds their strings; NULL: not read */
+    int blocks, parts;        /* parts: the blocks, then the coarse and the merged model if they are there */
     struct report_block *block;
-    struct output        page;
-    int                  sections; /* begun */
+    struct output page;
+    int sections; /* begun */
 };
 
-/* ---------------------------------------------------------------- report_read.c */
+/* ---------------- report_read.c */
 
-void        report_open(struct report *r); /* r->run is there */
-void        report_close(struct report *r);
+void report_open(struct report *r); /* r->run is there */
+void report_close(struct report *r);
 /* "block 3", "coarse model", "merged model"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 
-/* ---------------------------------------------------------------- report_page.c */
+/* ---------------- report_page.c */
 
 void page_open(struct output *t, const char *title);
 void page_section(struct report *r, const char *title);                            /* ends the one before */
@@ -51,7 +60,7 @@ void page_data(struct output *t, const char *type, const void *data, size_t size
 /* A figure that is rendered from an image; q: of the JPEG. */
 void page_jpeg(struct report *r, const oxl_image *image, int q);
 
-/* ---------------------------------------------------------------- the sections */
+/* ---------------- the sections */
 
 void chart_section(struct report *r);
 void map_section(struct report *r);

@@ -1,6 +1,7 @@
 /* report_views.c - every evaluated view by PSNR; the worst beside their images, with an error map.
  *
- * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered - image|.
+ * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered
+ * - image|.
  */
 #include "report_state.h"
 
@@ -12,17 +13,17 @@ enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen 
 #define VIEWS_ERROR_FULL 0.25f /* of full white: the brightest colour of the error map */
 
 struct views_row {
-    char  *name;
+    char *name;
     double psnr, ssim;
-    char  *flag; /* of a training view: "pose", "exposure", "blur"; NULL: none */
+    char *flag; /* of a training view: "pose", "exposure", "blur"; NULL: none */
 };
 
 struct views {
     struct views_row *row;
-    int               count;
+    int count;
 };
 
-/* ---------------------------------------------------------------- the rows */
+/* ---------------- the rows */
 
 static int views_compare(const void *a, const void *b)
 {
@@ -35,13 +36,13 @@ static int views_compare(const void *a, const void *b)
 static struct views views_read(struct report *r, const char *list)
 {
     struct views v = {0};
-    int          n = 0;
+    int n = 0;
     for (const char *e = oxl_json_first(list); e; e = oxl_json_next(e)) n++;
     v.row = calloc((size_t)n + 1, sizeof *v.row);
     if (!v.row) r->page.failed = 1;
     for (const char *e = oxl_json_first(list); v.row && e; e = oxl_json_next(e)) {
-        struct views_row row = {json_string(oxl_json_member(e, "name")), oxl_json_number(e, "psnr"), oxl_json_number(e, "ssim"),
-                                json_string(oxl_json_member(e, "flag"))};
+        struct views_row row = {json_string(oxl_json_member(e, "name")), oxl_json_number(e, "psnr"),
+                                oxl_json_number(e, "ssim"), json_string(oxl_json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
     }
@@ -54,14 +55,15 @@ static void views_free(struct views *v)
     free(v->row);
 }
 
-/* ---------------------------------------------------------------- images */
+/* ---------------- images */
 
 /* OUT/FOLDER/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
-static int views_image(struct report *r, const char *folder, const char *name, const char *suffix, oxl_image *out)
+static int views_image(struct report *r, const char *folder, const char *name, const char *suffix,
+                       oxl_image *out)
 {
-    const int     is_flat = name[0] == '/' || strstr(name, ".."); /* its slashes are underscores */
-    struct output path    = {0};
-    int           found;
+    const int is_flat = name[0] == '/' || strstr(name, ".."); /* its slashes are underscores */
+    struct output path = {0};
+    int found;
     output_add(&path, "%s/%s/", r->out, folder);
     for (const char *c = name; *c; c++) output_bytes(&path, is_flat && *c == '/' ? "_" : c, 1);
     output_add(&path, "%s", suffix);
@@ -73,16 +75,18 @@ static int views_image(struct report *r, const char *folder, const char *name, c
 /* The mean of n x n pixels becomes one, until the longer side is at most VIEWS_SIDE. */
 static oxl_result views_reduce(struct report *r, oxl_image *image)
 {
-    const int  longer = image->width > image->height ? image->width : image->height, n = (longer + VIEWS_SIDE - 1) / VIEWS_SIDE;
-    oxl_image  small = {0};
-    oxl_result rc    = n > 1 ? oxl_image_create(r->ctx, image->width / n, image->height / n, &small) : OXL_OK;
+    const int longer = image->width > image->height ? image->width : image->height,
+              n = (longer + VIEWS_SIDE - 1) / VIEWS_SIDE;
+    oxl_image small = {0};
+    oxl_result rc = n > 1 ? oxl_image_create(r->ctx, image->width / n, image->height / n, &small) : OXL_OK;
     if (rc != OXL_OK || n <= 1) return rc;
     for (int c = 0; c < 3; c++)
         for (int y = 0; y < small.height; y++)
             for (int x = 0; x < small.width; x++) {
                 float sum = 0;
                 for (int k = 0; k < n * n; k++)
-                    sum += image->rgb[((size_t)c * (size_t)image->height + (size_t)(y * n + k / n)) * (size_t)image->width +
+                    sum += image->rgb[((size_t)c * (size_t)image->height + (size_t)(y * n + k / n)) *
+                                          (size_t)image->width +
                                       (size_t)(x * n + k % n)];
                 small.rgb[((size_t)c * (size_t)small.height + (size_t)y) * (size_t)small.width + (size_t)x] =
                     sum / (float)(n * n);
@@ -99,14 +103,15 @@ static const float VIEWS_RAMP[5][3] = {
 static void views_colour(float error, float out[3])
 {
     const float at = fminf(error / VIEWS_ERROR_FULL, 1) * 4;
-    const int   k  = at < 3 ? (int)at : 3;
-    for (int c = 0; c < 3; c++) out[c] = VIEWS_RAMP[k][c] + (at - (float)k) * (VIEWS_RAMP[k + 1][c] - VIEWS_RAMP[k][c]);
+    const int k = at < 3 ? (int)at : 3;
+    for (int c = 0; c < 3; c++)
+        out[c] = VIEWS_RAMP[k][c] + (at - (float)k) * (VIEWS_RAMP[k + 1][c] - VIEWS_RAMP[k][c]);
 }
 
 static oxl_result views_error(struct report *r, const oxl_image *a, const oxl_image *b, oxl_image *out)
 {
-    const size_t     pixels = (size_t)a->width * (size_t)a->height;
-    const oxl_result rc     = oxl_image_create(r->ctx, a->width, a->height, out);
+    const size_t pixels = (size_t)a->width * (size_t)a->height;
+    const oxl_result rc = oxl_image_create(r->ctx, a->width, a->height, out);
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++) {
         float error = 0, colour[3];
         for (size_t c = 0; c < 3; c++) error += fabsf(a->rgb[c * pixels + i] - b->rgb[c * pixels + i]) / 3;
@@ -118,19 +123,21 @@ static oxl_result views_error(struct report *r, const oxl_image *a, const oxl_im
 
 static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *name)
 {
-    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width, image->height, what,
-               name);
+    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width,
+               image->height, what, name);
     page_jpeg(r, image, 80);
     output_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
 }
 
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
-    struct output *t        = &r->page;
-    oxl_image      rendered = {0}, image = {0}, error = {0}, clear = {0};
-    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f</span></h3>\n", row->name, row->psnr, row->ssim);
-    if (!views_image(r, folder, row->name, ".png", &rendered) || !views_image(r, folder, row->name, ".image.png", &image) ||
-        rendered.width != image.width || rendered.height != image.height)
+    struct output *t = &r->page;
+    oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0};
+    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f</span></h3>\n", row->name, row->psnr,
+               row->ssim);
+    if (!views_image(r, folder, row->name, ".png", &rendered) ||
+        !views_image(r, folder, row->name, ".image.png", &image) || rendered.width != image.width ||
+        rendered.height != image.height)
         output_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
              views_error(r, &rendered, &image, &error) == OXL_OK) {
@@ -148,25 +155,26 @@ static void views_show(struct report *r, const char *folder, const struct views_
     oxl_image_free(r->ctx, &clear);
 }
 
-/* ---------------------------------------------------------------- the section */
+/* ---------------- the section */
 
 /* flags: with a column for what is wrong with a view. */
 static void views_rows(struct output *t, const struct views *v, int from, int to, int flags)
 {
-    output_add(t, "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM%s</tr>\n",
-               flags ? "<th>look at" : "");
+    output_add(
+        t, "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM%s</tr>\n",
+        flags ? "<th>look at" : "");
     for (int i = from; i < to; i++)
-        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f%s%S</tr>\n", v->row[i].name,
-                   v->row[i].psnr, v->row[i].ssim, flags ? "<td>" : "", v->row[i].flag);
+        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f%s%S</tr>\n",
+                   v->row[i].name, v->row[i].psnr, v->row[i].ssim, flags ? "<td>" : "", v->row[i].flag);
     output_add(t, "</table></div>\n");
 }
 
 void views_section(struct report *r)
 {
-    struct output *t     = &r->page;
-    struct views   v     = views_read(r, oxl_json_member(r->metrics, "views"));
-    const char    *split = oxl_json_member(r->metrics, "split");
-    const int      held  = split && strncmp(split, "\"test\"", 6) == 0;
+    struct output *t = &r->page;
+    struct views v = views_read(r, oxl_json_member(r->metrics, "views"));
+    const char *split = oxl_json_member(r->metrics, "split");
+    const int held = split && strncmp(split, "\"test\"", 6) == 0;
     if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
     page_section(r, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
     if (v.count == 0) output_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
@@ -196,15 +204,15 @@ void views_section(struct report *r)
     views_free(&v);
 }
 
-/* ---------------------------------------------------------------- training images */
+/* ---------------- training images */
 
 void views_training_section(struct report *r)
 {
-    struct output *t       = &r->page;
-    const char    *list    = oxl_json_member(r->metrics, "training");
-    const double   flagged = oxl_json_number(list, "flagged");
-    struct views   v       = views_read(r, oxl_json_member(list, "views"));
-    int            shown   = 0;
+    struct output *t = &r->page;
+    const char *list = oxl_json_member(r->metrics, "training");
+    const double flagged = oxl_json_number(list, "flagged");
+    struct views v = views_read(r, oxl_json_member(list, "views"));
+    int shown = 0;
     if (v.count > 0) {
         page_section(r, "Training images that fit worst");
         output_add(

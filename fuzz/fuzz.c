@@ -14,23 +14,25 @@ static const struct fuzz_target *fuzz_chosen;
 static void fuzz_write_seed(const char *path)
 {
     const oxl_train_options options = fuzz_train_options();
-    oxl_context            *ctx;
-    struct os_file_map      map;
-    struct text             log, notes;
-    struct train_output     place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
-    struct train            t     = {.options = &options, .output = &place};
-    const size_t            head  = 27;
+    oxl_context *ctx;
+    struct os_file_map map;
+    struct text log, notes;
+    struct train_output place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
+    struct train t = {.options = &options, .output = &place};
+    const size_t head = 27;
     fuzz_promise(oxl_context_create(NULL, &ctx) == OXL_OK, "a context");
-    log             = (struct text){.ctx = ctx};
-    notes           = log;
-    t.ctx           = ctx;
+    log = (struct text){.ctx = ctx};
+    notes = log;
+    t.ctx = ctx;
     t.decisions.ctx = ctx;
-    t.scene         = fuzz_scene(ctx);
+    t.scene = fuzz_scene(ctx);
     text_add(&log, "iteration,loss\n");
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
     for (t.step = 1; t.step <= 3; t.step++) fuzz_promise(train_step(&t) == OXL_OK, "a step");
-    fuzz_promise(train_save(&t) == OXL_OK && os_read_file(ctx, fuzz_path("checkpoint.oxl"), &map) == OXL_OK, "a checkpoint");
-    fuzz_promise(os_write_file(ctx, path, map.data + head, map.size - head - 8) == OXL_OK, "the seed can be written");
+    fuzz_promise(train_save(&t) == OXL_OK && os_read_file(ctx, fuzz_path("checkpoint.oxl"), &map) == OXL_OK,
+                 "a checkpoint");
+    fuzz_promise(os_write_file(ctx, path, map.data + head, map.size - head - 8) == OXL_OK,
+                 "the seed can be written");
     exit(0);
 }
 

@@ -1,7 +1,8 @@
-/* targets.c - readers of external files and text, each as a function of some bytes: for fuzz.c and tests/test_fuzz.c.
+/* targets.c - readers of external files and text, each as a function of some bytes: for fuzz.c and
+ * tests/test_fuzz.c.
  *
- * It promises of any bytes: no crash, no undefined behaviour, no memory left, never more of it than FUZZ_MEMORY, and a text that
- * says why when something is refused.
+ * It promises of any bytes: no crash, no undefined behaviour, no memory left, never more of it than
+ * FUZZ_MEMORY, and a text that says why when something is refused.
  *
  * Include it after oceanxl.c.
  */
@@ -12,7 +13,7 @@
 
 #define FUZZ_MEMORY ((size_t)64 << 20) /* bytes; inputs are of a few thousand */
 
-/* ---------------------------------------------------------------- a context that counts */
+/* ---------------- a context that counts */
 
 struct fuzz_memory {
     size_t held, blocks;
@@ -22,9 +23,9 @@ struct fuzz_memory {
 static void *fuzz_reallocate(void *user, void *old, size_t size)
 {
     enum { HEAD = 16 };
-    struct fuzz_memory *m        = user;
-    char               *raw      = old ? (char *)old - HEAD : NULL;
-    size_t              old_size = 0;
+    struct fuzz_memory *m = user;
+    char *raw = old ? (char *)old - HEAD : NULL;
+    size_t old_size = 0;
     if (raw) memcpy(&old_size, raw, sizeof old_size);
     if (size == 0) {
         m->held -= old_size;
@@ -54,13 +55,14 @@ static void fuzz_explained(oxl_context *ctx, oxl_result rc)
     ctx->error[0] = 0;
 }
 
-/* ---------------------------------------------------------------- bytes as files */
+/* ---------------- bytes as files */
 
 static const char *fuzz_folder(void)
 {
     static char folder[128];
     if (folder[0]) return folder;
-    snprintf(folder, sizeof folder, "%s/oceanxl-fuzz-%ld", os_is_folder("/dev/shm") ? "/dev/shm" : "/tmp", os_process());
+    snprintf(folder, sizeof folder, "%s/oceanxl-fuzz-%ld", os_is_folder("/dev/shm") ? "/dev/shm" : "/tmp",
+             os_process());
     os_make_one_folder(folder);
     return folder;
 }
@@ -75,28 +77,30 @@ static const char *fuzz_path(const char *name)
 static void fuzz_write(const char *name, const uint8_t *data, size_t size)
 {
     FILE *file = fopen(fuzz_path(name), "wb");
-    fuzz_promise(file && (size == 0 || fwrite(data, 1, size, file) == size) && fclose(file) == 0, "the input can be written");
+    fuzz_promise(file && (size == 0 || fwrite(data, 1, size, file) == size) && fclose(file) == 0,
+                 "the input can be written");
 }
 
 static void fuzz_clean(void)
 {
-    static const char *const names[] = {"cameras.txt",   "images.txt",      "points3D.txt",        "model.ply",
-                                        "model.splat",   "run.json",        "block.json",          "checkpoint.oxl",
-                                        "partition.txt", "transforms.json", "reconstruction.json", "model.spz",
-                                        "cameras.bin",   "images.bin",      "points3D.bin"};
+    static const char *const names[] = {"cameras.txt",     "images.txt",          "points3D.txt",
+                                        "model.ply",       "model.splat",         "run.json",
+                                        "block.json",      "checkpoint.oxl",      "partition.txt",
+                                        "transforms.json", "reconstruction.json", "model.spz",
+                                        "cameras.bin",     "images.bin",          "points3D.bin"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
     remove(fuzz_folder());
     os_make_one_folder(fuzz_folder());
 }
 
-/* ---------------------------------------------------------------- COLMAP: three files, a form feed between them */
+/* ---------------- COLMAP: three files, a form feed between them */
 
 static void fuzz_colmap_files(const uint8_t *data, size_t size)
 {
     static const char *const names[] = {"cameras.txt", "images.txt", "points3D.txt"};
     for (int i = 0; i < 3; i++) {
         const uint8_t *feed = i < 2 ? memchr(data, '\f', size) : NULL;
-        const size_t   part = feed ? (size_t)(feed - data) : size;
+        const size_t part = feed ? (size_t)(feed - data) : size;
         fuzz_write(names[i], data, part);
         data += part + (feed != NULL), size -= part + (feed != NULL);
     }
@@ -117,27 +121,29 @@ static void fuzz_check_colmap(const struct colmap *c)
 {
     for (size_t i = 0; i < c->image_count; i++)
         fuzz_promise(fuzz_stays_inside(c->names + c->image[i].name), "names stay in the image folder");
-    for (size_t i = 0; i < c->track_count; i++) fuzz_promise(c->track[i].image_row < c->image_count, "tracks name images");
+    for (size_t i = 0; i < c->track_count; i++)
+        fuzz_promise(c->track[i].image_row < c->image_count, "tracks name images");
     for (size_t i = 0; i < c->point_count; i++)
-        fuzz_promise(c->point[i].first_track + c->point[i].track_count <= c->track_count, "points have their tracks");
+        fuzz_promise(c->point[i].first_track + c->point[i].track_count <= c->track_count,
+                     "points have their tracks");
 }
 
 /* The model in the folder: whole, then as a scene, then cut into blocks. */
 static void fuzz_use_colmap(oxl_context *ctx)
 {
-    oxl_scene_options     options = oxl_scene_options_default();
-    oxl_partition_options cut     = oxl_partition_options_default();
-    struct partition      partition;
-    struct colmap         c;
-    oxl_scene            *scene = NULL;
-    oxl_result            rc    = colmap_read_buffered(ctx, fuzz_folder(), 64, &c);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_partition_options cut = oxl_partition_options_default();
+    struct partition partition;
+    struct colmap c;
+    oxl_scene *scene = NULL;
+    oxl_result rc = colmap_read_buffered(ctx, fuzz_folder(), 64, &c);
     fuzz_explained(ctx, rc);
     if (rc != OXL_OK) return;
     fuzz_check_colmap(&c);
     colmap_free(ctx, &c);
     options.read_images = 0;
-    cut.block_points    = 4;
-    rc                  = oxl_scene_load(ctx, fuzz_folder(), &options, &scene);
+    cut.block_points = 4;
+    rc = oxl_scene_load(ctx, fuzz_folder(), &options, &scene);
     fuzz_explained(ctx, rc);
     if (rc == OXL_OK) {
         fuzz_explained(ctx, partition_make(ctx, scene, &cut, &partition));
@@ -157,24 +163,25 @@ static void fuzz_colmap(oxl_context *ctx, const uint8_t *data, size_t size)
 static void fuzz_colmap_binary(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     static const char *const names[] = {"cameras.bin", "images.bin", "points3D.bin"};
-    size_t                   part[3] = {0, 0, 0};
+    size_t part[3] = {0, 0, 0};
     fuzz_clean();
     if (size < 4) return;
     part[0] = OXL_MIN((size_t)data[0] | (size_t)data[1] << 8, size - 4);
     part[1] = OXL_MIN((size_t)data[2] | (size_t)data[3] << 8, size - 4 - part[0]);
     part[2] = size - 4 - part[0] - part[1];
-    for (int i = 0; i < 3; i++) fuzz_write(names[i], data + 4 + (i > 0) * part[0] + (i > 1) * part[1], part[i]);
+    for (int i = 0; i < 3; i++)
+        fuzz_write(names[i], data + 4 + (i > 0) * part[0] + (i > 1) * part[1], part[i]);
     fuzz_use_colmap(ctx);
 }
 
 /* A '{' at the start: nerfstudio's file; else OpenSfM's. */
 static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
 {
-    const char       *name    = size > 0 && data[0] == '{' ? "transforms.json" : "reconstruction.json";
+    const char *name = size > 0 && data[0] == '{' ? "transforms.json" : "reconstruction.json";
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene   = NULL;
-    struct colmap     c;
-    oxl_result        rc;
+    oxl_scene *scene = NULL;
+    struct colmap c;
+    oxl_result rc;
     fuzz_clean();
     fuzz_write(name, data, size);
     rc = json_survey_read(ctx, fuzz_folder(), name, &c);
@@ -187,22 +194,23 @@ static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
     oxl_scene_free(ctx, scene);
 }
 
-/* ---------------------------------------------------------------- models */
+/* ---------------- models */
 
 /* A model that was read can be written and rendered. */
 static void fuzz_use_model(oxl_context *ctx, const oxl_model *model)
 {
     const oxl_camera camera = {16, 16, 20, 20, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}};
-    oxl_image        image;
-    oxl_result       rc = oxl_render(ctx, model, &camera, NULL, &image, NULL);
+    oxl_image image;
+    oxl_result rc = oxl_render(ctx, model, &camera, NULL, &image, NULL);
     fuzz_explained(ctx, rc);
-    for (int i = 0; rc == OXL_OK && i < 3 * 16 * 16; i++) fuzz_promise(fabsf(image.rgb[i]) <= FLT_MAX, "a finite image");
+    for (int i = 0; rc == OXL_OK && i < 3 * 16 * 16; i++)
+        fuzz_promise(fabsf(image.rgb[i]) <= FLT_MAX, "a finite image");
     oxl_image_free(ctx, &image);
 }
 
 static void fuzz_model(oxl_context *ctx, const char *name, const uint8_t *data, size_t size)
 {
-    oxl_model  model;
+    oxl_model model;
     oxl_result rc;
     fuzz_write(name, data, size);
     rc = oxl_model_read(ctx, fuzz_path(name), &model);
@@ -216,7 +224,8 @@ static void fuzz_ply(oxl_context *ctx, const uint8_t *data, size_t size)
     fuzz_model(ctx, "model.ply", data, size);
 }
 
-/* Bytes that begin with "NGSP" are what gzip packs: wrapped in one stored block with the right sum, which no mutation would find. */
+/* Bytes that begin with "NGSP" are what gzip packs: wrapped in one stored block with the right sum, which no
+ * mutation would find. */
 static void fuzz_spz(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     enum { HEAD = 15, TAIL = 8 };
@@ -229,7 +238,8 @@ static void fuzz_spz(oxl_context *ctx, const uint8_t *data, size_t size)
     fuzz_promise(file != NULL, "memory for the input");
     memcpy(file, "\x1f\x8b\x08", 3);
     file[10] = 1; /* the last block, stored; its size and the complement of it */
-    for (size_t i = 0; i < 2; i++) file[11 + i] = (unsigned char)(size >> 8 * i), file[13 + i] = (unsigned char)(~size >> 8 * i);
+    for (size_t i = 0; i < 2; i++)
+        file[11 + i] = (unsigned char)(size >> 8 * i), file[13 + i] = (unsigned char)(~size >> 8 * i);
     memcpy(file + HEAD, data, size);
     bytes_put(file + HEAD + size, spz_crc(data, size), 4);
     bytes_put(file + HEAD + size + 4, (uint32_t)size, 4);
@@ -242,22 +252,25 @@ static void fuzz_splat(oxl_context *ctx, const uint8_t *data, size_t size)
     fuzz_model(ctx, "model.splat", data, size);
 }
 
-/* ---------------------------------------------------------------- checkpoints: the state behind the key */
+/* ---------------- checkpoints: the state behind the key */
 
 static oxl_scene *fuzz_scene(oxl_context *ctx)
 {
     enum { SIDE = 12, VIEWS = 3, POINTS = 6 };
-    oxl_view   view[VIEWS];
-    oxl_image  image[VIEWS];
-    oxl_point  point[POINTS];
+    oxl_view view[VIEWS];
+    oxl_image image[VIEWS];
+    oxl_point point[POINTS];
     oxl_scene *scene = NULL;
     for (int i = 0; i < POINTS; i++)
-        point[i] = (oxl_point){.position = {0.3 * (i % 3) - 0.3, 0.3 * (i / 3), 0.1 * i}, .rgb = {90, 120, 200}};
+        point[i] =
+            (oxl_point){.position = {0.3 * (i % 3) - 0.3, 0.3 * (i / 3), 0.1 * i}, .rgb = {90, 120, 200}};
     for (int v = 0; v < VIEWS; v++) {
-        view[v] = (oxl_view){"view", {SIDE, SIDE, 14, 14, 6, 6, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 2}}, 0};
+        view[v] =
+            (oxl_view){"view", {SIDE, SIDE, 14, 14, 6, 6, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 2}}, 0};
         fuzz_promise(oxl_image_create(ctx, SIDE, SIDE, &image[v]) == OXL_OK, "memory for an image");
     }
-    fuzz_promise(oxl_scene_from_arrays(ctx, view, image, VIEWS, point, POINTS, &scene) == OXL_OK, "a scene of three views");
+    fuzz_promise(oxl_scene_from_arrays(ctx, view, image, VIEWS, point, POINTS, &scene) == OXL_OK,
+                 "a scene of three views");
     for (int v = 0; v < VIEWS; v++) oxl_image_free(ctx, &image[v]);
     return scene;
 }
@@ -265,25 +278,26 @@ static oxl_scene *fuzz_scene(oxl_context *ctx)
 static oxl_train_options fuzz_train_options(void)
 {
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
-    options.iterations        = 60;
-    options.sh_degree         = 1;
-    options.densify_every     = 2;
-    options.densify_until     = 0.9f;
-    options.ucd.mode          = OXL_UCD_ON;
-    options.ucd.learn         = 1;
-    options.keep              = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
-    options.dog               = OXL_DOG_SELECTIVE;
-    options.max_gaussians     = 50;
+    options.iterations = 60;
+    options.sh_degree = 1;
+    options.densify_every = 2;
+    options.densify_until = 0.9f;
+    options.ucd.mode = OXL_UCD_ON;
+    options.ucd.learn = 1;
+    options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+    options.dog = OXL_DOG_SELECTIVE;
+    options.max_gaussians = 50;
     return options;
 }
 
 /* The file as checkpoint_write makes it, with a right sum. */
 static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
 {
-    static const unsigned char head[] = {'O', 'X', 'L', 'S', 'T', 'A', 'T', 'E', CHECKPOINT_VERSION, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0,
-                                         0,   0,   0,   0,   0,   'k', 'e', 'y'};
-    unsigned char             *bytes  = malloc(sizeof head + size + 8);
-    uint64_t                   sum;
+    static const unsigned char head[] = {'O', 'X', 'L', 'S', 'T', 'A', 'T', 'E', CHECKPOINT_VERSION,
+                                         0,   0,   0,   0,   0,   0,   0,   3,   0,
+                                         0,   0,   0,   0,   0,   0,   'k', 'e', 'y'};
+    unsigned char *bytes = malloc(sizeof head + size + 8);
+    uint64_t sum;
     fuzz_promise(bytes != NULL, "memory for the input");
     memcpy(bytes, head, sizeof head);
     if (size) memcpy(bytes + sizeof head, data, size);
@@ -296,11 +310,15 @@ static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
 /* A state that is taken must carry the run on for some steps. */
 static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 {
-    const oxl_train_options   options = fuzz_train_options();
-    struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const oxl_train_options options = fuzz_train_options();
+    struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
     const struct train_output place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
-    struct train t = {.ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .output = &place, .decisions = {.ctx = ctx}};
-    oxl_result   rc;
+    struct train t = {.ctx = ctx,
+                      .scene = fuzz_scene(ctx),
+                      .options = &options,
+                      .output = &place,
+                      .decisions = {.ctx = ctx}};
+    oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
     rc = train_resume(&t);
@@ -316,15 +334,15 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     text_free(&notes);
 }
 
-/* ---------------------------------------------------------------- run.json, block.json, partition.txt */
+/* ---------------- run.json, block.json, partition.txt */
 
 static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
 {
-    oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run;
     struct block_record record;
-    struct text         line = {.ctx = ctx};
-    oxl_result          rc;
+    struct text line = {.ctx = ctx};
+    oxl_result rc;
     fuzz_write("run.json", data, size);
     fuzz_write("block.json", data, size);
     fuzz_write("model.ply", data, 0);
@@ -342,9 +360,9 @@ static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
 static void fuzz_partition(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     struct partition p;
-    oxl_result       rc;
-    const double     place[3] = {1, 2, 3};
-    double           frame[3];
+    oxl_result rc;
+    const double place[3] = {1, 2, 3};
+    double frame[3];
     fuzz_write("partition.txt", data, size);
     rc = partition_read(ctx, fuzz_path("partition.txt"), &p);
     fuzz_explained(ctx, rc);
@@ -354,19 +372,19 @@ static void fuzz_partition(oxl_context *ctx, const uint8_t *data, size_t size)
     partition_free(ctx, &p);
 }
 
-/* ---------------------------------------------------------------- words: one a line */
+/* ---------------- words: one a line */
 
 static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     enum { WORDS = 24 };
-    char            *text = oxl_calloc(ctx, size + 1, 1), *argv[WORDS + 1] = {(char *)"oceanxl"};
-    int              argc = 1;
+    char *text = oxl_calloc(ctx, size + 1, 1), *argv[WORDS + 1] = {(char *)"oceanxl"};
+    int argc = 1;
     struct arguments a;
     fuzz_promise(text != NULL, "memory for the words");
     if (size) memcpy(text, data, size);
     for (char *word = text; argc < WORDS && word < text + size; word += strlen(word) + 1) {
         word[strcspn(word, "\n")] = 0;
-        argv[argc++]              = word;
+        argv[argc++] = word;
     }
     if (arguments_parse(argc, argv, &a)) {
         fuzz_promise(a.error[0] != 0, "a refusal has a text");
@@ -376,7 +394,7 @@ static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
     oxl_free(ctx, text);
 }
 
-/* ---------------------------------------------------------------- the list */
+/* ---------------- the list */
 
 static const struct fuzz_target {
     const char *name; /* its inputs are in fuzz/corpus/NAME */
@@ -394,12 +412,12 @@ static const struct fuzz_target {
 
 static void fuzz_one(const struct fuzz_target *target, const uint8_t *data, size_t size)
 {
-    struct fuzz_memory  memory  = {0};
+    struct fuzz_memory memory = {0};
     oxl_context_options options = oxl_context_options_default();
-    oxl_context        *ctx;
+    oxl_context *ctx;
     options.reallocate = fuzz_reallocate;
-    options.user       = &memory;
-    options.threads    = 1;
+    options.user = &memory;
+    options.threads = 1;
     fuzz_promise(oxl_context_create(&options, &ctx) == OXL_OK, "a context");
     target->run(ctx, data, size);
     oxl_context_free(ctx);

@@ -1,7 +1,8 @@
-/* study.c - rows of options x seeds, each a training in OUT/NAME-seedS: a study that was stopped, or given more time, resumes.
+/* study.c - rows of options x seeds, each a training in OUT/NAME-seedS: a study that was stopped, or given
+ * more time, resumes.
  *
- * All rows' first seeds come before all second ones: a slow hour of the machine affects every row. With a time budget, rows that
- * do not fit are named, not trained.
+ * All rows' first seeds come before all second ones: a slow hour of the machine affects every row. With a
+ * time budget, rows that do not fit are named, not trained.
  */
 #include "study.h"
 
@@ -10,19 +11,21 @@
 #include <string.h>
 #include <time.h>
 
-#define STUDY_SIDE_MIN 240  /* px: images are not reduced below this to fit the budget */
-#define STUDY_LONG     3.0  /* times the base: rows of more steps are not counted when the image size is chosen */
-#define STUDY_ALIKE    0.03 /* log of the accepted ratio of counts */
-#define STUDY_GUESS    0.75 /* of the base's densify threshold: where the search for an equal count starts */
-#define STUDY_SLOPE    -0.8 /* of log count over log threshold, until two trials measure it */
+#define STUDY_SIDE_MIN 240 /* px: images are not reduced below this to fit the budget */
+/* times the base: rows of more steps are not counted when the image size is chosen */
+#define STUDY_LONG 3.0
+#define STUDY_ALIKE 0.03 /* log of the accepted ratio of counts */
+#define STUDY_GUESS 0.75 /* of the base's densify threshold: where the search for an equal count starts */
+#define STUDY_SLOPE -0.8 /* of log count over log threshold, until two trials measure it */
 enum { STUDY_TRIALS = 4 };
 
-/* ---------------------------------------------------------------- rows */
+/* ---------------- rows */
 
 static const struct study_row *study_find_row(const struct study_kind *kind, const char *name, size_t length)
 {
     for (int i = 0; i < kind->rows; i++)
-        if (strlen(kind->row[i].name) == length && strncmp(kind->row[i].name, name, length) == 0) return &kind->row[i];
+        if (strlen(kind->row[i].name) == length && strncmp(kind->row[i].name, name, length) == 0)
+            return &kind->row[i];
     return NULL;
 }
 
@@ -36,8 +39,8 @@ static int study_row_index(const struct study *s, const char *name)
 
 static oxl_result study_wrong_row(const struct study *s, const char *name, size_t length)
 {
-    char   names[500] = "";
-    size_t used       = 0;
+    char names[500] = "";
+    size_t used = 0;
     for (int i = s->kind->has_baseline; i < s->kind->rows && used < sizeof names; i++)
         used += (size_t)snprintf(names + used, sizeof names - used, " %s", s->kind->row[i].name);
     return oxl_fail(
@@ -49,19 +52,20 @@ static oxl_result study_wrong_row(const struct study *s, const char *name, size_
 static oxl_result study_choose_row(struct study *s, const char *name, size_t length)
 {
     const struct study_row *row = study_find_row(s->kind, name, length);
-    if (!row || study_row_index(s, row->name) >= s->kind->has_baseline) return study_wrong_row(s, name, length);
+    if (!row || study_row_index(s, row->name) >= s->kind->has_baseline)
+        return study_wrong_row(s, name, length);
     if (study_row_index(s, row->name) >= 0) return OXL_OK;
     if (row->like && study_row_index(s, row->like) < 0)
         return oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
-                        "--rows: found %s without %s before it, which it is compared with\nfix: --rows %s,%s", row->name,
-                        row->like, row->like, row->name);
+                        "--rows: found %s without %s before it, which it is compared with\nfix: --rows %s,%s",
+                        row->name, row->like, row->like, row->name);
     s->row[s->rows++] = row;
     return OXL_OK;
 }
 
 static oxl_result study_choose_rows(struct study *s)
 {
-    oxl_result  rc   = OXL_OK;
+    oxl_result rc = OXL_OK;
     const char *rows = s->options->rows;
     if (!rows || s->kind->has_baseline) s->row[s->rows++] = &s->kind->row[0];
     for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
@@ -72,11 +76,11 @@ static oxl_result study_choose_rows(struct study *s)
 
 static oxl_job_options study_job(const struct study *s, int row, int seed)
 {
-    const struct study_row *r   = s->row[row];
-    oxl_job_options         job = s->base;
-    job.seed                    = (uint64_t)seed;
-    job.block                   = -1;
-    job.renders                 = 0;
+    const struct study_row *r = s->row[row];
+    oxl_job_options job = s->base;
+    job.seed = (uint64_t)seed;
+    job.block = -1;
+    job.renders = 0;
     if (r->preset) job.train = oxl_train_options_default((oxl_preset)(r->preset - 1));
     job.train.max_gaussians = s->base.train.max_gaussians;
     if (r->iterations > 0) job.train.iterations = (int)(r->iterations * s->base.train.iterations + 0.5);
@@ -85,11 +89,12 @@ static oxl_job_options study_job(const struct study *s, int row, int seed)
     if (!r->preset) job.train.ucd.learn = s->base.train.ucd.learn; /* rows differ by the mode alone */
     if (r->equal == STUDY_GAUSSIANS) job.train.densify_gradient = (float)s->threshold[row];
     if (r->equal == STUDY_BYTES)
-        job.train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[study_row_index(s, r->like)][seed - 1][STUDY_BYTES]};
+        job.train.keep =
+            (oxl_keep){OXL_KEEP_BYTES, s->value[study_row_index(s, r->like)][seed - 1][STUDY_BYTES]};
     return job;
 }
 
-/* ---------------------------------------------------------------- time */
+/* ---------------- time */
 
 /* Steps of the row, in the base's. */
 static double study_steps(const struct study *s, int row)
@@ -98,16 +103,17 @@ static double study_steps(const struct study *s, int row)
     return (double)trials * study_job(s, row, 1).train.iterations / s->base.train.iterations;
 }
 
-/* Without a size asked for, images are reduced until the first seeds of all rows but the longest are likely to fit the budget.
+/* Without a size asked for, images are reduced until the first seeds of all rows but the longest are likely
+ * to fit the budget.
  * The choice is kept in this folder, so a resumed study compares equal sizes. */
 static oxl_result study_choose_side(struct study *s)
 {
-    char         *before = output_read(s->options->out, "study.json", NULL);
-    const double  chosen = oxl_json_number(before, "max_side");
-    double        steps  = 0;
-    oxl_survey    survey;
-    struct output t  = {0};
-    oxl_result    rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
+    char *before = output_read(s->options->out, "study.json", NULL);
+    const double chosen = oxl_json_number(before, "max_side");
+    double steps = 0;
+    oxl_survey survey;
+    struct output t = {0};
+    oxl_result rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
     free(before);
     if (rc != OXL_OK) return rc;
     s->train_views = survey.train_views;
@@ -125,27 +131,29 @@ static oxl_result study_choose_side(struct study *s)
 
 static int study_is_finished(const char *folder)
 {
-    char     *run      = output_read(folder, "run.json", NULL);
+    char *run = output_read(folder, "run.json", NULL);
     const int finished = oxl_json_is_true(run, "finished");
     free(run);
     return finished;
 }
 
-/* ---------------------------------------------------------------- training */
+/* ---------------- training */
 
 /* trial: of a search, from 0; each has its folder. */
 static oxl_result study_train_in(struct study *s, int row, int seed, int trial, struct study_result *out)
 {
     const oxl_job_options job = study_job(s, row, seed);
-    char                  folder[1000], line[200];
-    snprintf(folder, sizeof folder, trial ? "%s/%s-seed%d-%d" : "%s/%s-seed%d", s->options->out, s->row[row]->name, seed, trial);
-    snprintf(line, sizeof line, "%s, seed %d (row %d of %d, seed %d of %d)", s->row[row]->label, seed, row + 1, s->rows, seed,
-             s->options->seeds);
+    char folder[1000], line[200];
+    snprintf(folder, sizeof folder, trial ? "%s/%s-seed%d-%d" : "%s/%s-seed%d", s->options->out,
+             s->row[row]->name, seed, trial);
+    snprintf(line, sizeof line, "%s, seed %d (row %d of %d, seed %d of %d)", s->row[row]->label, seed,
+             row + 1, s->rows, seed, s->options->seeds);
     if (s->options->log) s->options->log(s->options->callback.user, OXL_LOG_INFO, line);
     return study_train(&s->meter, folder, &job, out);
 }
 
-/* The count is near a power of the threshold: a secant step in logarithms. off: log of count over the wanted one, of k + 1 trials. */
+/* The count is near a power of the threshold: a secant step in logarithms. off: log of count over the wanted
+ * one, of k + 1 trials. */
 static double study_next(const double *threshold, const double *off, int k)
 {
     double slope = STUDY_SLOPE;
@@ -154,20 +162,21 @@ static double study_next(const double *threshold, const double *off, int k)
     return threshold[k] - off[k] / slope;
 }
 
-/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals that of the row
- * `like`. The nearest trial is used. */
+/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals
+ * that of the row `like`. The nearest trial is used. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
     const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
-    double       least = HUGE_VAL, found = 0, threshold[STUDY_TRIALS], off[STUDY_TRIALS]; /* off: log of count over wanted */
-    oxl_result   rc = OXL_OK;
+    /* off: log of count over wanted */
+    double least = HUGE_VAL, found = 0, threshold[STUDY_TRIALS], off[STUDY_TRIALS];
+    oxl_result rc = OXL_OK;
     if (!(s->threshold[row] > 0)) s->threshold[row] = STUDY_GUESS * s->base.train.densify_gradient;
     for (int k = 0; k < STUDY_TRIALS && least > STUDY_ALIKE && rc == OXL_OK; k++) {
         struct study_result r;
         rc = study_train_in(s, row, seed, k, &r);
         if (rc != OXL_OK) return rc;
         threshold[k] = log(s->threshold[row]);
-        off[k]       = log(fmax(1, r.value[STUDY_GAUSSIANS]) / fmax(1, wanted));
+        off[k] = log(fmax(1, r.value[STUDY_GAUSSIANS]) / fmax(1, wanted));
         if (fabs(off[k]) < least) least = fabs(off[k]), found = s->threshold[row], *out = r;
         s->threshold[row] = exp(study_next(threshold, off, k));
     }
@@ -177,10 +186,11 @@ static oxl_result study_train_equal(struct study *s, int row, int seed, struct s
 
 static oxl_result study_train_row(struct study *s, int row, int seed, time_t started)
 {
-    const double        left = s->options->budget > 0 ? s->options->budget - difftime(time(NULL), started) : HUGE_VAL;
+    const double left =
+        s->options->budget > 0 ? s->options->budget - difftime(time(NULL), started) : HUGE_VAL;
     struct study_result got;
-    char                folder[1000];
-    oxl_result          rc;
+    char folder[1000];
+    oxl_result rc;
     snprintf(folder, sizeof folder, "%s/%s-seed%d", s->options->out, s->row[row]->name, seed);
     s->wanted[row] = row == 0 ? 0 : study_steps(s, row) * study_mean(s, 0, STUDY_SECONDS).mean;
     if (s->row[row]->like && s->done[study_row_index(s, s->row[row]->like)] < seed) return OXL_OK;
@@ -188,23 +198,24 @@ static oxl_result study_train_row(struct study *s, int row, int seed, time_t sta
     if (s->row[row]->equal == STUDY_GAUSSIANS) rc = study_train_equal(s, row, seed, &got);
     else rc = study_train_in(s, row, seed, 0, &got);
     if (rc != OXL_OK) return rc;
-    s->done[row]   = seed;
+    s->done[row] = seed;
     s->blocks[row] = got.blocks;
-    s->held_out    = got.held_out;
+    s->held_out = got.held_out;
     memcpy(s->value[row][seed - 1], got.value, sizeof got.value);
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- all of it */
+/* ---------------- all of it */
 
 static oxl_result study_write_all(struct study *s, FILE *to)
 {
-    static void (*const make[])(struct output * t, const struct study *s) = {study_page, study_csv, study_plot};
-    static const char *const ends[]                                       = {"md", "csv", "svg"};
-    oxl_result               rc                                           = OXL_OK;
+    static void (*const make[])(struct output * t, const struct study *s) = {study_page, study_csv,
+                                                                             study_plot};
+    static const char *const ends[] = {"md", "csv", "svg"};
+    oxl_result rc = OXL_OK;
     for (int i = 0; i < 3 && rc == OXL_OK; i++) {
         struct output t = {0};
-        char          name[40];
+        char name[40];
         snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
         make[i](&t, s);
         if (i == 0 && !t.failed) fprintf(to, "%s\n", t.data);
@@ -217,10 +228,10 @@ static oxl_result study_write_all(struct study *s, FILE *to)
 static oxl_result study_train_rows(struct study *s, FILE *to)
 {
     const time_t started = time(NULL);
-    oxl_result   rc      = study_choose_rows(s);
+    oxl_result rc = study_choose_rows(s);
     if (rc == OXL_OK && strlen(s->options->out) > 900)
-        rc = oxl_fail(s->meter.ctx, OXL_ERR_USAGE, "the name of the folder is too long\nfix: a shorter one than -o %s",
-                      s->options->out);
+        rc = oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
+                      "the name of the folder is too long\nfix: a shorter one than -o %s", s->options->out);
     if (rc == OXL_OK) rc = oxl_make_folder(s->meter.ctx, s->options->out);
     if (rc == OXL_OK) rc = study_choose_side(s);
     for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
@@ -231,13 +242,13 @@ static oxl_result study_train_rows(struct study *s, FILE *to)
 oxl_result study_run(oxl_context *ctx, const struct study_kind *kind, const study_options *options, FILE *to)
 {
     struct study *s = calloc(1, sizeof *s);
-    oxl_result    rc;
+    oxl_result rc;
     if (!s) return OXL_ERR_MEMORY;
-    s->kind    = kind;
+    s->kind = kind;
     s->options = options;
-    s->base    = options->job;
-    s->meter   = (struct study_meter){.ctx = ctx, .options = options};
-    rc         = study_train_rows(s, to);
+    s->base = options->job;
+    s->meter = (struct study_meter){.ctx = ctx, .options = options};
+    rc = study_train_rows(s, to);
     free(s);
     return rc;
 }

@@ -1,7 +1,10 @@
-/* study_report.c - results of a study: means, spreads, comparisons, the Pareto front; one page for people, one CSV for programs.
+/* study_report.c - results of a study: means, spreads, comparisons, the Pareto front; one page for people,
+ * one CSV for programs.
  *
- * Rows are compared seed by seed, which removes what both share. An effect not larger than its spread over the seeds is "none".
- * A saving is useful only if the same time with fewer iterations gives less: each row of a sweep is compared with that, too.
+ * Rows are compared seed by seed, which removes what both share. An effect not larger than its spread over
+ * the seeds is "none".
+ * A saving is useful only if the same time with fewer iterations gives less: each row of a sweep is compared
+ * with that, too.
  */
 #include "study.h"
 
@@ -11,9 +14,9 @@
 
 static const struct table_column {
     const char *title, *csv;
-    double      scale; /* of the page's unit */
-    int         decimals, csv_decimals;
-    int         difference; /* compared by subtraction; 0: by division */
+    double scale; /* of the page's unit */
+    int decimals, csv_decimals;
+    int difference; /* compared by subtraction; 0: by division */
 } TABLE_COLUMNS[STUDY_MEASURES] = {
     {"PSNR dB", "psnr_db", 1, 2, 6, 1},      {"SSIM", "ssim", 1, 4, 8, 1},
     {"near dB", "near_psnr_db", 1, 2, 6, 1}, {"middle dB", "mid_psnr_db", 1, 2, 6, 1},
@@ -25,7 +28,7 @@ static const struct table_column {
 
 enum { TABLE_LABEL = 37, TABLE_CELL = 9, TABLE_CELL_SPREAD = 15, TABLE_CELL_EFFECT = 22 }; /* letters */
 
-/* ---------------------------------------------------------------- figures */
+/* ---------------- figures */
 
 static struct study_figure table_summary(const double *x, int count)
 {
@@ -51,8 +54,8 @@ static double table_compare(enum study_measure m, double value, double base)
 
 struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m)
 {
-    const int both           = s->done[row] < s->done[base] ? s->done[row] : s->done[base];
-    double    x[STUDY_SEEDS] = {0};
+    const int both = s->done[row] < s->done[base] ? s->done[row] : s->done[base];
+    double x[STUDY_SEEDS] = {0};
     for (int i = 0; i < both; i++) x[i] = table_compare(m, s->value[row][i][m], s->value[base][i][m]);
     return table_summary(x, both);
 }
@@ -73,7 +76,8 @@ int study_is_pareto_optimal(const struct study *s, int row)
 {
     const double psnr = study_mean(s, row, STUDY_PSNR).mean, cpu = study_mean(s, row, STUDY_CPU).mean;
     for (int i = 0; i < s->rows; i++)
-        if (i != row && table_dominates(study_mean(s, i, STUDY_PSNR).mean, study_mean(s, i, STUDY_CPU).mean, psnr, cpu, i < row))
+        if (i != row && table_dominates(study_mean(s, i, STUDY_PSNR).mean, study_mean(s, i, STUDY_CPU).mean,
+                                        psnr, cpu, i < row))
             return 0;
     return !isnan(psnr) && !isnan(cpu);
 }
@@ -83,8 +87,9 @@ static int table_is_of_iterations(const struct study_row *r)
     return r->iterations > 0;
 }
 
-/* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the logarithm of time
- * between the two neighbours among the rows that differ in iterations alone; NaN outside of them. */
+/* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the
+ * logarithm of time between the two neighbours among the rows that differ in iterations alone; NaN outside of
+ * them. */
 static double table_by_iterations(const struct study *s, double cpu)
 {
     double below = 0, above = HUGE_VAL, psnr_below = NAN, psnr_above = NAN;
@@ -98,17 +103,20 @@ static double table_by_iterations(const struct study *s, double cpu)
     return psnr_below + (psnr_above - psnr_below) * log(cpu / below) / log(above / below);
 }
 
-/* The n-th row that `row` is compared with; -1: there are no more. Without any of its own among the rows it is the first row. */
+/* The n-th row that `row` is compared with; -1: there are no more. Without any of its own among the rows it
+ * is the first row. */
 static int table_baseline(const struct study *s, int row, int n)
 {
     int found = 0;
     for (int k = 0; k < STUDY_AGAINST; k++)
         for (int i = 0; s->row[row]->against[k] && i < s->rows; i++)
-            if (i != row && s->done[i] > 0 && strcmp(s->row[i]->name, s->row[row]->against[k]) == 0 && found++ == n) return i;
+            if (i != row && s->done[i] > 0 && strcmp(s->row[i]->name, s->row[row]->against[k]) == 0 &&
+                found++ == n)
+                return i;
     return found == 0 && n == 0 && row > 0 && s->done[0] > 0 ? 0 : -1;
 }
 
-/* ---------------------------------------------------------------- the page */
+/* ---------------- the page */
 
 static void table_cell(struct output *t, int width, const char *text)
 {
@@ -140,11 +148,12 @@ static void table_rows(struct output *t, const struct study *s)
         if (s->done[r] == 0) continue;
         table_label(t, study_is_pareto_optimal(s, r) ? " \\*" : "", s->row[r]->label, "");
         for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) {
-            const struct table_column *c      = &TABLE_COLUMNS[m];
-            const struct study_figure  f      = study_mean(s, r, m);
-            const char                *spread = OUTPUT_FIXED(f.spread * c->scale, c->decimals);
-            char                       text[80];
-            snprintf(text, sizeof text, "%s%s%s", OUTPUT_FIXED(f.mean * c->scale, c->decimals), spread[0] ? " +-" : "", spread);
+            const struct table_column *c = &TABLE_COLUMNS[m];
+            const struct study_figure f = study_mean(s, r, m);
+            const char *spread = OUTPUT_FIXED(f.spread * c->scale, c->decimals);
+            char text[80];
+            snprintf(text, sizeof text, "%s%s%s", OUTPUT_FIXED(f.mean * c->scale, c->decimals),
+                     spread[0] ? " +-" : "", spread);
             table_cell(t, width, text);
         }
         output_add(t, " %d |\n", s->blocks[r]);
@@ -154,8 +163,8 @@ static void table_rows(struct output *t, const struct study *s)
 /* "+0.65" or "x0.885"; "" when it is not known. */
 static const char *table_relative(char out[32], enum study_measure m, double value)
 {
-    const int   difference = TABLE_COLUMNS[m].difference;
-    const char *digits     = OUTPUT_FIXED(value, difference ? TABLE_COLUMNS[m].decimals : 3);
+    const int difference = TABLE_COLUMNS[m].difference;
+    const char *digits = OUTPUT_FIXED(value, difference ? TABLE_COLUMNS[m].decimals : 3);
     snprintf(out, 32, "%s%s", !digits[0] ? "" : !difference ? "x" : digits[0] == '-' ? "" : "+", digits);
     return out;
 }
@@ -164,26 +173,29 @@ static const char *table_relative(char out[32], enum study_measure m, double val
 /* "+0.75 +-0.25 (+0.65)": ours, its spread, the paper's. */
 static void table_effect(struct output *t, const struct study *s, int row, int base, enum study_measure m)
 {
-    const struct study_figure f     = study_compare(s, row, base, m);
-    const int                 none  = fabs(f.mean - !TABLE_COLUMNS[m].difference) <= f.spread; /* of one seed never */
-    const char               *paper = TABLE_RELATIVE(m, table_paper_effect(s, row, base, m));
-    const char *spread = OUTPUT_FIXED(none ? NAN : f.spread, TABLE_COLUMNS[m].difference ? TABLE_COLUMNS[m].decimals : 3);
-    char        text[120];
-    snprintf(text, sizeof text, "%s%s%s%s%s%s", none ? "none" : TABLE_RELATIVE(m, f.mean), spread[0] ? " +-" : "", spread,
-             paper[0] ? " (" : "", paper, paper[0] ? ")" : "");
+    const struct study_figure f = study_compare(s, row, base, m);
+    const int none = fabs(f.mean - !TABLE_COLUMNS[m].difference) <= f.spread; /* of one seed never */
+    const char *paper = TABLE_RELATIVE(m, table_paper_effect(s, row, base, m));
+    const char *spread =
+        OUTPUT_FIXED(none ? NAN : f.spread, TABLE_COLUMNS[m].difference ? TABLE_COLUMNS[m].decimals : 3);
+    char text[120];
+    snprintf(text, sizeof text, "%s%s%s%s%s%s", none ? "none" : TABLE_RELATIVE(m, f.mean),
+             spread[0] ? " +-" : "", spread, paper[0] ? " (" : "", paper, paper[0] ? ")" : "");
     table_cell(t, TABLE_CELL_EFFECT, text);
 }
 
 static void table_effects(struct output *t, const struct study *s)
 {
-    table_header(t, "row against row", TABLE_CELL_EFFECT, s->kind->has_baseline ? "dB over other iterations" : "");
+    table_header(t, "row against row", TABLE_CELL_EFFECT,
+                 s->kind->has_baseline ? "dB over other iterations" : "");
     for (int r = 0; r < s->rows; r++)
         for (int n = 0, base; s->done[r] && (base = table_baseline(s, r, n)) >= 0; n++) {
-            const double cpu   = study_mean(s, r, STUDY_CPU).mean;
+            const double cpu = study_mean(s, r, STUDY_CPU).mean;
             const double other = table_is_of_iterations(s->row[r]) ? NAN : table_by_iterations(s, cpu);
             table_label(t, "", s->row[r]->label, s->row[base]->label);
             for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) table_effect(t, s, r, base, m);
-            if (s->kind->has_baseline) table_cell(t, 0, TABLE_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
+            if (s->kind->has_baseline)
+                table_cell(t, 0, TABLE_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
             output_add(t, "\n");
         }
 }
@@ -208,16 +220,19 @@ static int table_is_one_block(const struct study *s)
 
 void study_page(struct output *t, const struct study *s)
 {
-    output_add(t, "# %s\n\n%s: preset %s, %d iterations, images of at most %d px a side, %d training views, seed%s 1",
-               s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-", s->base.train.iterations,
-               s->base.scene.max_side, s->train_views, s->options->seeds > 1 ? "s" : "");
+    output_add(
+        t,
+        "# %s\n\n%s: preset %s, %d iterations, images of at most %d px a side, %d training views, seed%s 1",
+        s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-", s->base.train.iterations,
+        s->base.scene.max_side, s->train_views, s->options->seeds > 1 ? "s" : "");
     if (s->options->seeds > 1) output_add(t, " to %d (mean +- standard deviation)", s->options->seeds);
     output_add(t, ".\nPSNR and SSIM are of the %s views.\n\n![PSNR over cost](%s.svg)\n\n## Rows\n",
                s->held_out ? "held-out" : "training", s->kind->file);
     table_rows(t, s);
-    output_add(t,
-               "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard deviation over the"
-               " seeds. In brackets: the paper's own.\n");
+    output_add(
+        t,
+        "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard deviation over the"
+        " seeds. In brackets: the paper's own.\n");
     table_effects(t, s);
     table_untrained(t, s);
     output_add(
@@ -227,16 +242,20 @@ void study_page(struct output *t, const struct study *s)
         "together. memory: what the library held at its peak.\n%s",
         s->kind->notes);
     if (!s->kind->has_baseline && table_is_one_block(s))
-        output_add(t, "The survey is one block: midpoint and balanced cuts cut nothing; a smaller --block-points does.\n");
+        output_add(
+            t,
+            "The survey is one block: midpoint and balanced cuts cut nothing; a smaller --block-points does.\n");
 }
 
-/* ---------------------------------------------------------------- CSV */
+/* ---------------- CSV */
 
 /* A line of the rows' table; base: "" or the row that it is compared with. */
-static void table_line(struct output *t, const struct study *s, int r, const char *base, const char *seed, const double *value)
+static void table_line(struct output *t, const struct study *s, int r, const char *base, const char *seed,
+                       const double *value)
 {
     output_add(t, "%s,%s,%s,%d", s->row[r]->name, base, seed, s->blocks[r]);
-    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%.*f", base[0] ? 6 : TABLE_COLUMNS[m].csv_decimals, value[m]);
+    for (int m = 0; m < STUDY_MEASURES; m++)
+        output_add(t, ",%.*f", base[0] ? 6 : TABLE_COLUMNS[m].csv_decimals, value[m]);
     output_add(t, ",%s\n", base[0] ? "" : study_is_pareto_optimal(s, r) ? "1" : "0");
 }
 
@@ -244,7 +263,7 @@ static void table_line(struct output *t, const struct study *s, int r, const cha
 static void table_summaries(struct output *t, const struct study *s, int r, int base)
 {
     const char *name = base < 0 ? "" : s->row[base]->name;
-    double      mean[STUDY_MEASURES], spread[STUDY_MEASURES], paper[STUDY_MEASURES];
+    double mean[STUDY_MEASURES], spread[STUDY_MEASURES], paper[STUDY_MEASURES];
     for (enum study_measure m = 0; m < STUDY_MEASURES; m++) {
         const struct study_figure f = base < 0 ? study_mean(s, r, m) : study_compare(s, r, base, m);
         mean[m] = f.mean, spread[m] = f.spread;
@@ -263,6 +282,7 @@ void study_csv(struct output *t, const struct study *s)
     for (int r = 0; r < s->rows; r++) {
         for (int i = 0; i < s->done[r]; i++) table_line(t, s, r, "", OUTPUT_FIXED(i + 1, 0), s->value[r][i]);
         if (s->done[r] > 0) table_summaries(t, s, r, -1);
-        for (int n = 0, base; s->done[r] && (base = table_baseline(s, r, n)) >= 0; n++) table_summaries(t, s, r, base);
+        for (int n = 0, base; s->done[r] && (base = table_baseline(s, r, n)) >= 0; n++)
+            table_summaries(t, s, r, base);
     }
 }

@@ -1,6 +1,7 @@
 /* study_train.c - one training of a study, in a folder of its own, so that a stopped study resumes.
  *
- * Memory is what the library held at its peak: the process's own peak never falls and is useless after a larger training.
+ * Memory is what the library held at its peak: the process's own peak never falls and is useless after a
+ * larger training.
  * Counts are kept in the folder's study.json for resumed runs.
  */
 #include "study.h"
@@ -13,15 +14,16 @@
 oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t)
 {
     const int no_memory = t->failed;
-    char      path[1024];
+    char path[1024];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     if (output_save(t, path)) return OXL_OK;
     if (no_memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %s", name);
-    return oxl_fail(ctx, OXL_ERR_IO,
-                    "a file cannot be written\nfix: free space on the disk or choose a place that you may use: %s", path);
+    return oxl_fail(
+        ctx, OXL_ERR_IO,
+        "a file cannot be written\nfix: free space on the disk or choose a place that you may use: %s", path);
 }
 
-/* ---------------------------------------------------------------- one training */
+/* ---------------- one training */
 
 static double study_cpu(void)
 {
@@ -33,8 +35,8 @@ static int study_progress(void *user, const oxl_progress *p)
     struct study_meter *s = user;
     const oxl_callback *c = &s->options->callback;
     if (!s->started) {
-        s->started =
-            p->iteration <= 1 && p->block == (p->blocks > 1 ? p->blocks : 0) ? 1 : 2; /* blocks: the coarse model is first */
+        /* blocks: the coarse model is first */
+        s->started = p->iteration <= 1 && p->block == (p->blocks > 1 ? p->blocks : 0) ? 1 : 2;
         s->cpu_at = study_cpu();
     }
     s->cpu = study_cpu() - s->cpu_at;
@@ -44,11 +46,11 @@ static int study_progress(void *user, const oxl_progress *p)
 /* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
 static oxl_result study_record_cost(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
 {
-    const double  peak   = (double)s->options->memory->peak;
-    char         *before = output_read(folder, "study.json", NULL);
-    struct output t      = {0};
-    value[STUDY_MEMORY]  = oxl_json_number(before, "library_peak_bytes");
-    value[STUDY_CPU]     = oxl_json_number(before, "cpu_seconds");
+    const double peak = (double)s->options->memory->peak;
+    char *before = output_read(folder, "study.json", NULL);
+    struct output t = {0};
+    value[STUDY_MEMORY] = oxl_json_number(before, "library_peak_bytes");
+    value[STUDY_CPU] = oxl_json_number(before, "cpu_seconds");
     free(before);
     if (s->started == 0) return OXL_OK;
     if (s->started == 1 || !(value[STUDY_MEMORY] > peak)) value[STUDY_MEMORY] = peak;
@@ -63,35 +65,39 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
 {
     static const struct {
         enum study_measure measure;
-        const char        *name;
-        int                of_depth; /* may be missing: no point lies in that third */
-    } fields[]          = {{STUDY_PSNR, "psnr", 0},      {STUDY_SSIM, "ssim", 0},           {STUDY_MS_SSIM, "ms_ssim", 0},
-                           {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
-                           {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0}};
-    char        *text   = output_read(folder, "metrics.json", NULL);
+        const char *name;
+        int of_depth; /* may be missing: no point lies in that third */
+    } fields[] = {
+        {STUDY_PSNR, "psnr", 0},      {STUDY_SSIM, "ssim", 0},           {STUDY_MS_SSIM, "ms_ssim", 0},
+        {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
+        {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0}};
+    char *text = output_read(folder, "metrics.json", NULL);
     const double blocks = oxl_json_number(text, "blocks");
-    int          whole  = !isnan(blocks);
+    int whole = !isnan(blocks);
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++) {
-        const double value = oxl_json_number(fields[i].of_depth ? oxl_json_member(text, "by_depth") : text, fields[i].name);
+        const double value =
+            oxl_json_number(fields[i].of_depth ? oxl_json_member(text, "by_depth") : text, fields[i].name);
         r->value[fields[i].measure] = value;
-        whole                       = whole && (fields[i].of_depth || !isnan(value));
+        whole = whole && (fields[i].of_depth || !isnan(value));
     }
-    r->blocks   = whole ? (int)blocks : 0;
+    r->blocks = whole ? (int)blocks : 0;
     r->held_out = text && strstr(text, "\"split\": \"test\"") != NULL;
     free(text);
     if (whole) return OXL_OK;
-    return oxl_fail(s->ctx, OXL_ERR_INPUT,
-                    "no whole metrics.json of a training\nfix: remove this folder and run the command again: %s", folder);
+    return oxl_fail(
+        s->ctx, OXL_ERR_INPUT,
+        "no whole metrics.json of a training\nfix: remove this folder and run the command again: %s", folder);
 }
 
-oxl_result study_train(struct study_meter *s, const char *folder, const oxl_job_options *job, struct study_result *out)
+oxl_result study_train(struct study_meter *s, const char *folder, const oxl_job_options *job,
+                       struct study_result *out)
 {
     const oxl_callback callback = {study_progress, s};
-    oxl_result         rc, noted;
-    *out                     = (struct study_result){.blocks = 0};
+    oxl_result rc, noted;
+    *out = (struct study_result){.blocks = 0};
     s->options->memory->peak = s->options->memory->used;
-    s->started               = 0;
-    rc                       = oxl_job_run(s->ctx, s->options->scene, folder, job, &callback);
+    s->started = 0;
+    rc = oxl_job_run(s->ctx, s->options->scene, folder, job, &callback);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     noted = study_record_cost(s, folder, out->value);
     if (rc != OXL_OK || noted != OXL_OK) return rc != OXL_OK ? rc : noted;

@@ -3,13 +3,15 @@
  *     images/IMG_00000.png ...                images: through water, with the sensor's noise
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
  *     truth/clean, truth/depth                the same images without water and noise; camera z in metres
- *     truth/water.txt, truth/model.txt        the water's coefficients; description of the world and of these files
- *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter, --stereo and --lamp: what was applied
- *     truth/still, truth/masks                with --fish: the images without fish; masks of the fish, in black
+ *     truth/water.txt, truth/model.txt        the water's coefficients; description of the world and of these
+ *     files truth/exposure.txt, truth/lamp.txt      with --exposure-jitter, --stereo and --lamp: what was
+ *     applied truth/still, truth/masks                with --fish: the images without fish; masks of the
+ *     fish, in black
  *
- * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
- * Invariant: an image is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish,
- * exposure and lamp.
+ * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range
+ * along the ray.
+ * Invariant: an image is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing
+ * else, but for fish, exposure and lamp.
  * The same options give the same files with any number of threads.
  */
 #include "synth.h"
@@ -21,34 +23,44 @@
 #include <omp.h>
 #endif
 
-#define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
-#define EDGE_DEPTH  0.02 /* fraction of the depth */
+/* display values: pixels that differ more from a neighbour are rendered from four rays */
+#define EDGE_COLOUR 0.10
+#define EDGE_DEPTH 0.02 /* fraction of the depth */
 
-/* ---------------------------------------------------------------- options */
+/* ---------------- options */
 
 synth_options synth_options_default(void)
 {
-    return (synth_options){
-        .views = 40, .width = 400, .height = 260, .water = SYNTH_1C, .lamp = -1, .noise = 1.5, .seed = 1, .write_images = 1};
+    return (synth_options){.views = 40,
+                           .width = 400,
+                           .height = 260,
+                           .water = SYNTH_1C,
+                           .lamp = -1,
+                           .noise = 1.5,
+                           .seed = 1,
+                           .write_images = 1};
 }
 
 /* What the table of options does not know. */
 static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 {
     if (!o->out[0] || strlen(o->out) > 900)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the folder's name has no or more than 900 letters\nfix: -o FOLDER");
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "synth: the folder's name has no or more than 900 letters\nfix: -o FOLDER");
     if (o->lamp < 0 && o->backscatter > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1");
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "synth: backscatter needs a lamp, whose power is 0 to 2\nfix: --lamp 1");
     for (int k = 0; k < 3; k++)
         if (fabs(o->origin[k]) > 8e6)
-            return oxl_fail(ctx, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off\nfix: a smaller --origin");
+            return oxl_fail(ctx, OXL_ERR_USAGE,
+                            "synth: the origin can lie 8000 km off\nfix: a smaller --origin");
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- water */
+/* ---------------- water */
 
-/* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter changes from blue in
- * the ocean to green and brown at the coast. */
+/* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter
+ * changes from blue in the ocean to green and brown at the coast. */
 static const struct synth_water synth_waters[] = {
     /* by enum synth_type */
     {"none", {0, 0, 0}, {0, 0, 0}},
@@ -64,14 +76,16 @@ static const struct synth_water synth_waters[] = {
     {"9C", {.598, .777, 1.24}, {.22, .40, .20}},
 };
 
-/* ---------------------------------------------------------------- images */
+/* ---------------- images */
 
-/* Colour along one ray; *depth gets the camera z, 0 when there is only water. width: that of the ray in pixels. */
-static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double width, float *depth)
+/* Colour along one ray; *depth gets the camera z, 0 when there is only water. width: that of the ray in
+ * pixels. */
+static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y,
+                      double width, float *depth)
 {
     static const v3 far_off = {0.08, 0.32, 0.45};
-    const v3        ray     = synth_pixel_ray(c, x, y);
-    const double    range   = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
+    const v3 ray = synth_pixel_ray(c, x, y);
+    const double range = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
     if (depth) *depth = range < 0 ? 0 : (float)(range * v3_dot(c->rotation[2], ray));
     if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), width * range / c->f);
     return s->water.veil.y > 0 ? s->water.veil : far_off;
@@ -85,9 +99,9 @@ static v3 synth_pixel(const oxl_image *image, size_t at)
 
 static void synth_set(oxl_image *image, size_t at, v3 colour)
 {
-    const size_t plane         = (size_t)image->width * (size_t)image->height;
-    image->rgb[at]             = (float)colour.x;
-    image->rgb[at + plane]     = (float)colour.y;
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    image->rgb[at] = (float)colour.x;
+    image->rgb[at + plane] = (float)colour.y;
     image->rgb[at + 2 * plane] = (float)colour.z;
 }
 
@@ -102,24 +116,27 @@ static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, in
 
 static int synth_differs(const struct synth_run *s, size_t a, size_t b)
 {
-    const v3    step = v3_sub(synth_pixel(&s->image, a), synth_pixel(&s->image, b));
+    const v3 step = v3_sub(synth_pixel(&s->image, a), synth_pixel(&s->image, b));
     const float za = s->depth[a], zb = s->depth[b];
-    return fabsf(za - zb) > EDGE_DEPTH * (za + zb) || fabsf((float)step.x) > EDGE_COLOUR || fabsf((float)step.y) > EDGE_COLOUR ||
-           fabsf((float)step.z) > EDGE_COLOUR;
+    return fabsf(za - zb) > EDGE_DEPTH * (za + zb) || fabsf((float)step.x) > EDGE_COLOUR ||
+           fabsf((float)step.y) > EDGE_COLOUR || fabsf((float)step.z) > EDGE_COLOUR;
 }
 
 /* The clean image: where neighbours differ, the mean of four rays, the one that is there among them. */
 static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     static const double around[3][2] = {{0.50, 0.12}, {0.83, 0.69}, {0.17, 0.69}};
-    const size_t        width        = (size_t)c->width;
+    const size_t width = (size_t)c->width;
     for (int x = 0; x < c->width; x++) {
-        const size_t at     = (size_t)y * width + (size_t)x;
-        v3           colour = synth_pixel(&s->image, at);
-        const int    edge   = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
-                         (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
+        const size_t at = (size_t)y * width + (size_t)x;
+        v3 colour = synth_pixel(&s->image, at);
+        const int edge = (x > 0 && synth_differs(s, at, at - 1)) ||
+                         (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
+                         (y > 0 && synth_differs(s, at, at - width)) ||
+                         (y + 1 < c->height && synth_differs(s, at, at + width));
         if (edge && s->depth[at] > 0) { /* where only water is, no range would dim what is mixed in */
-            for (int k = 0; k < 3; k++) colour = v3_add(colour, synth_trace(s, c, x + around[k][0], y + around[k][1], 0.5, NULL));
+            for (int k = 0; k < 3; k++)
+                colour = v3_add(colour, synth_trace(s, c, x + around[k][0], y + around[k][1], 0.5, NULL));
             colour = v3_scale(colour, 0.25);
         }
         synth_set(&s->clean, at, colour);
@@ -136,16 +153,18 @@ static double synth_range(const struct synth_run *s, const struct synth_camera *
 /* The clean colour lit by the lamp, through water. */
 static v3 synth_observed(const struct synth_run *s, size_t at, double range)
 {
-    return synth_through_water(&s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(s->options, range)), range);
+    return synth_through_water(
+        &s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(s->options, range)), range);
 }
 
-/* With the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+/* With the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it are
+ * those in the file. */
 static void synth_expose(struct synth_run *s, int view, v3 gain, int x, int y, v3 seen)
 {
-    const synth_options *o        = s->options;
-    const size_t         at       = (size_t)y * (size_t)o->width + (size_t)x;
-    const v3             exposed  = v3_scale(v3_times(seen, gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
-    double               level[3] = {255 * exposed.x, 255 * exposed.y, 255 * exposed.z};
+    const synth_options *o = s->options;
+    const size_t at = (size_t)y * (size_t)o->width + (size_t)x;
+    const v3 exposed = v3_scale(v3_times(seen, gain), synth_lamp_radial(o, x + 0.5, y + 0.5));
+    double level[3] = {255 * exposed.x, 255 * exposed.y, 255 * exposed.z};
     for (size_t k = 0; k < 3; k++) {
         const uint64_t bits = random_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + k);
         if (o->noise > 0) level[k] += o->noise * synth_random_normal(bits);
@@ -159,10 +178,11 @@ static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, 
     const v3 gain = synth_gain(s->options, view), direct = s->water.direct;
     for (int x = 0; x < c->width; x++) {
         const double range = synth_range(s, c, x, y);
-        const v3     near  = v3_of(synth_lamp_backscatter(s->options, direct.x, x + 0.5, y + 0.5, range),
-                                   synth_lamp_backscatter(s->options, direct.y, x + 0.5, y + 0.5, range),
-                                   synth_lamp_backscatter(s->options, direct.z, x + 0.5, y + 0.5, range));
-        synth_expose(s, view, gain, x, y, v3_add(synth_observed(s, (size_t)y * (size_t)c->width + (size_t)x, range), near));
+        const v3 near = v3_of(synth_lamp_backscatter(s->options, direct.x, x + 0.5, y + 0.5, range),
+                              synth_lamp_backscatter(s->options, direct.y, x + 0.5, y + 0.5, range),
+                              synth_lamp_backscatter(s->options, direct.z, x + 0.5, y + 0.5, range));
+        synth_expose(s, view, gain, x, y,
+                     v3_add(synth_observed(s, (size_t)y * (size_t)c->width + (size_t)x, range), near));
     }
 }
 
@@ -170,24 +190,26 @@ static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, 
 static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
     static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
-    const v3            gain         = synth_gain(s->options, view);
+    const v3 gain = synth_gain(s->options, view);
     for (int x = 0; x < c->width; x++) {
-        const size_t at     = (size_t)y * (size_t)c->width + (size_t)x;
+        const size_t at = (size_t)y * (size_t)c->width + (size_t)x;
         const double behind = synth_range(s, c, x, y);
-        v3           seen   = {0, 0, 0};
-        int          hits   = 0;
+        v3 seen = {0, 0, 0};
+        int hits = 0;
         for (int k = 0; k < 4; k++) {
-            const v3     ray    = synth_pixel_ray(c, x + within[k][0], y + within[k][1]);
-            v3           colour = {0, 0, 0};
-            const double range =
-                synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre, ray, behind > 0 ? behind : SYNTH_FAR, &colour);
+            const v3 ray = synth_pixel_ray(c, x + within[k][0], y + within[k][1]);
+            v3 colour = {0, 0, 0};
+            const double range = synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre, ray,
+                                                 behind > 0 ? behind : SYNTH_FAR, &colour);
             if (range < 0) continue;
             hits++;
             colour = v3_scale(colour, synth_lamp_falloff(s->options, range));
-            seen   = v3_along(seen, synth_through_water(&s->water, colour, range), 0.25);
+            seen = v3_along(seen, synth_through_water(&s->water, colour, range), 0.25);
         }
         synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
-        if (hits) synth_expose(s, view, gain, x, y, v3_along(seen, synth_observed(s, at, behind), 0.25 * (4 - hits)));
+        if (hits)
+            synth_expose(s, view, gain, x, y,
+                         v3_along(seen, synth_observed(s, at, behind), 0.25 * (4 - hits)));
     }
 }
 
@@ -212,7 +234,7 @@ static oxl_result synth_write_depth(struct synth_run *s, int view)
 static oxl_result synth_draw_fish(struct synth_run *s, const struct synth_camera *c, int view)
 {
     const oxl_result rc = synth_write_image(s, "truth/still", view, &s->image);
-    s->fish_count       = synth_fish_near(s->options, &s->world, &s->trajectory, view, s->fish);
+    s->fish_count = synth_fish_near(s->options, &s->world, &s->trajectory, view, s->fish);
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_draw_fish_row(s, c, view, y);
     return rc == OXL_OK ? synth_write_image(s, "truth/masks", view, &s->mask) : rc;
@@ -220,8 +242,8 @@ static oxl_result synth_draw_fish(struct synth_run *s, const struct synth_camera
 
 static oxl_result synth_view(struct synth_run *s, int view)
 {
-    const struct synth_camera *c  = &s->trajectory.camera[view];
-    oxl_result                 rc = OXL_OK;
+    const struct synth_camera *c = &s->trajectory.camera[view];
+    oxl_result rc = OXL_OK;
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_draw_row(s, c, y);
 #pragma omp parallel for schedule(dynamic, 2)
@@ -237,19 +259,21 @@ static oxl_result synth_view(struct synth_run *s, int view)
 
 static oxl_result synth_make_images(struct synth_run *s)
 {
-    const synth_options *o  = s->options;
-    oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
+    const synth_options *o = s->options;
+    oxl_result rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
     if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
     if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
     s->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *s->depth);
-    s->fish  = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
-    return rc == OXL_OK && s->depth && s->fish ? OXL_OK : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
+    s->fish = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
+    return rc == OXL_OK && s->depth && s->fish
+               ? OXL_OK
+               : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");
 }
 
 static oxl_result synth_views(struct synth_run *s)
 {
-    const synth_options *o  = s->options;
-    oxl_result           rc = synth_make_images(s);
+    const synth_options *o = s->options;
+    oxl_result rc = synth_make_images(s);
     for (int i = 0; i < o->views && rc == OXL_OK; i++) {
         rc = synth_view(s, i);
         if (rc == OXL_OK && o->progress && o->progress(o->user, "images", i + 1, o->views))
@@ -258,7 +282,7 @@ static oxl_result synth_views(struct synth_run *s)
     return rc;
 }
 
-/* ---------------------------------------------------------------- the run */
+/* ---------------- the run */
 
 static int synth_has_folder(const struct synth_run *s, const char *folder)
 {
@@ -270,19 +294,22 @@ static int synth_has_folder(const struct synth_run *s, const char *folder)
 /* Poses and images without truth/ are no synthetic survey: they are not overwritten. */
 static oxl_result synth_refuse_survey(struct synth_run *s)
 {
-    if (synth_has_folder(s, "truth") || !(synth_has_folder(s, "images") || synth_has_folder(s, "sparse"))) return OXL_OK;
-    return oxl_fail(s->ctx, OXL_ERR_USAGE,
-                    "%s: a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o",
-                    s->options->out);
+    if (synth_has_folder(s, "truth") || !(synth_has_folder(s, "images") || synth_has_folder(s, "sparse")))
+        return OXL_OK;
+    return oxl_fail(
+        s->ctx, OXL_ERR_USAGE,
+        "%s: a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o",
+        s->options->out);
 }
 
 static oxl_result synth_make_folders(struct synth_run *s)
 {
-    static const char *const folders[] = {"truth",       "sparse/0",    "images",     "truth/clean",
-                                          "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_refuse_survey */
-    const int                count     = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
-    char                     path[1024];
-    oxl_result               rc = OXL_OK;
+    static const char *const folders[] = {
+        "truth",       "sparse/0",    "images",     "truth/clean",
+        "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_refuse_survey */
+    const int count = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
+    char path[1024];
+    oxl_result rc = OXL_OK;
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
@@ -302,16 +329,19 @@ static oxl_result synth_make_points(struct synth_run *s)
 
 static oxl_result synth_make(struct synth_run *s)
 {
-    const synth_options   *o     = s->options;
-    const enum synth_scene scene = o->scene ? (enum synth_scene)o->scene : o->path == SYNTH_ROV ? SYNTH_RIDGE : SYNTH_REEF;
-    oxl_result             rc    = synth_check(s->ctx, o);
+    const synth_options *o = s->options;
+    const enum synth_scene scene = o->scene               ? (enum synth_scene)o->scene
+                                   : o->path == SYNTH_ROV ? SYNTH_RIDGE
+                                                          : SYNTH_REEF;
+    oxl_result rc = synth_check(s->ctx, o);
     if (rc == OXL_OK) rc = synth_refuse_survey(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
     if (rc != OXL_OK) return rc;
     s->water = synth_waters[o->water];
     if (!synth_trajectory_create(o, &s->trajectory) ||
         !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, scene, &s->world))
-        return oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
+        return oxl_fail(s->ctx, OXL_ERR_MEMORY,
+                        "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
     if (rc == OXL_OK && o->write_images) rc = synth_views(s);
@@ -321,7 +351,7 @@ static oxl_result synth_make(struct synth_run *s)
 oxl_result synth_run(oxl_context *ctx, const synth_options *options)
 {
     struct synth_run s = {.ctx = ctx, .options = options};
-    oxl_result       rc;
+    oxl_result rc;
 #ifdef _OPENMP
     const int threads = omp_get_max_threads();
     if (options->threads > 0) omp_set_num_threads(options->threads);

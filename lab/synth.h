@@ -21,7 +21,7 @@
 
 #define SYNTH_FAR 40.0 /* metres: beyond this there is only water */
 
-/* ---------------------------------------------------------------- synth_world.c */
+/* ---------------- synth_world.c */
 
 enum synth_material {
     SYNTH_SAND,
@@ -36,57 +36,57 @@ enum synth_material {
 };
 
 struct synth_limb { /* a cone with round ends */
-    v3     a, axis; /* from one end to the other */
+    v3 a, axis;     /* from one end to the other */
     double radius_a, radius_b;
     double per_square; /* 1 / |axis|^2 */
 };
 
 struct synth_shape { /* a smooth union of limbs, within the unit sphere */
-    int               limb_count;
+    int limb_count;
     struct synth_limb limb[26];
-    double            blend; /* width of the smooth minimum */
+    double blend; /* width of the smooth minimum */
 };
 
 struct synth_object {
-    v3                  centre;
-    double              radius; /* of the sphere that holds it */
-    double              yaw_cos, yaw_sin;
-    v3                  axes; /* half axes of stones and boxes, metres */
+    v3 centre;
+    double radius; /* of the sphere that holds it */
+    double yaw_cos, yaw_sin;
+    v3 axes; /* half axes of stones and boxes, metres */
     enum synth_material material;
-    int                 shape; /* index in synth_world.shape, or one of the two below */
-    uint32_t            seed;
+    int shape; /* index in synth_world.shape, or one of the two below */
+    uint32_t seed;
 };
 enum { SYNTH_STONE = -1, SYNTH_BOX = -2, SYNTH_SHAPES = 12 };
 
 struct synth_near { /* an object's sphere, side by side with its neighbours' in memory */
-    float    x, y, z, radius;
+    float x, y, z, radius;
     uint32_t object;
 };
 
 struct synth_world {
-    uint32_t          seed;
-    enum synth_scene  scene;
-    v3                wreck;   /* its centre, at the height of its deck */
-    v3                turn[3]; /* world to wreck, rows */
-    struct synth_limb mast;    /* in the wreck's frame */
-    double            top;     /* maximum height, metres */
-    v3                sun;     /* unit, towards it */
+    uint32_t seed;
+    enum synth_scene scene;
+    v3 wreck;               /* its centre, at the height of its deck */
+    v3 turn[3];             /* world to wreck, rows */
+    struct synth_limb mast; /* in the wreck's frame */
+    double top;             /* maximum height, metres */
+    v3 sun;                 /* unit, towards it */
 
     double half, step; /* the world is a square, |x|, |y| <= half; spacing of the baked heights; metres */
-    int    side;       /* samples */
+    int side;          /* samples */
     float *height;     /* (side,side) metres */
 
-    struct synth_shape   shape[SYNTH_SHAPES];
+    struct synth_shape shape[SYNTH_SHAPES];
     struct synth_object *object;
-    size_t               object_count;
-    int                  cells;      /* a side, of SYNTH_CELL metres */
-    uint32_t            *cell_first; /* (cells cells + 1) into near */
-    struct synth_near   *near;       /* objects that come near each cell */
-    float               *ceiling;    /* (cells,cells) metres: no object within 1 m of the cell is higher */
+    size_t object_count;
+    int cells;               /* a side, of SYNTH_CELL metres */
+    uint32_t *cell_first;    /* (cells cells + 1) into near */
+    struct synth_near *near; /* objects that come near each cell */
+    float *ceiling;          /* (cells,cells) metres: no object within 1 m of the cell is higher */
 };
 
 struct synth_surface { /* what is nearest to a point */
-    enum synth_material        material;
+    enum synth_material material;
     const struct synth_object *object; /* NULL: ground or wreck */
 };
 
@@ -94,139 +94,149 @@ struct synth_surface { /* what is nearest to a point */
 int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
 extern const char *const synth_scenes[3];
 /* Of options.scene; NULL: of the path. -1: it is not known. */
-int                      synth_scene_of(const synth_options *options);
-void                     synth_world_free(struct synth_world *world);
-double                   synth_ground(const struct synth_world *world, double x, double y); /* height, metres, without objects */
+int synth_scene_of(const synth_options *options);
+void synth_world_free(struct synth_world *world);
+/* height, metres, without objects */
+double synth_ground(const struct synth_world *world, double x, double y);
 /* Metres that a ray may safely go from p; negative inside. surface may be NULL. */
-double                   synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
-v3                       synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
+double synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
+v3 synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
 
-/* ---------------------------------------------------------------- synth_shade.c */
+/* ---------------- synth_shade.c */
 
 /* Range to the first surface along a unit direction, or -1 when there is none before `far`. */
 double synth_cast(const struct synth_world *world, v3 from, v3 direction, double far);
 /* Outward normal at a surface point; waves finer than the footprint (metres) are left out. */
-v3     synth_normal(const struct synth_world *world, v3 p, double footprint);
+v3 synth_normal(const struct synth_world *world, v3 p, double footprint);
 /* Display colour 0..1 of a surface point in clear water. */
-v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
-/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: fraction of the sky that it sees. */
-v3     synth_light(v3 albedo, v3 normal, double sun, double open);
+v3 synth_shade(const struct synth_world *world, v3 p, double footprint);
+/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: fraction of the sky
+ * that it sees. */
+v3 synth_light(v3 albedo, v3 normal, double sun, double open);
 
-/* ---------------------------------------------------------------- synth_trajectory.c */
+/* ---------------- synth_trajectory.c */
 
 struct synth_camera { /* x_c = rotation (x_w - centre); COLMAP's axes */
-    v3     centre;
-    v3     rotation[3]; /* rows: right, down, ahead */
-    double f, cx, cy;   /* px */
-    int    width, height;
+    v3 centre;
+    v3 rotation[3];   /* rows: right, down, ahead */
+    double f, cx, cy; /* px */
+    int width, height;
 };
 
 struct synth_trajectory {
     struct synth_camera *camera; /* (count) */
-    int                  count;
-    double               half;  /* the ground in view lies within |x|, |y| <= half, metres */
-    double               reach; /* farthest ground point in view, horizontally from its camera, metres */
-    v3                   wreck; /* where it should lie; z is not used */
+    int count;
+    double half;  /* the ground in view lies within |x|, |y| <= half, metres */
+    double reach; /* farthest ground point in view, horizontally from its camera, metres */
+    v3 wreck;     /* where it should lie; z is not used */
 };
 
 /* Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground. 0: out of memory. */
-int  synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
+int synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
 void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
-v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
+v3 synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Pixel and camera z of a world point; 0 when it lies behind. */
-int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
+int synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
 
-/* ---------------------------------------------------------------- synth_fish.c */
+/* ---------------- synth_fish.c */
 
 enum { SYNTH_FISH_MAX = 100 }; /* per image */
 
 struct synth_fish {
-    v3       at, ahead, side, up; /* metres; unit vectors */
-    double   length, beat;        /* metres; angle of its tail */
+    v3 at, ahead, side, up; /* metres; unit vectors */
+    double length, beat;    /* metres; angle of its tail */
     uint32_t seed;
 };
 /* Those that a view may see: out has room for 3 x options.fish. Returns how many. */
-int    synth_fish_near(const synth_options *options, const struct synth_world *world, const struct synth_trajectory *trajectory,
-                       int view, struct synth_fish *out);
-/* Range to the first of them along a unit direction, or -1 when there is none before `far`; *colour is its display colour. */
-double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from, v3 direction,
-                       double far, v3 *colour);
+int synth_fish_near(const synth_options *options, const struct synth_world *world,
+                    const struct synth_trajectory *trajectory, int view, struct synth_fish *out);
+/* Range to the first of them along a unit direction, or -1 when there is none before `far`; *colour is its
+ * display colour. */
+double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from,
+                       v3 direction, double far, v3 *colour);
 
-/* ---------------------------------------------------------------- synth_light.c: water, exposure, lamp */
+/* ---------------- synth_light.c: water, exposure, lamp */
 
 #define SYNTH_SCATTER 1.2 /* the veil builds up so many times as fast as the direct light fades */
-struct synth_water {      /* I = J exp(-direct z) + veil (1 - exp(-SYNTH_SCATTER direct z)), z: range in metres; display values */
+/* I = J exp(-direct z) + veil (1 - exp(-SYNTH_SCATTER direct z)), z: range in metres; display values */
+struct synth_water {
     const char *name;
-    v3          direct, veil; /* per metre, 0..1 */
+    v3 direct, veil; /* per metre, 0..1 */
 };
 v3 synth_through_water(const struct synth_water *water, v3 colour, double range);
 
-v3     synth_gain(const synth_options *options, int view);                  /* what an image is multiplied by */
-double synth_lamp_falloff(const synth_options *options, double range);      /* what J is multiplied by; range in metres */
-double synth_lamp_radial(const synth_options *options, double x, double y); /* what a pixel is multiplied by */
-/* What the water between camera and surface throws back of the lamp's light, before that gain; range in metres. */
-double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y, double range);
+/* what an image is multiplied by */
+v3 synth_gain(const synth_options *options, int view);
+/* what J is multiplied by; range in metres */
+double synth_lamp_falloff(const synth_options *options, double range);
+/* what a pixel is multiplied by */
+double synth_lamp_radial(const synth_options *options, double x, double y);
+/* What the water between camera and surface throws back of the lamp's light, before that gain; range in
+ * metres. */
+double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y,
+                              double range);
 
-/* ---------------------------------------------------------------- synth_points.c */
+/* ---------------- synth_points.c */
 
 struct synth_observation {
     uint32_t view;
-    float    x, y;  /* px, multiples of 1/1000 as far as float goes */
+    float x, y;     /* px, multiples of 1/1000 as far as float goes */
     uint32_t index; /* POINT2D_IDX */
 };
 
 struct synth_point {
-    v3       position;
+    v3 position;
     uint64_t first; /* observation */
-    float    error; /* mean reprojection error, px */
+    float error;    /* mean reprojection error, px */
     uint16_t count;
     uint16_t sum[3]; /* of colours, one from each observation */
-    uint8_t  is_outlier;
+    uint8_t is_outlier;
 };
 
 struct synth_points {
-    struct synth_point       *point;
-    size_t                    count;
+    struct synth_point *point;
+    size_t count;
     struct synth_observation *observation; /* by point, then by view */
-    size_t                    observation_count;
-    size_t                   *view_first; /* (views + 1) into by_view */
-    uint32_t                 *by_view;    /* points, by view; observation i of a view is followed by stray keypoints */
-    int                       views;
+    size_t observation_count;
+    size_t *view_first; /* (views + 1) into by_view */
+    uint32_t *by_view;  /* points, by view; observation i of a view is followed by stray keypoints */
+    int views;
 };
 
 struct synth_run;
 /* OXL_ERR_INTERRUPTED, OXL_ERR_MEMORY or OXL_OK. With images (options.write_images) colours stay 0 until
  * synth_points_collect has seen each of them. */
-oxl_result                      synth_points_create(const struct synth_run *run, struct synth_points *out);
-void                            synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
-void                            synth_points_free(struct synth_points *points);
+oxl_result synth_points_create(const struct synth_run *run, struct synth_points *out);
+void synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
+void synth_points_free(struct synth_points *points);
 /* The observation of a point in a view that sees it. */
-const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point, int view);
+const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point,
+                                                     int view);
 /* Keypoints without a point after the k-th observation of a view: 0 or 1. */
-int                             synth_has_stray(uint64_t seed, int view, size_t k);
+int synth_has_stray(uint64_t seed, int view, size_t k);
 
-/* ---------------------------------------------------------------- the run */
+/* ---------------- the run */
 
 struct synth_run {
-    oxl_context            *ctx;
-    const synth_options    *options;
-    struct synth_water      water;
+    oxl_context *ctx;
+    const synth_options *options;
+    struct synth_water water;
     struct synth_trajectory trajectory;
-    struct synth_world      world;
-    struct synth_points     points;
-    oxl_image               clean, image, mask; /* mask: with fish alone */
-    struct synth_fish      *fish;               /* of the view */
-    int                     fish_count;
-    float                  *depth; /* (H,W) camera z, metres; 0: nothing there */
+    struct synth_world world;
+    struct synth_points points;
+    oxl_image clean, image, mask; /* mask: with fish alone */
+    struct synth_fish *fish;      /* of the view */
+    int fish_count;
+    float *depth; /* (H,W) camera z, metres; 0: nothing there */
 };
 
-/* ---------------------------------------------------------------- what is written: synth_export.c, synth_light.c */
+/* ---------------- what is written: synth_export.c, synth_light.c */
 
 /* The truth, and last what makes a survey: one that can be read is whole. */
 oxl_result synth_write_files(const struct synth_run *s);
-void       synth_write_exposure(const struct synth_run *s, struct output *t);
-void       synth_write_lamp(const struct synth_run *s, struct output *t);
+void synth_write_exposure(const struct synth_run *s, struct output *t);
+void synth_write_lamp(const struct synth_run *s, struct output *t);
 
 #endif

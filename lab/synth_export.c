@@ -1,8 +1,8 @@
-/* synth_export.c - the text files of a survey: the poses and points in the layout of COLMAP's documentation ("Output Format"), and the
- * truth in words and numbers.
+/* synth_export.c - the text files of a survey: the poses and points in the layout of COLMAP's documentation
+ * ("Output Format"), and the truth in words and numbers.
  *
- * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways
- * round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
+ * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports.
+ * Invariant: both ways round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
  */
 #include "synth.h"
 
@@ -18,8 +18,8 @@ static uint64_t export_common_divisor(uint64_t a, uint64_t b)
 {
     while (b > 0) {
         const uint64_t rest = a % b;
-        a                   = b;
-        b                   = rest;
+        a = b;
+        b = rest;
     }
     return a;
 }
@@ -27,7 +27,7 @@ static uint64_t export_common_divisor(uint64_t a, uint64_t b)
 static struct synth_ids synth_ids_for(uint64_t count)
 {
     struct synth_ids ids = {.modulus = count + count / 2 + 7};
-    ids.stride           = (uint64_t)(0.381966 * (double)ids.modulus) | 1;
+    ids.stride = (uint64_t)(0.381966 * (double)ids.modulus) | 1;
     while (export_common_divisor(ids.stride, ids.modulus) != 1) ids.stride += 2;
     return ids;
 }
@@ -40,13 +40,13 @@ static unsigned long long synth_id(struct synth_ids ids, uint64_t index)
 /* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
 static void export_quaternion(const double r[9], double q[4])
 {
-    const double t[4]    = {r[0] + r[4] + r[8], r[0] - r[4] - r[8], r[4] - r[0] - r[8], r[8] - r[0] - r[4]};
+    const double t[4] = {r[0] + r[4] + r[8], r[0] - r[4] - r[8], r[4] - r[0] - r[8], r[8] - r[0] - r[4]};
     const double d[4][4] = {{0, r[7] - r[5], r[2] - r[6], r[3] - r[1]},
                             {r[7] - r[5], 0, r[1] + r[3], r[2] + r[6]},
                             {r[2] - r[6], r[1] + r[3], 0, r[5] + r[7]},
                             {r[3] - r[1], r[2] + r[6], r[5] + r[7], 0}};
-    int          most    = 0;
-    double       size;
+    int most = 0;
+    double size;
     for (int i = 1; i < 4; i++)
         if (t[i] > t[most]) most = i;
     size = sqrt(1 + t[most]);
@@ -64,16 +64,17 @@ static double export_mean(const struct synth_points *points, size_t count)
 static void export_cameras(const struct synth_run *s, struct output *t)
 {
     const struct synth_camera *c = &s->trajectory.camera[0];
-    output_add(t,
-               "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-               "# Number of cameras: 1\n%d PINHOLE %d %d %.9f %.9f %.9f %.9f\n",
-               CAMERA_ID, c->width, c->height, c->f, c->f, c->cx, c->cy);
+    output_add(
+        t,
+        "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+        "# Number of cameras: 1\n%d PINHOLE %d %d %.9f %.9f %.9f %.9f\n",
+        CAMERA_ID, c->width, c->height, c->f, c->f, c->cx, c->cy);
 }
 
 static void export_pose(struct output *to, const struct synth_camera *c, const double origin[3])
 {
     const v3 at = v3_add(c->centre, v3_of(origin[0], origin[1], origin[2])), t = v3_turn(c->rotation, at);
-    double   r[9], q[4];
+    double r[9], q[4];
     memcpy(r, c->rotation, sizeof r);
     export_quaternion(r, q);
     for (int i = 0; i < 4; i++) output_add(to, " %.*f", 15, q[i]);
@@ -83,12 +84,13 @@ static void export_pose(struct output *to, const struct synth_camera *c, const d
 static void export_view(const struct synth_run *s, struct output *t, struct synth_ids ids, int view)
 {
     const struct synth_points *points = &s->points;
-    const synth_options       *o      = s->options;
-    const size_t               first  = points->view_first[view];
+    const synth_options *o = s->options;
+    const size_t first = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
-        const uint64_t                  h  = random_bits(o->seed, 300 + k, (uint64_t)view);
-        output_add(t, "%s%.3f %.3f %llu", k ? " " : "", (double)at->x, (double)at->y, synth_id(ids, points->by_view[first + k]));
+        const uint64_t h = random_bits(o->seed, 300 + k, (uint64_t)view);
+        output_add(t, "%s%.3f %.3f %llu", k ? " " : "", (double)at->x, (double)at->y,
+                   synth_id(ids, points->by_view[first + k]));
         if (synth_has_stray(o->seed, view, k))
             output_add(t, " %.3f %.3f -1", random_unit(h) * o->width, random_unit(random_mix(h)) * o->height);
     }
@@ -96,12 +98,13 @@ static void export_view(const struct synth_run *s, struct output *t, struct synt
 
 static void export_images(const struct synth_run *s, struct output *t)
 {
-    const int              count = s->trajectory.count;
+    const int count = s->trajectory.count;
     const struct synth_ids views = synth_ids_for((uint64_t)count), ids = synth_ids_for(s->points.count);
-    output_add(t,
-               "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-               "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images: %d, mean observations per image: %.6f\n",
-               count, export_mean(&s->points, (size_t)count));
+    output_add(
+        t,
+        "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+        "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images: %d, mean observations per image: %.6f\n",
+        count, export_mean(&s->points, (size_t)count));
     for (int i = 0; i < count; i++) {
         char name[32];
         synth_image_name(s->options, i, name);
@@ -116,8 +119,8 @@ static void export_images(const struct synth_run *s, struct output *t)
 static void export_points(const struct synth_run *s, struct output *t)
 {
     const struct synth_points *points = &s->points;
-    const struct synth_ids     views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
-    const double              *origin = s->options->origin;
+    const struct synth_ids views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
+    const double *origin = s->options->origin;
     output_add(t,
                "# 3D point list with one line of data per point:\n"
                "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"
@@ -125,8 +128,8 @@ static void export_points(const struct synth_run *s, struct output *t)
                points->count, export_mean(points, points->count));
     for (size_t i = 0; i < points->count; i++) {
         const struct synth_point *p = &points->point[i];
-        output_add(t, "%llu %.6f %.6f %.6f", synth_id(ids, i), p->position.x + origin[0], p->position.y + origin[1],
-                   p->position.z + origin[2]);
+        output_add(t, "%llu %.6f %.6f %.6f", synth_id(ids, i), p->position.x + origin[0],
+                   p->position.y + origin[1], p->position.z + origin[2]);
         for (int c = 0; c < 3; c++) output_add(t, " %d", (p->sum[c] + p->count / 2) / p->count);
         output_add(t, " %.6f", (double)p->error);
         for (int k = 0; k < p->count; k++) {
@@ -145,7 +148,7 @@ static void export_outliers(const struct synth_run *s, struct output *t)
         if (s->points.point[i].is_outlier) output_add(t, "%llu\n", synth_id(ids, i));
 }
 
-/* ---------------------------------------------------------------- truth in words and numbers */
+/* ---------------- truth in words and numbers */
 
 static void export_triple(struct output *t, const char *name, v3 value)
 {
@@ -154,12 +157,13 @@ static void export_triple(struct output *t, const char *name, v3 value)
 
 static void export_water(const struct synth_run *s, struct output *t)
 {
-    output_add(t,
-               "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-               "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
-               "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
-               "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
-               s->water.name);
+    output_add(
+        t,
+        "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
+        "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
+        "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
+        "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
+        s->water.name);
     export_triple(t, "bD", s->water.direct);
     export_triple(t, "bB", v3_scale(s->water.direct, SYNTH_SCATTER));
     export_triple(t, "Binf", s->water.veil);
@@ -168,25 +172,31 @@ static void export_water(const struct synth_run *s, struct output *t)
 
 static void export_model(const struct synth_run *s, struct output *t)
 {
-    const synth_options     *o       = s->options;
-    const v3                 origin  = v3_of(o->origin[0], o->origin[1], o->origin[2]);
-    static const char *const paths[] = {"lawnmower", "orbit", "forward", "rov"}, *const scenes[] = {"", "reef", "wreck", "ridge"};
-    output_add(t, "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
-                  "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                  "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                  "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                  "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                  "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                  "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                  "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                  "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                  "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+    const synth_options *o = s->options;
+    const v3 origin = v3_of(o->origin[0], o->origin[1], o->origin[2]);
+    static const char *const paths[] = {"lawnmower", "orbit", "forward", "rov"}, *const scenes[] = {
+                                                                                     "", "reef", "wreck",
+                                                                                     "ridge"};
+    output_add(
+        t,
+        "A made-up seabed, found by a made-up camera. Metres; x east, y north, z up.\n\n"
+        "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+        "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+        "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+        "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+        "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+        "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+        "         outlier: off the surface, found by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+        "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+        "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
     if (o->fish > 0)
-        output_add(t, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
-                      "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                      "         black where they are. No points are on them, they throw no shadow.\n\n");
-    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path], scenes[s->world.scene],
-               o->views);
+        output_add(
+            t,
+            "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
+            "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+            "         black where they are. No points are on them, they throw no shadow.\n\n");
+    output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path],
+               scenes[s->world.scene], o->views);
     export_triple(t, "origin", origin);
     export_triple(t, "wreck", v3_add(s->world.wreck, origin));
     export_triple(t, "sun", s->world.sun);
@@ -210,15 +220,16 @@ oxl_result synth_write_files(const struct synth_run *s)
                  {"sparse/0/images.txt", export_images, 1}};
     for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
         struct output t = {0};
-        char          path[1024];
+        char path[1024];
         if (!files[i].is_wanted) continue;
         snprintf(path, sizeof path, "%s/%s", o->out, files[i].name);
         output_open(&t, path);
         files[i].write(s, &t);
         if (!output_close(&t))
-            return oxl_fail(s->ctx, OXL_ERR_IO,
-                            "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
-                            path);
+            return oxl_fail(
+                s->ctx, OXL_ERR_IO,
+                "synth: cannot write %s\nfix: choose a folder that you may write to, on a disk with free space",
+                path);
     }
     return OXL_OK;
 }

@@ -1,8 +1,8 @@
 /* synth_math.h - vectors and noise for the synthetic survey.
  *
- * Noise is Perlin's gradient noise (Perlin 2002: quintic interpolation) on a hashed lattice; it needs no tables that a seed
- * would have to shuffle. Invariant: every value is a pure function of its arguments, so pixels and points may be computed in
- * any order, by any number of threads.
+ * Noise is Perlin's gradient noise (Perlin 2002: quintic interpolation) on a hashed lattice; it needs no
+ * tables that a seed would have to shuffle. Invariant: every value is a pure function of its arguments, so
+ * pixels and points may be computed in any order, by any number of threads.
  */
 #ifndef SYNTH_MATH_H
 #define SYNTH_MATH_H
@@ -94,13 +94,13 @@ static inline double synth_random_normal(uint64_t bits)
     return radius * cos(2 * SYNTH_PI * random_unit(random_mix(bits)));
 }
 
-/* ---------------------------------------------------------------- noise */
+/* ---------------- noise */
 
 static inline uint32_t synth_lattice(uint32_t seed, int x, int y, int z)
 {
     uint32_t h = seed ^ (uint32_t)x * 0x27d4eb2du ^ (uint32_t)y * 0x165667b1u ^ (uint32_t)z * 0x9e3779b1u;
-    h          = (h ^ (h >> 15)) * 0x2c1b3c6du;
-    h          = (h ^ (h >> 12)) * 0x297a2d39u;
+    h = (h ^ (h >> 15)) * 0x2c1b3c6du;
+    h = (h ^ (h >> 12)) * 0x297a2d39u;
     return h ^ (h >> 15);
 }
 static inline int synth_floor(double x) /* without a call */
@@ -126,7 +126,7 @@ static inline double synth_corner2(uint32_t h, double x, double y)
 /* About -1..1, wavelength 1. */
 static inline double synth_noise2(uint32_t seed, double x, double y)
 {
-    const int    ix = synth_floor(x), iy = synth_floor(y);
+    const int ix = synth_floor(x), iy = synth_floor(y);
     const double fx = x - ix, fy = y - iy, u = synth_fade(fx), v = synth_fade(fy);
     const double a = synth_corner2(synth_lattice(seed, ix, iy, 0), fx, fy);
     const double b = synth_corner2(synth_lattice(seed, ix + 1, iy, 0), fx - 1, fy);
@@ -139,21 +139,21 @@ static inline double synth_noise2(uint32_t seed, double x, double y)
 static inline double synth_corner3(uint32_t h, double x, double y, double z)
 {
     const uint32_t k = h & 15;
-    const double   u = k < 8 ? x : y, v = k < 4 ? y : k == 12 || k == 14 ? x : z;
+    const double u = k < 8 ? x : y, v = k < 4 ? y : k == 12 || k == 14 ? x : z;
     return (k & 1 ? -u : u) + (k & 2 ? -v : v);
 }
 static inline double synth_noise3(uint32_t seed, v3 p)
 {
-    const int    x = synth_floor(p.x), y = synth_floor(p.y), z = synth_floor(p.z);
+    const int x = synth_floor(p.x), y = synth_floor(p.y), z = synth_floor(p.z);
     const double fx = p.x - x, fy = p.y - y, fz = p.z - z;
     const double u = synth_fade(fx), v = synth_fade(fy), w = synth_fade(fz);
-    double       plane[2];
+    double plane[2];
     for (int k = 0; k < 2; k++) {
         const double a = synth_corner3(synth_lattice(seed, x, y, z + k), fx, fy, fz - k);
         const double b = synth_corner3(synth_lattice(seed, x + 1, y, z + k), fx - 1, fy, fz - k);
         const double c = synth_corner3(synth_lattice(seed, x, y + 1, z + k), fx, fy - 1, fz - k);
         const double d = synth_corner3(synth_lattice(seed, x + 1, y + 1, z + k), fx - 1, fy - 1, fz - k);
-        plane[k]       = synth_lerp(synth_lerp(a, b, u), synth_lerp(c, d, u), v);
+        plane[k] = synth_lerp(synth_lerp(a, b, u), synth_lerp(c, d, u), v);
     }
     return synth_lerp(plane[0], plane[1], w);
 }
@@ -164,27 +164,32 @@ static inline double synth_visible_fraction(double wavelength, double footprint)
     return synth_clamp(0.5 * wavelength / footprint - 1, 0, 1);
 }
 
-/* Sums of octaves from `wavelength` (metres) down to `finest`, each `gain` times the one before; octaves finer than the pixel
- * (footprint, metres) fade out instead of flickering. The turn by 37 degrees keeps lattices from lining up. solid: 0 in a plane. */
-static inline double synth_fbm(int solid, uint32_t seed, v3 p, double wavelength, double finest, double gain, double footprint)
+/* Sums of octaves from `wavelength` (metres) down to `finest`, each `gain` times the one before; octaves
+ * finer than the pixel
+ * (footprint, metres) fade out instead of flickering. The turn by 37 degrees keeps lattices from lining up.
+ * solid: 0 in a plane. */
+static inline double synth_fbm(int solid, uint32_t seed, v3 p, double wavelength, double finest, double gain,
+                               double footprint)
 {
     double sum = 0, amplitude = 1;
     for (double w = wavelength; w >= finest; w *= 0.47) {
         const double fraction = synth_visible_fraction(w, footprint);
         if (fraction <= 0) break;
-        sum += amplitude * fraction * (solid ? synth_noise3(seed, v3_scale(p, 1 / w)) : synth_noise2(seed, p.x / w, p.y / w));
+        sum += amplitude * fraction *
+               (solid ? synth_noise3(seed, v3_scale(p, 1 / w)) : synth_noise2(seed, p.x / w, p.y / w));
         p = v3_of(0.8 * p.x - 0.6 * p.y, 0.6 * p.x + 0.8 * p.y, p.z + 0.37 * w);
         amplitude *= gain;
         seed++;
     }
     return sum;
 }
-static inline double synth_fbm2(uint32_t seed, double x, double y, double wavelength, double finest, double gain,
-                                double footprint)
+static inline double synth_fbm2(uint32_t seed, double x, double y, double wavelength, double finest,
+                                double gain, double footprint)
 {
     return synth_fbm(0, seed, v3_of(x, y, 0), wavelength, finest, gain, footprint);
 }
-static inline double synth_fbm3(uint32_t seed, v3 p, double wavelength, double finest, double gain, double footprint)
+static inline double synth_fbm3(uint32_t seed, v3 p, double wavelength, double finest, double gain,
+                                double footprint)
 {
     return synth_fbm(1, seed, p, wavelength, finest, gain, footprint);
 }

@@ -1,9 +1,10 @@
 /* synth_trajectory.c - camera paths.
  *
- * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 % along a row and rows
- * by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at it. Position, height and angles are
- * perturbed. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back over
- * the slope; near and far lie 1 : 10 and more apart in a view. forward: one straight line, 2 m over the ground, looking ahead and
+ * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 %
+ * along a row and rows by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at
+ * it. Position, height and angles are perturbed. rov: three legs along the ridge, low and forward-looking: at
+ * the foot of the wall, along the crest, and back over the slope; near and far lie 1 : 10 and more apart in a
+ * view. forward: one straight line, 2 m over the ground, looking ahead and
  * 35 degrees down, as a vehicle does.
  */
 #include "synth.h"
@@ -11,15 +12,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define ALTITUDE       3.0  /* metres over the ground */
-#define FOCAL_FRACTION 0.8  /* f / width: 64 degrees across */
-#define STEP_FORWARD   0.25 /* of an image's height on the ground: 75 % overlap */
-#define STEP_SIDEWAYS  0.40 /* of its width: 60 % */
-#define TILT           8.0  /* degrees ahead of straight down */
-#define MARGIN         3.0  /* metres of ground around what is in view */
-#define FORWARD_HEIGHT 2.0  /* metres over the ground */
-#define FORWARD_STEP   0.35 /* metres between images */
-#define FORWARD_PITCH  35.0 /* degrees below the horizon */
+#define ALTITUDE 3.0       /* metres over the ground */
+#define FOCAL_FRACTION 0.8 /* f / width: 64 degrees across */
+#define STEP_FORWARD 0.25  /* of an image's height on the ground: 75 % overlap */
+#define STEP_SIDEWAYS 0.40 /* of its width: 60 % */
+#define TILT 8.0           /* degrees ahead of straight down */
+#define MARGIN 3.0         /* metres of ground around what is in view */
+#define FORWARD_HEIGHT 2.0 /* metres over the ground */
+#define FORWARD_STEP 0.35  /* metres between images */
+#define FORWARD_PITCH 35.0 /* degrees below the horizon */
 
 static const double degree = SYNTH_PI / 180;
 
@@ -38,37 +39,44 @@ static void trajectory_aim(struct synth_camera *c, v3 forward, v3 up, double rol
     c->rotation[2] = z;
 }
 
-/* The leg of so many, flown one after the other, that a view lies on, and its place on it: -1/2 at its beginning, 1/2 at its end. */
+/* The leg of so many, flown one after the other, that a view lies on, and its place on it: -1/2 at its
+ * beginning, 1/2 at its end. */
 static int trajectory_leg(const synth_options *o, int legs, int view, double *along)
 {
     const int64_t views = o->views;
-    const int     leg   = (int)(view * (int64_t)legs / views);
-    const int     first = (int)((leg * views + legs - 1) / legs), after = (int)(((leg + 1) * views + legs - 1) / legs);
+    const int leg = (int)(view * (int64_t)legs / views);
+    const int first = (int)((leg * views + legs - 1) / legs),
+              after = (int)(((leg + 1) * views + legs - 1) / legs);
     *along = after - first > 1 ? (double)(view - first) / (after - first - 1) - 0.5 : 0;
     return leg;
 }
 
-/* Flies along `level`, horizontal, and looks down from it by the angle whose cosine and sine are given; turns by roll. */
-static void trajectory_look(const synth_options *o, int view, v3 level, double along, double down, v3 up, struct synth_camera *c)
+/* Flies along `level`, horizontal, and looks down from it by the angle whose cosine and sine are given; turns
+ * by roll. */
+static void trajectory_look(const synth_options *o, int view, v3 level, double along, double down, v3 up,
+                            struct synth_camera *c)
 {
-    trajectory_aim(c, v3_add(v3_scale(level, along), v3_of(0, 0, -down)), up, trajectory_waver(o, view, 5, 2 * degree));
+    trajectory_aim(c, v3_add(v3_scale(level, along), v3_of(0, 0, -down)), up,
+                   trajectory_waver(o, view, 5, 2 * degree));
 }
 
 /* Each of these poses the camera of a view and returns where the wreck should lie. */
 static v3 trajectory_lawnmower(const synth_options *o, int i, struct synth_camera *c)
 {
-    const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_FRACTION * o->width);
-    const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_FRACTION;
-    const int    rows   = (int)synth_max(1, sqrt(o->views * step / apart) + 0.5);
+    const double step = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_FRACTION * o->width);
+    const double apart = STEP_SIDEWAYS * ALTITUDE / FOCAL_FRACTION;
+    const int rows = (int)synth_max(1, sqrt(o->views * step / apart) + 0.5);
     const double length = o->extent > 0 ? o->extent : step * synth_max(1, (double)o->views / rows - 1);
-    const double width  = o->extent > 0 ? o->extent : apart * (rows - 1);
-    double       along;
-    const int    row     = trajectory_leg(o, rows, i, &along);
-    const double across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
-    const double there   = row % 2 ? -1 : 1; /* to and fro */
-    const double heading = trajectory_waver(o, i, 0, 3 * degree), pitch = TILT * degree + trajectory_waver(o, i, 1, 2 * degree);
-    const v3     ahead = v3_of(there * sin(heading), there * cos(heading), 0);
-    c->centre = v3_of(width * across + trajectory_waver(o, i, 2, 0.05), there * length * along + trajectory_waver(o, i, 3, 0.05),
+    const double width = o->extent > 0 ? o->extent : apart * (rows - 1);
+    double along;
+    const int row = trajectory_leg(o, rows, i, &along);
+    const double across = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
+    const double there = row % 2 ? -1 : 1; /* to and fro */
+    const double heading = trajectory_waver(o, i, 0, 3 * degree),
+                 pitch = TILT * degree + trajectory_waver(o, i, 1, 2 * degree);
+    const v3 ahead = v3_of(there * sin(heading), there * cos(heading), 0);
+    c->centre = v3_of(width * across + trajectory_waver(o, i, 2, 0.05),
+                      there * length * along + trajectory_waver(o, i, 3, 0.05),
                       ALTITUDE + trajectory_waver(o, i, 4, 0.1));
     trajectory_look(o, i, ahead, sin(pitch), cos(pitch), ahead, c);
     return v3_of(0.18 * width, 0.12 * length, 0);
@@ -77,16 +85,17 @@ static v3 trajectory_lawnmower(const synth_options *o, int i, struct synth_camer
 static v3 trajectory_orbit(const synth_options *o, int i, struct synth_camera *c)
 {
     const double radius = o->extent > 0 ? 0.5 * o->extent : 4.2;
-    const int    rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings, ring = i / first;
-    const double turn   = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
-    const double out    = (ring ? 0.8 : 1) * radius + trajectory_waver(o, i, 0, 0.1);
-    const v3     target = v3_of(trajectory_waver(o, i, 1, 0.15), trajectory_waver(o, i, 2, 0.15), 0.25);
-    c->centre           = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + trajectory_waver(o, i, 3, 0.1));
+    const int rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings, ring = i / first;
+    const double turn = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
+    const double out = (ring ? 0.8 : 1) * radius + trajectory_waver(o, i, 0, 0.1);
+    const v3 target = v3_of(trajectory_waver(o, i, 1, 0.15), trajectory_waver(o, i, 2, 0.15), 0.25);
+    c->centre = v3_of(out * cos(turn), out * sin(turn),
+                      (ring ? 1.15 : 0.8) * radius + trajectory_waver(o, i, 3, 0.1));
     trajectory_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), trajectory_waver(o, i, 4, 2 * degree));
     return v3_of(0, 0, 0);
 }
 
-#define ROV_STEP  0.4  /* metres from image to image */
+#define ROV_STEP 0.4   /* metres from image to image */
 #define ROV_RANGE 16.0 /* metres: farther objects are invisible in coastal water */
 #define CLEARANCE 0.5  /* metres over the ground around, at least */
 
@@ -99,22 +108,25 @@ enum { PATH_LEGS = sizeof path_legs / sizeof *path_legs };
 
 static v3 trajectory_rov(const synth_options *o, int i, struct synth_camera *c)
 {
-    const double           length = o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
-    double                 along;
-    const struct path_leg *leg  = &path_legs[trajectory_leg(o, PATH_LEGS, i, &along)];
-    const double           turn = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree;
-    const double           down = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
-    c->centre = v3_of(leg->x + trajectory_waver(o, i, 2, 0.15), leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
+    const double length =
+        o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
+    double along;
+    const struct path_leg *leg = &path_legs[trajectory_leg(o, PATH_LEGS, i, &along)];
+    const double turn = (leg->towards + trajectory_waver(o, i, 0, 5)) * degree;
+    const double down = (leg->down + trajectory_waver(o, i, 1, 4)) * degree;
+    c->centre = v3_of(leg->x + trajectory_waver(o, i, 2, 0.15),
+                      leg->course * length * along + trajectory_waver(o, i, 3, 0.08),
                       leg->altitude + trajectory_waver(o, i, 4, 0.12));
-    trajectory_look(o, i, v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0), cos(down), sin(down), v3_of(0, 0, 1), c);
+    trajectory_look(o, i, v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0), cos(down), sin(down),
+                    v3_of(0, 0, 1), c);
     return v3_of(7.5, 0.2 * length, 0);
 }
 
 static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera *c)
 {
-    const double length  = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
+    const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
     const double heading = trajectory_waver(o, i, 0, 3 * degree),
-                 pitch   = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
+                 pitch = FORWARD_PITCH * degree + trajectory_waver(o, i, 1, 2 * degree);
     double along;
     trajectory_leg(o, 1, i, &along);
     c->centre = v3_of(trajectory_waver(o, i, 2, 0.15), length * along + trajectory_waver(o, i, 3, 0.03),
@@ -123,17 +135,18 @@ static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera 
     return v3_of(1.5, 0.1 * length, 0);
 }
 
-/* Where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world, metres. */
+/* Where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world,
+ * metres. */
 static void trajectory_measure(struct synth_trajectory *trajectory, double reach)
 {
     for (int i = 0; i < trajectory->count; i++) {
         const struct synth_camera *c = &trajectory->camera[i];
         for (int k = 0; k < 4; k++) {
-            const v3     ray   = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
+            const v3 ray = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
             const double range = ray.z < 0 ? synth_min(reach, (c->centre.z + 0.5) / -ray.z) : reach;
-            const v3     hit   = v3_along(c->centre, ray, range);
-            trajectory->reach  = synth_max(trajectory->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
-            trajectory->half   = synth_max(trajectory->half, synth_max(fabs(hit.x), fabs(hit.y)));
+            const v3 hit = v3_along(c->centre, ray, range);
+            trajectory->reach = synth_max(trajectory->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
+            trajectory->half = synth_max(trajectory->half, synth_max(fabs(hit.x), fabs(hit.y)));
         }
     }
     trajectory->half += MARGIN;
@@ -143,8 +156,8 @@ static void trajectory_measure(struct synth_trajectory *trajectory, double reach
 static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
 {
     for (int i = trajectory->count - 1; i >= 0; i--) {
-        const struct synth_camera c  = trajectory->camera[i / 2];
-        trajectory->camera[i]        = c;
+        const struct synth_camera c = trajectory->camera[i / 2];
+        trajectory->camera[i] = c;
         trajectory->camera[i].centre = v3_along(c.centre, c.rotation[0], (i % 2 ? 0.5 : -0.5) * apart);
     }
 }
@@ -160,14 +173,14 @@ static const struct trajectory_path { /* by enum synth_path */
 int synth_trajectory_create(const synth_options *o, struct synth_trajectory *trajectory)
 {
     const struct trajectory_path *path = &trajectory_paths[o->path];
-    synth_options                 rig  = *o;
-    *trajectory                        = (struct synth_trajectory){.count = o->views};
-    trajectory->camera                 = calloc((size_t)o->views, sizeof *trajectory->camera);
+    synth_options rig = *o;
+    *trajectory = (struct synth_trajectory){.count = o->views};
+    trajectory->camera = calloc((size_t)o->views, sizeof *trajectory->camera);
     if (!trajectory->camera) return 0;
     if (o->stereo > 0) rig.views = (o->views + 1) / 2;
     for (int i = 0; i < o->views; i++) {
         struct synth_camera *c = &trajectory->camera[i];
-        *c                     = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
+        *c = (struct synth_camera){.width = o->width, .height = o->height, .f = FOCAL_FRACTION * o->width};
         c->cx = 0.504 * o->width, c->cy = 0.497 * o->height; /* off the middle, as calibration finds it */
         if (i < rig.views) trajectory->wreck = path->fly(&rig, i, c);
     }
@@ -180,7 +193,7 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *w)
 {
     for (int i = 0; i < trajectory->count; i++) {
-        v3    *c   = &trajectory->camera[i].centre;
+        v3 *c = &trajectory->camera[i].centre;
         double sum = 0, top = -1e9;
         for (int k = 0; k < 9; k++) {
             const double ground = synth_ground(w, c->x + k % 3 - 1, c->y + k / 3 - 1);
@@ -199,16 +212,17 @@ void synth_trajectory_free(struct synth_trajectory *trajectory)
 
 v3 synth_pixel_ray(const struct synth_camera *c, double px, double py)
 {
-    const v3 across = v3_scale(c->rotation[0], (px - c->cx) / c->f), down = v3_scale(c->rotation[1], (py - c->cy) / c->f);
+    const v3 across = v3_scale(c->rotation[0], (px - c->cx) / c->f),
+             down = v3_scale(c->rotation[1], (py - c->cy) / c->f);
     return v3_unit(v3_add(v3_add(across, down), c->rotation[2]));
 }
 
 int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, double *z)
 {
     const v3 q = v3_turn(c->rotation, v3_sub(p, c->centre));
-    *z         = q.z;
-    *px        = c->cx + c->f * q.x / q.z;
-    *py        = c->cy + c->f * q.y / q.z;
+    *z = q.z;
+    *px = c->cx + c->f * q.x / q.z;
+    *py = c->cy + c->f * q.y / q.z;
     return q.z >= 1e-3;
 }
 

@@ -1,11 +1,12 @@
 /* synth_world.c - geometry: seabed, rocks, corals, starfish, a wreck, as one distance function.
  *
- * The ground is a height field: swell, reef patches and sand ripples, baked once and read back through a cubic B-spline, whose
- * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and smooth
- * unions of limbs. A grid of cells lists what comes near each.
+ * The ground is a height field: swell, reef patches and sand ripples, baked once and read back through a
+ * cubic B-spline, whose slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing):
+ * displaced ellipsoids, boxes, and smooth unions of limbs. A grid of cells lists what comes near each.
  *
- * Invariant: synth_distance is never larger than the distance to an object: what a cell does not list is at least SYNTH_NEAR
- * away from the whole cell. For the ground it is an estimate; a ray that steps below a steep slope steps back.
+ * Invariant: synth_distance is never larger than the distance to an object: what a cell does not list is at
+ * least SYNTH_NEAR away from the whole cell. For the ground it is an estimate; a ray that steps below a steep
+ * slope steps back.
  */
 #include "synth.h"
 
@@ -13,21 +14,23 @@
 
 #define SYNTH_CELL 0.5  /* metres */
 #define SYNTH_NEAR 0.25 /* metres: the largest distance that shading uses */
-#define TALLEST    1.3  /* metres: maximum height over the ground */
+#define TALLEST 1.3     /* metres: maximum height over the ground */
 #define BAKED_STEP 0.02 /* metres, at most MAX_BAKED samples */
-#define MAX_BAKED  48e6
+#define MAX_BAKED 48e6
 
-/* ---------------------------------------------------------------- the ground */
+/* ---------------- the ground */
 
-#define BARREN        0.2 /* of the things that lie on sand elsewhere lie on that of the scene `wreck` */
-#define WRECK_GROWTH  2.6 /* metres from the wreck's centre where growth begins to thin out, in the scene `wreck` */
-#define WRECK_BARREN  4.2 /* and where it ends */
-#define RIDGE_HEIGHT  2.6 /* metres, in the scene `ridge` */
-#define RIDGE_WALL    2.8 /* metres across its steep side */
-#define RIDGE_SLOPE   9.0 /* and across its gentle side */
+#define BARREN 0.2 /* of the things that lie on sand elsewhere lie on that of the scene `wreck` */
+/* metres from the wreck's centre where growth begins to thin out, in the scene `wreck` */
+#define WRECK_GROWTH 2.6
+#define WRECK_BARREN 4.2  /* and where it ends */
+#define RIDGE_HEIGHT 2.6  /* metres, in the scene `ridge` */
+#define RIDGE_WALL 2.8    /* metres across its steep side */
+#define RIDGE_SLOPE 9.0   /* and across its gentle side */
 #define RIDGE_MEANDER 1.2 /* metres that its crest wanders to either side */
 
-/* Position of x relative to the ridge, whose crest runs along y: metres from the crest, the wall's side negative. */
+/* Position of x relative to the ridge, whose crest runs along y: metres from the crest, the wall's side
+ * negative. */
 static double world_across(const struct synth_world *w, double x, double y)
 {
     return x - RIDGE_MEANDER * synth_noise2(w->seed + 80, 0.5, y / 6);
@@ -35,7 +38,7 @@ static double world_across(const struct synth_world *w, double x, double y)
 
 static double world_ridge(const struct synth_world *w, double x, double y)
 {
-    const double u      = world_across(w, x, y);
+    const double u = world_across(w, x, y);
     const double height = RIDGE_HEIGHT * (0.8 + 0.3 * synth_noise2(w->seed + 81, 0.5, y / 4));
     return height * (u < 0 ? synth_step(-RIDGE_WALL, 0, u) : synth_step(RIDGE_SLOPE, 0, u));
 }
@@ -43,19 +46,23 @@ static double world_ridge(const struct synth_world *w, double x, double y)
 /* 0 on sand, 1 on the reef. */
 static double world_reef(const struct synth_world *w, double x, double y)
 {
-    const double warp  = 0.8 * synth_noise2(w->seed + 40, x / 1.7, y / 1.7);
-    const double patch = synth_step(0.02, 0.5, synth_fbm2(w->seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
-    const double u     = world_across(w, x, y);
-    if (w->scene == SYNTH_WRECK) return synth_step(WRECK_BARREN, WRECK_GROWTH, hypot(x - w->wreck.x, y - w->wreck.y));
+    const double warp = 0.8 * synth_noise2(w->seed + 40, x / 1.7, y / 1.7);
+    const double patch =
+        synth_step(0.02, 0.5, synth_fbm2(w->seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
+    const double u = world_across(w, x, y);
+    if (w->scene == SYNTH_WRECK)
+        return synth_step(WRECK_BARREN, WRECK_GROWTH, hypot(x - w->wreck.x, y - w->wreck.y));
     if (w->scene == SYNTH_RIDGE)
-        return synth_max(patch * (u > 0), synth_step(-RIDGE_WALL, -0.6 * RIDGE_WALL, u) * synth_step(1.5, 0.5, u));
+        return synth_max(patch * (u > 0),
+                         synth_step(-RIDGE_WALL, -0.6 * RIDGE_WALL, u) * synth_step(1.5, 0.5, u));
     return patch;
 }
 
 /* Crests of sand, 28 cm apart, that bend and fade in patches. */
 static double world_ripples(uint32_t seed, double x, double y)
 {
-    const double bend = 2.2 * synth_noise2(seed + 50, x / 1.3, y / 1.3) + 0.7 * synth_noise2(seed + 51, x / 0.45, y / 0.45);
+    const double bend =
+        2.2 * synth_noise2(seed + 50, x / 1.3, y / 1.3) + 0.7 * synth_noise2(seed + 51, x / 0.45, y / 0.45);
     const double size = synth_step(-0.5, 0.5, synth_noise2(seed + 52, x / 2.3, y / 2.3));
     const double wave = sin((0.83 * x + 0.56 * y) * (2 * SYNTH_PI / 0.28) + bend);
     return (0.005 + 0.012 * size) * (1 - fabs(wave)) * 1.6;
@@ -63,13 +70,14 @@ static double world_ripples(uint32_t seed, double x, double y)
 
 static double world_height(const struct synth_world *w, double x, double y)
 {
-    const uint32_t seed  = w->seed;
-    const double   swell = 0.30 * synth_noise2(seed + 30, x / 8, y / 8) + 0.10 * synth_noise2(seed + 31, x / 2.7, y / 2.7);
-    const double   reef  = world_reef(w, x, y);
-    double         rough = 0;
+    const uint32_t seed = w->seed;
+    const double swell =
+        0.30 * synth_noise2(seed + 30, x / 8, y / 8) + 0.10 * synth_noise2(seed + 31, x / 2.7, y / 2.7);
+    const double reef = world_reef(w, x, y);
+    double rough = 0;
     if (reef > 0) {
         const double ridges = 1 - fabs(synth_fbm2(seed + 60, x, y, 1.1, 0.3, 0.5, 1e-3));
-        rough               = 0.42 * ridges * ridges + 0.07 * synth_fbm2(seed + 65, x, y, 0.4, 0.05, 0.55, 1e-3);
+        rough = 0.42 * ridges * ridges + 0.07 * synth_fbm2(seed + 65, x, y, 0.4, 0.05, 0.55, 1e-3);
     }
     return swell + reef * (rough - 0.1) + (1 - reef) * world_ripples(seed, x, y) +
            (w->scene == SYNTH_RIDGE ? world_ridge(w, x, y) : 0);
@@ -77,15 +85,16 @@ static double world_height(const struct synth_world *w, double x, double y)
 
 static int world_bake(struct synth_world *w, double half)
 {
-    w->step   = synth_max(BAKED_STEP, 2 * half / sqrt(MAX_BAKED));
-    w->half   = half;
-    w->side   = (int)(2 * half / w->step) + 2;
+    w->step = synth_max(BAKED_STEP, 2 * half / sqrt(MAX_BAKED));
+    w->half = half;
+    w->side = (int)(2 * half / w->step) + 2;
     w->height = malloc((size_t)w->side * (size_t)w->side * sizeof *w->height);
     if (!w->height) return 0;
 #pragma omp parallel for schedule(dynamic, 16)
     for (int j = 0; j < w->side; j++)
         for (int i = 0; i < w->side; i++)
-            w->height[(size_t)j * (size_t)w->side + (size_t)i] = (float)world_height(w, i * w->step - half, j * w->step - half);
+            w->height[(size_t)j * (size_t)w->side + (size_t)i] =
+                (float)world_height(w, i * w->step - half, j * w->step - half);
     return 1;
 }
 
@@ -93,17 +102,17 @@ static int world_bake(struct synth_world *w, double half)
 static void world_spline(double t, double weight[4])
 {
     const double s = 1 - t;
-    weight[0]      = s * s * s / 6;
-    weight[1]      = (4 - 6 * t * t + 3 * t * t * t) / 6;
-    weight[2]      = (4 - 6 * s * s + 3 * s * s * s) / 6;
-    weight[3]      = t * t * t / 6;
+    weight[0] = s * s * s / 6;
+    weight[1] = (4 - 6 * t * t + 3 * t * t * t) / 6;
+    weight[2] = (4 - 6 * s * s + 3 * s * s * s) / 6;
+    weight[3] = t * t * t / 6;
 }
 
 double synth_ground(const struct synth_world *w, double x, double y)
 {
     const double gx = (x + w->half) / w->step, gy = (y + w->half) / w->step;
-    const int    ix = synth_floor(gx), iy = synth_floor(gy);
-    double       wx[4], wy[4], sum = 0;
+    const int ix = synth_floor(gx), iy = synth_floor(gy);
+    double wx[4], wy[4], sum = 0;
     if (ix < 1 || iy < 1 || ix + 2 >= w->side || iy + 2 >= w->side) return world_height(w, x, y);
     world_spline(gx - ix, wx);
     world_spline(gy - iy, wy);
@@ -114,19 +123,20 @@ double synth_ground(const struct synth_world *w, double x, double y)
     return sum;
 }
 
-/* ---------------------------------------------------------------- distances to simple bodies */
+/* ---------------- distances to simple bodies */
 
 static double world_ellipsoid(v3 p, v3 axes) /* first order: exact at the surface, short elsewhere */
 {
-    const v3     q  = v3_of(p.x / axes.x, p.y / axes.y, p.z / axes.z);
-    const v3     r  = v3_of(q.x / axes.x, q.y / axes.y, q.z / axes.z);
+    const v3 q = v3_of(p.x / axes.x, p.y / axes.y, p.z / axes.z);
+    const v3 r = v3_of(q.x / axes.x, q.y / axes.y, q.z / axes.z);
     const double k0 = v3_length(q), k1 = v3_length(r);
     return k0 < 1e-6 ? -synth_min(axes.x, synth_min(axes.y, axes.z)) : k0 * (k0 - 1) / k1;
 }
 
 static double world_box(v3 p, v3 half, double rounding)
 {
-    const v3 q       = v3_of(fabs(p.x) - half.x + rounding, fabs(p.y) - half.y + rounding, fabs(p.z) - half.z + rounding);
+    const v3 q =
+        v3_of(fabs(p.x) - half.x + rounding, fabs(p.y) - half.y + rounding, fabs(p.z) - half.z + rounding);
     const v3 outside = v3_of(synth_max(q.x, 0), synth_max(q.y, 0), synth_max(q.z, 0));
     return v3_length(outside) + synth_min(synth_max(q.x, synth_max(q.y, q.z)), 0) - rounding;
 }
@@ -139,8 +149,8 @@ static struct synth_limb world_make_limb(v3 a, v3 b, double radius_a, double rad
 
 static double world_limb(v3 p, const struct synth_limb *l)
 {
-    const v3     pa = v3_sub(p, l->a);
-    const double t  = synth_clamp(v3_dot(pa, l->axis) * l->per_square, 0, 1);
+    const v3 pa = v3_sub(p, l->a);
+    const double t = synth_clamp(v3_dot(pa, l->axis) * l->per_square, 0, 1);
     return v3_length(v3_along(pa, l->axis, -t)) - synth_lerp(l->radius_a, l->radius_b, t);
 }
 
@@ -158,29 +168,31 @@ static double world_smooth_minimum(double a, double b, double width) /* a smooth
     return synth_min(a, b) - h * h * width * 0.25;
 }
 
-/* ---------------------------------------------------------------- the wreck */
+/* ---------------- the wreck */
 
 static void world_keep_nearest(double *least, double d, enum synth_material *material, enum synth_material of)
 {
     if (d < *least) {
-        *least    = d;
+        *least = d;
         *material = of;
     }
 }
 
-/* A small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. First the hull: a shell with ribs, torn open
- * on one side, half full of silt, and a deck with a hatch. */
+/* A small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. First the hull: a shell with
+ * ribs, torn open on one side, half full of silt, and a deck with a hatch. */
 static double world_hull(v3 p, enum synth_material *material)
 {
-    const v3     stretched = v3_of(p.x - synth_clamp(p.x, -0.9, 0.9), p.y, p.z);
-    const double skin      = world_ellipsoid(stretched, v3_of(1.3, 0.75, 0.7));
-    const double gunwale   = p.z - 0.16 - 0.03 * p.x * p.x;
-    const double tear      = 0.5 - v3_length(v3_of(p.x + 0.1, p.y + 0.8, 1.2 * (p.z + 0.1)));
-    const double rib       = fabs(p.x - 0.36 * synth_floor(p.x / 0.36 + 0.5)) - 0.025;
-    const double deck      = synth_max(world_box(v3_sub(p, v3_of(1.3, 0, 0)), v3_of(0.95, 0.8, 0.022), 0.005), skin + 0.01);
-    double       d         = synth_max(synth_max(fabs(skin) - 0.022, gunwale), tear);
-    *material              = SYNTH_STEEL;
-    world_keep_nearest(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material, SYNTH_STEEL);
+    const v3 stretched = v3_of(p.x - synth_clamp(p.x, -0.9, 0.9), p.y, p.z);
+    const double skin = world_ellipsoid(stretched, v3_of(1.3, 0.75, 0.7));
+    const double gunwale = p.z - 0.16 - 0.03 * p.x * p.x;
+    const double tear = 0.5 - v3_length(v3_of(p.x + 0.1, p.y + 0.8, 1.2 * (p.z + 0.1)));
+    const double rib = fabs(p.x - 0.36 * synth_floor(p.x / 0.36 + 0.5)) - 0.025;
+    const double deck =
+        synth_max(world_box(v3_sub(p, v3_of(1.3, 0, 0)), v3_of(0.95, 0.8, 0.022), 0.005), skin + 0.01);
+    double d = synth_max(synth_max(fabs(skin) - 0.022, gunwale), tear);
+    *material = SYNTH_STEEL;
+    world_keep_nearest(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material,
+                       SYNTH_STEEL);
     world_keep_nearest(&d, synth_max(skin + 0.01, p.z + 0.34 - 0.06 * p.x * p.y), material, SYNTH_SAND);
     if (deck < d) {
         const double hatch = world_box(v3_sub(p, v3_of(1.15, 0.1, 0)), v3_of(0.2, 0.22, 0.2), 0.01);
@@ -192,17 +204,20 @@ static double world_hull(v3 p, enum synth_material *material)
 /* Its superstructure: a cabin with windows and a door, a boiler, a leaning funnel. */
 static double world_upper_works(v3 p, double least, enum synth_material *material)
 {
-    const v3     cabin = v3_sub(p, v3_of(-1.0, 0, 0.34)), funnel = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
+    const v3 cabin = v3_sub(p, v3_of(-1.0, 0, 0.34)),
+             funnel = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
     const double walls = fabs(world_box(cabin, v3_of(0.5, 0.42, 0.36), 0.03)) - 0.015;
-    double       d     = least;
+    double d = least;
     if (walls < d) {
         const double across = cabin.x - 0.32 * synth_floor(cabin.x / 0.32 + 0.5);
         const double window = world_box(v3_of(across, cabin.y, cabin.z - 0.08), v3_of(0.09, 1, 0.1), 0.01);
-        const double door   = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
+        const double door = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
         world_keep_nearest(&d, synth_max(synth_max(walls, -window), -door), material, SYNTH_STEEL);
     }
-    world_keep_nearest(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material, SYNTH_STEEL);
-    world_keep_nearest(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material, SYNTH_STEEL);
+    world_keep_nearest(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material,
+                       SYNTH_STEEL);
+    world_keep_nearest(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material,
+                       SYNTH_STEEL);
     return d;
 }
 
@@ -216,17 +231,19 @@ static void world_place_wreck(struct synth_world *w, v3 at)
 {
     const double yaw = 2 * SYNTH_PI * random_unit(random_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
                  pitch = 5 * SYNTH_PI / 180;
-    const v3 forward   = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
+    const v3 forward = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
     const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
-    const v3 left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))), up = v3_cross(forward, left);
+    const v3 left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))),
+             up = v3_cross(forward, left);
     w->turn[0] = forward;
     w->turn[1] = left;
     w->turn[2] = up;
-    w->wreck   = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
-    w->mast    = world_make_limb(v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035); /* fallen over the side */
+    w->wreck = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
+    /* fallen over the side */
+    w->mast = world_make_limb(v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035);
 }
 
-/* ---------------------------------------------------------------- objects */
+/* ---------------- objects */
 
 static v3 world_object_frame(const struct synth_object *o, v3 p)
 {
@@ -247,7 +264,7 @@ static double world_shape(const struct synth_shape *s, v3 q)
 static double world_stone(const struct synth_object *o, v3 q)
 {
     const double r = o->radius, d = world_ellipsoid(q, o->axes);
-    double       lumps;
+    double lumps;
     if (d > 0.5 * r) return d - 0.2 * r;
     lumps = 0.16 * r * synth_noise3(o->seed, v3_scale(q, 1.7 / r));
     if (o->material == SYNTH_ROCK) lumps += 0.05 * r * synth_noise3(o->seed + 1, v3_scale(q, 5 / r));
@@ -262,32 +279,32 @@ static double world_object(const struct synth_world *w, const struct synth_objec
     return o->radius * world_shape(&w->shape[o->shape], v3_scale(q, 1 / o->radius));
 }
 
-/* The nearest listed object, or `least` when none is nearer. What is not listed lies SYNTH_NEAR beyond the cell's walls, and
- * under the cell's ceiling or 1 m away. */
+/* The nearest listed object, or `least` when none is nearer. What is not listed lies SYNTH_NEAR beyond the
+ * cell's walls, and under the cell's ceiling or 1 m away. */
 static double world_objects(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
 {
     const double gx = (p.x + w->half) / SYNTH_CELL, gy = (p.y + w->half) / SYNTH_CELL;
-    const int    ix = synth_floor(gx), iy = synth_floor(gy);
+    const int ix = synth_floor(gx), iy = synth_floor(gy);
     const double fx = gx - ix, fy = gy - iy;
     const double wall = SYNTH_CELL * synth_min(synth_min(fx, 1 - fx), synth_min(fy, 1 - fy)) + SYNTH_NEAR;
-    size_t       cell;
-    double       over;
+    size_t cell;
+    double over;
     if (ix < 0 || iy < 0 || ix >= w->cells || iy >= w->cells) return least;
     cell = (size_t)iy * (size_t)w->cells + (size_t)ix;
     over = synth_min(p.z - w->ceiling[cell], 1);
     if (over > wall) return synth_min(least, over);
     least = synth_min(least, wall);
     for (uint32_t k = w->cell_first[cell]; k < w->cell_first[cell + 1]; k++) {
-        const struct synth_near   *near = &w->near[k];
-        const double               dx = p.x - near->x, dy = p.y - near->y, dz = p.z - near->z;
-        const double               square = dx * dx + dy * dy + dz * dz, reach = least + near->radius;
+        const struct synth_near *near = &w->near[k];
+        const double dx = p.x - near->x, dy = p.y - near->y, dz = p.z - near->z;
+        const double square = dx * dx + dy * dy + dz * dz, reach = least + near->radius;
         const struct synth_object *o = &w->object[near->object];
-        double                     d;
+        double d;
         if (reach < 0 || square >= reach * reach) continue;
         d = sqrt(square) - near->radius;
         if (d < 0.04) d = world_object(w, o, p);
         if (d >= least) continue;
-        least    = d;
+        least = d;
         *surface = (struct synth_surface){o->material, o};
     }
     return least;
@@ -300,10 +317,12 @@ static enum synth_material world_ground_material(const struct synth_world *w, v3
     return world_reef(w, p.x, p.y) + ragged > 0.35 ? SYNTH_ROCK : SYNTH_SAND;
 }
 
-/* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken away. */
+/* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken
+ * away. */
 static double world_height_above(const struct synth_world *w, v3 p)
 {
-    const int ix = synth_floor((p.x + w->half) / w->step + 0.5), iy = synth_floor((p.y + w->half) / w->step + 0.5);
+    const int ix = synth_floor((p.x + w->half) / w->step + 0.5),
+              iy = synth_floor((p.y + w->half) / w->step + 0.5);
     if (ix >= 0 && iy >= 0 && ix < w->side && iy < w->side) {
         const double above = p.z - w->height[(size_t)iy * (size_t)w->side + (size_t)ix] - 1.5 * w->step;
         if (above > 0.2) return above;
@@ -313,17 +332,17 @@ static double world_height_above(const struct synth_world *w, v3 p)
 
 static double world_wreck_near(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
 {
-    const v3            away  = v3_sub(p, w->wreck);
-    const double        reach = synth_max(least, 0) + 3.3; /* metres: nothing of it lies farther from its centre */
+    const v3 away = v3_sub(p, w->wreck);
+    const double reach = synth_max(least, 0) + 3.3; /* metres: nothing of it lies farther from its centre */
     enum synth_material material;
-    v3                  q;
-    double              d;
+    v3 q;
+    double d;
     if (v3_dot(away, away) >= reach * reach) return least;
     q = synth_wreck_frame(w, p);
     d = world_limb(q, &w->mast);
     if (d < least) {
         *surface = (struct synth_surface){SYNTH_WOOD, NULL};
-        least    = d;
+        least = d;
     }
     d = world_box(q, v3_of(2.25, 0.8, 0.9), 0.1);
     if (d >= least) return least;
@@ -337,17 +356,17 @@ static double world_wreck_near(const struct synth_world *w, v3 p, double least, 
 
 double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *surface)
 {
-    const double         above   = world_height_above(w, p);
+    const double above = world_height_above(w, p);
     struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
-    double               d       = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
-    if (w->scene == SYNTH_RIDGE) d = 0.45 * above;                       /* slopes of 63 degrees */
+    double d = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
+    if (w->scene == SYNTH_RIDGE) d = 0.45 * above;   /* slopes of 63 degrees */
     d = world_objects(w, p, d, &nearest);
     d = world_wreck_near(w, p, d, &nearest);
     if (surface) *surface = nearest;
     return d;
 }
 
-/* ---------------------------------------------------------------- making the shapes of limbs */
+/* ---------------- making the shapes of limbs */
 
 static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, double radius_b)
 {
@@ -358,12 +377,14 @@ static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, d
 static void world_branching(struct synth_shape *s, uint64_t seed)
 {
     const int stems = 6 + (int)(3 * random_unit(random_bits(seed, 0, 0)));
-    s->blend        = 0.08;
+    s->blend = 0.08;
     for (int i = 0; i < stems; i++) {
-        const double u = random_unit(random_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
+        const double u = random_unit(random_bits(seed, 1, (uint64_t)i)),
+                     lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
         const double turn = 2 * SYNTH_PI * (i + 0.6 * u) / stems;
-        const v3     out  = v3_of(cos(turn) * sin(lean), sin(turn) * sin(lean), cos(lean));
-        const v3     side = v3_of(-sin(turn), cos(turn), 0.3), middle = v3_of(0.5 * out.x, 0.5 * out.y, 0.5 * out.z - 0.15);
+        const v3 out = v3_of(cos(turn) * sin(lean), sin(turn) * sin(lean), cos(lean));
+        const v3 side = v3_of(-sin(turn), cos(turn), 0.3),
+                 middle = v3_of(0.5 * out.x, 0.5 * out.y, 0.5 * out.z - 0.15);
         world_add_limb(s, v3_of(0, 0, -0.3), middle, 0.11, 0.085);
         world_add_limb(s, middle, v3_along(v3_along(middle, out, 0.42), side, 0.14 + 0.1 * u), 0.085, 0.05);
         world_add_limb(s, middle, v3_along(v3_along(middle, out, 0.40), side, -0.20 + 0.1 * u), 0.08, 0.045);
@@ -374,10 +395,11 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
 static void world_tubes(struct synth_shape *s, uint64_t seed)
 {
     const int tubes = 4 + (int)(4 * random_unit(random_bits(seed, 0, 1)));
-    s->blend        = 0.06;
+    s->blend = 0.06;
     for (int i = 0; i < tubes; i++) {
-        const double turn = 2 * SYNTH_PI * i / tubes, tall = 0.25 + 0.55 * random_unit(random_bits(seed, 2, (uint64_t)i));
-        const v3     foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
+        const double turn = 2 * SYNTH_PI * i / tubes,
+                     tall = 0.25 + 0.55 * random_unit(random_bits(seed, 2, (uint64_t)i));
+        const v3 foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
         world_add_limb(s, foot, v3_of(1.9 * foot.x, 1.9 * foot.y, tall - 0.1), 0.11, 0.16);
     }
 }
@@ -389,7 +411,8 @@ static void world_table(struct synth_shape *s, uint64_t seed)
     world_add_limb(s, v3_of(0, 0, -0.5), v3_of(0, 0, 0.1), 0.14, 0.12);
     for (int i = 0; i < 22; i++) {
         const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
-        const v3 at = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * random_unit(random_bits(seed, 3, (uint64_t)i)));
+        const v3 at = v3_of(radius * cos(turn), radius * sin(turn),
+                            0.1 + 0.08 * random_unit(random_bits(seed, 3, (uint64_t)i)));
         world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
     }
 }
@@ -414,15 +437,15 @@ static void world_make_shapes(struct synth_world *w)
     }
 }
 
-/* ---------------------------------------------------------------- strewing objects */
+/* ---------------- strewing objects */
 
 struct world_kind {
     enum synth_material material;
-    int                 shape, shapes;    /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
-    double              density;          /* tries on a square metre */
-    double              on_sand, on_reef; /* fraction of accepted candidates */
-    double              small, large;     /* radius, metres */
-    double              sunk;             /* radii that the centre lies under the ground; negative: above */
+    int shape, shapes;       /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
+    double density;          /* tries on a square metre */
+    double on_sand, on_reef; /* fraction of accepted candidates */
+    double small, large;     /* radius, metres */
+    double sunk;             /* radii that the centre lies under the ground; negative: above */
 };
 
 static const struct world_kind world_kinds[] = {
@@ -439,27 +462,30 @@ static const struct world_kind world_kinds[] = {
 enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
 
 /* Whether candidate i of a kind is accepted, and its position. */
-static int world_place_object(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
+static int world_place_object(const struct synth_world *w, double half, int kind, uint64_t i,
+                              struct synth_object *o)
 {
-    const struct world_kind *k    = &world_kinds[kind];
-    const uint64_t           seed = random_bits(w->seed, 100 + (uint64_t)kind, i);
-    double                   u[8], reef, x, y;
+    const struct world_kind *k = &world_kinds[kind];
+    const uint64_t seed = random_bits(w->seed, 100 + (uint64_t)kind, i);
+    double u[8], reef, x, y;
     for (uint64_t j = 0; j < 8; j++) u[j] = random_unit(random_bits(seed, j, 0));
-    x    = half * (2 * u[0] - 1);
-    y    = half * (2 * u[1] - 1);
+    x = half * (2 * u[0] - 1);
+    y = half * (2 * u[1] - 1);
     reef = world_reef(w, x, y);
-    if (u[2] > synth_lerp(w->scene == SYNTH_WRECK ? BARREN * k->on_sand : k->on_sand, k->on_reef, reef)) return 0;
+    if (u[2] > synth_lerp(w->scene == SYNTH_WRECK ? BARREN * k->on_sand : k->on_sand, k->on_reef, reef))
+        return 0;
     if (k->large > 0.1) {
         const v3 q = synth_wreck_frame(w, v3_of(x, y, w->wreck.z));
         if (fabs(q.x) < 2.3 && fabs(q.y) < 0.9) return 0;
     }
-    *o         = (struct synth_object){.material = k->material, .shape = k->shape, .seed = (uint32_t)seed};
-    o->radius  = k->small + (k->large - k->small) * u[3] * u[3];
+    *o = (struct synth_object){.material = k->material, .shape = k->shape, .seed = (uint32_t)seed};
+    o->radius = k->small + (k->large - k->small) * u[3] * u[3];
     o->yaw_cos = cos(2 * SYNTH_PI * u[4]);
     o->yaw_sin = sin(2 * SYNTH_PI * u[4]);
-    o->centre  = v3_of(x, y, synth_ground(w, x, y) - k->sunk * o->radius);
-    o->axes    = v3_scale(v3_of(0.85, 0.55 + 0.25 * u[5], 0.45 + 0.25 * u[6]), o->radius);
-    if (k->shape == SYNTH_BOX) o->axes = v3_scale(v3_of(0.95, 0.12 + 0.1 * u[5], 0.06 + 0.05 * u[6]), o->radius);
+    o->centre = v3_of(x, y, synth_ground(w, x, y) - k->sunk * o->radius);
+    o->axes = v3_scale(v3_of(0.85, 0.55 + 0.25 * u[5], 0.45 + 0.25 * u[6]), o->radius);
+    if (k->shape == SYNTH_BOX)
+        o->axes = v3_scale(v3_of(0.95, 0.12 + 0.1 * u[5], 0.06 + 0.05 * u[6]), o->radius);
     if (k->shape >= 0) o->shape += (int)(k->shapes * u[7]);
     return 1;
 }
@@ -488,10 +514,11 @@ static int world_cell(const struct synth_world *w, double x)
 static void world_list(struct synth_world *w, int listing)
 {
     for (size_t i = 0; i < w->object_count; i++) {
-        const v3                c      = w->object[i].centre;
-        const double            radius = w->object[i].radius, r = radius + SYNTH_NEAR;
-        const struct synth_near near = {(float)c.x, (float)c.y, (float)c.z, (float)radius + 1e-4f, (uint32_t)i};
-        const int               low = world_cell(w, c.x - r), high = world_cell(w, c.x + r), from = world_cell(w, c.y - r),
+        const v3 c = w->object[i].centre;
+        const double radius = w->object[i].radius, r = radius + SYNTH_NEAR;
+        const struct synth_near near = {(float)c.x, (float)c.y, (float)c.z, (float)radius + 1e-4f,
+                                        (uint32_t)i};
+        const int low = world_cell(w, c.x - r), high = world_cell(w, c.x + r), from = world_cell(w, c.y - r),
                   to = world_cell(w, c.y + r);
         for (int y = from < 0 ? 0 : from; y <= to && y < w->cells; y++)
             for (int x = low < 0 ? 0 : low; x <= high && x < w->cells; x++) {
@@ -505,14 +532,15 @@ static void world_list(struct synth_world *w, int listing)
 static float world_highest(const struct synth_world *w, size_t cell)
 {
     float top = -1e9f;
-    for (uint32_t k = w->cell_first[cell]; k < w->cell_first[cell + 1]; k++) top = fmaxf(top, w->near[k].z + w->near[k].radius);
+    for (uint32_t k = w->cell_first[cell]; k < w->cell_first[cell + 1]; k++)
+        top = fmaxf(top, w->near[k].z + w->near[k].radius);
     return top;
 }
 
 static int world_bake_ceilings(struct synth_world *w)
 {
     const int reach = (int)(1 / SYNTH_CELL);
-    w->ceiling      = malloc((size_t)w->cells * (size_t)w->cells * sizeof *w->ceiling);
+    w->ceiling = malloc((size_t)w->cells * (size_t)w->cells * sizeof *w->ceiling);
     if (!w->ceiling) return 0;
     for (int i = 0; i < w->cells * w->cells; i++) w->ceiling[i] = -1e9f;
     for (int y = 0; y < w->cells; y++)
@@ -521,7 +549,7 @@ static int world_bake_ceilings(struct synth_world *w)
             for (int v = y < reach ? 0 : y - reach; v <= y + reach && v < w->cells; v++)
                 for (int u = x < reach ? 0 : x - reach; u <= x + reach && u < w->cells; u++) {
                     float *ceiling = &w->ceiling[(size_t)v * (size_t)w->cells + (size_t)u];
-                    *ceiling       = fmaxf(*ceiling, top);
+                    *ceiling = fmaxf(*ceiling, top);
                 }
         }
     return 1;
@@ -530,8 +558,8 @@ static int world_bake_ceilings(struct synth_world *w)
 static int world_index(struct synth_world *w, double half)
 {
     size_t cells;
-    w->cells      = (int)(2 * half / SYNTH_CELL) + 1;
-    cells         = (size_t)w->cells * (size_t)w->cells;
+    w->cells = (int)(2 * half / SYNTH_CELL) + 1;
+    cells = (size_t)w->cells * (size_t)w->cells;
     w->cell_first = calloc(cells + 1, sizeof *w->cell_first);
     if (!w->cell_first) return 0;
     world_list(w, 0);
@@ -544,8 +572,10 @@ static int world_index(struct synth_world *w, double half)
 
 int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *w)
 {
-    *w = (struct synth_world){
-        .seed = (uint32_t)random_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
+    *w = (struct synth_world){.seed = (uint32_t)random_mix(seed),
+                              .scene = scene,
+                              .wreck = wreck,
+                              .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;
     world_place_wreck(w, wreck);
     world_make_shapes(w);

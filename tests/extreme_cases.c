@@ -1,11 +1,14 @@
-/* extreme_cases.c - numbers at the extremes: each case is computed by our float kernels and by the same source in double.
+/* extreme_cases.c - numbers at the extremes: each case is computed by our float kernels and by the same
+ * source in double.
  *
- * For test_extremes.c, which asserts the bounds of the quick ones, and extremes.c, which asserts all and writes docs/STABILITY.md.
- * Errors are relative to the largest magnitude in the image, or in that part of the gradient: max |float - double| / max |double|,
- * and the mean of the one over the mean of the other. The double kernels start from the same float parameters but from the camera in
- * double, so that what its rounding costs is in the figure.
+ * For test_extremes.c, which asserts the bounds of the quick ones, and extremes.c, which asserts all and
+ * writes docs/STABILITY.md.
+ * Errors are relative to the largest magnitude in the image, or in that part of the gradient: max |float -
+ * double| / max |double|, and the mean of the one over the mean of the other. The double kernels start from
+ * the same float parameters but from the camera in double, so that what its rounding costs is in the figure.
  *
- * A decision (alpha >= 1/255, T >= 1e-4) may fall the other way in float; such a pixel is off by up to 1/255 of the light.
+ * A decision (alpha >= 1/255, T >= 1e-4) may fall the other way in float; such a pixel is off by up to 1/255
+ * of the light.
  */
 #ifndef TEST_EXTREME_CASES_C
 #define TEST_EXTREME_CASES_C
@@ -26,27 +29,27 @@ enum {
 
 struct extreme_error {
     double most, mean; /* relative */
-    int    finite;
+    int finite;
 };
 
 struct extreme_result {
-    size_t               rendered; /* Gaussians */
+    size_t rendered; /* Gaussians */
     struct extreme_error part[EXTREME_PARTS];
 };
 
 struct extreme_scene {
     oxl_camera camera;
-    oxl_model  model;
-    float      near_plane;
+    oxl_model model;
+    float near_plane;
 };
 
 struct extreme {
     const char *what;
     void (*make)(struct extreme_scene *s, double value); /* changes the ordinary scene */
     double value;
-    int    count, degree, lobes;
+    int count, degree, lobes;
     double image, gradient; /* asserted: the largest errors */
-    int    is_slow;         /* `make extremes` alone */
+    int is_slow;            /* `make extremes` alone */
 };
 
 static double extreme_random(size_t i, size_t k)
@@ -54,7 +57,7 @@ static double extreme_random(size_t i, size_t k)
     return 2 * random_unit(random_bits(31, i, k)) - 1;
 }
 
-/* ---------------------------------------------------------------- scenes */
+/* ---------------- scenes */
 
 static void extreme_fail(const char *what)
 {
@@ -65,7 +68,7 @@ static void extreme_fail(const char *what)
 /* Gaussians of a tenth of the image's width and all shapes, 3 away. */
 static void extreme_ordinary(oxl_context *ctx, const struct extreme *e, struct extreme_scene *s)
 {
-    *s        = (struct extreme_scene){.near_plane = 0.25f};
+    *s = (struct extreme_scene){.near_plane = 0.25f};
     s->camera = (oxl_camera){64, 48, 60, 66, 31, 25, {0}, {0.05, -0.1, 3}};
     camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, s->camera.rotation);
     if (oxl_model_create(ctx, (size_t)e->count, e->degree, &s->model) != OXL_OK ||
@@ -73,7 +76,7 @@ static void extreme_ordinary(oxl_context *ctx, const struct extreme *e, struct e
         extreme_fail("no memory for a model");
     for (int k = 0; k < oxl_model_planes(&s->model); k++)
         for (size_t i = 0; i < s->model.count; i++) {
-            const double u       = extreme_random(i, (size_t)k);
+            const double u = extreme_random(i, (size_t)k);
             s->model.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 1.2 * u
                                            : k < OXL_ROTATION ? -2 + u
                                            : k < OXL_OPACITY  ? u
@@ -100,7 +103,8 @@ static void extreme_fill(struct extreme_scene *s, int first, int end, double val
 /* Not quite round, or there would be no gradient of the rotation to compare. */
 static void extreme_size(struct extreme_scene *s, double size)
 {
-    for (int a = 0; a < 3; a++) extreme_fill(s, OXL_LOG_SCALE + a, OXL_LOG_SCALE + a + 1, log(size) + 0.3 * a);
+    for (int a = 0; a < 3; a++)
+        extreme_fill(s, OXL_LOG_SCALE + a, OXL_LOG_SCALE + a + 1, log(size) + 0.3 * a);
 }
 
 /* Needles (long along one axis) or, of a negative value, discs. */
@@ -141,7 +145,8 @@ static void extreme_near(struct extreme_scene *s, double steps)
 static void extreme_aside(struct extreme_scene *s, double slope)
 {
     camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);
-    for (size_t i = 0; i < s->model.count; i++) s->model.plane[OXL_MEAN][i] = (float)(3 * slope + s->model.plane[OXL_MEAN][i]);
+    for (size_t i = 0; i < s->model.count; i++)
+        s->model.plane[OXL_MEAN][i] = (float)(3 * slope + s->model.plane[OXL_MEAN][i]);
     extreme_size(s, slope);
 }
 
@@ -152,7 +157,8 @@ static void extreme_view_angle(struct extreme_scene *s, double degrees)
     s->camera.translation[0] = s->camera.translation[1] = 0;
     s->camera.fx = s->camera.fy = 32 / tan(half);
     for (int k = 0; k < 2; k++)
-        for (size_t i = 0; i < s->model.count; i++) s->model.plane[OXL_MEAN + k][i] *= (float)OXL_MIN(tan(half) * 2, 6);
+        for (size_t i = 0; i < s->model.count; i++)
+            s->model.plane[OXL_MEAN + k][i] *= (float)OXL_MIN(tan(half) * 2, 6);
     if (degrees < 10) extreme_size(s, 0.3 * tan(half));
 }
 
@@ -243,7 +249,8 @@ static void extreme_dark_lobes(struct extreme_scene *s, double scale_factor)
     extreme_opacity(s, -1);
 }
 
-/* Bounds are about four times what was measured, so that another instruction set has room. 4e-3: a decision fell the other way. */
+/* Bounds are about four times what was measured, so that another instruction set has room. 4e-3: a decision
+ * fell the other way. */
 static const struct extreme EXTREMES[] = {
     {"ordinary: 200 Gaussians, 64 x 48 px", extreme_nothing, 0, 200, 2, 60, 5e-6, 2e-5, 0},
     {"scales of 1e-7", extreme_size, 1e-7, 100, 1, 0, 2e-5, 5e-5, 0},
@@ -281,19 +288,20 @@ static const struct extreme EXTREMES[] = {
     {"DoG: lobes that darken, T grows", extreme_dark_lobes, 2, 60, 0, 60, 5e-6, 2e-5, 0},
 };
 
-/* ---------------------------------------------------------------- the two precisions */
+/* ---------------- the two precisions */
 
 static void extreme_widen(const struct extreme_scene *s, struct wide *w)
 {
     wide_create(w, &s->camera, s->model.count, s->model.lobes, s->model.sh_degree);
     w->near_plane = s->near_plane;
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) w->plane[k][i] = s->model.plane[k][i];
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
+            w->plane[k][i] = s->model.plane[k][i];
 }
 
 struct extreme_sums {
     double most_off, most, off, all;
-    int    finite;
+    int finite;
 };
 
 static void extreme_compare(struct extreme_sums *s, const float *narrow, const double *wide, size_t n)
@@ -302,7 +310,7 @@ static void extreme_compare(struct extreme_sums *s, const float *narrow, const d
         const double off = fabs((double)narrow[i] - wide[i]);
         s->finite &= fabsf(narrow[i]) <= FLT_MAX && fabs(wide[i]) <= DBL_MAX;
         s->most_off = OXL_MAX(s->most_off, off);
-        s->most     = OXL_MAX(s->most, fabs(wide[i]));
+        s->most = OXL_MAX(s->most, fabs(wide[i]));
         s->off += off;
         s->all += fabs(wide[i]);
     }
@@ -311,46 +319,50 @@ static void extreme_compare(struct extreme_sums *s, const float *narrow, const d
 /* floor: magnitudes below count as it. */
 static struct extreme_error extreme_error(const struct extreme_sums *s, double floor)
 {
-    return (struct extreme_error){s->most_off / OXL_MAX(s->most, floor), s->off / OXL_MAX(s->all, floor), s->finite};
+    return (struct extreme_error){s->most_off / OXL_MAX(s->most, floor), s->off / OXL_MAX(s->all, floor),
+                                  s->finite};
 }
 
-static struct extreme_error extreme_planes(const oxl_model *narrow, const struct wide *wide, int first, int end)
+static struct extreme_error extreme_planes(const oxl_model *narrow, const struct wide *wide, int first,
+                                           int end)
 {
     struct extreme_sums sums = {.finite = 1};
     for (int k = first; k < end; k++)
-        extreme_compare(&sums, narrow->plane[k], wide->gradient[k], k < OXL_LOBE ? narrow->count : narrow->lobes);
+        extreme_compare(&sums, narrow->plane[k], wide->gradient[k],
+                        k < OXL_LOBE ? narrow->count : narrow->lobes);
     return extreme_error(&sums, EXTREME_UNDERFLOW);
 }
 
 static void extreme_measure(oxl_context *ctx, const struct extreme_scene *s, struct extreme_result *out)
 {
-    const size_t        values = 3 * (size_t)s->camera.width * (size_t)s->camera.height;
-    struct extreme_sums image  = {.finite = 1};
-    struct wide         wide;
-    struct renderer    *narrow   = NULL;
-    oxl_render_options  options  = oxl_render_options_default();
-    oxl_model           gradient = {0};
-    float              *drgb     = oxl_alloc(ctx, values, sizeof *drgb);
-    double             *drgb_f64 = wide_array(values);
-    options.near_plane           = s->near_plane;
+    const size_t values = 3 * (size_t)s->camera.width * (size_t)s->camera.height;
+    struct extreme_sums image = {.finite = 1};
+    struct wide wide;
+    struct renderer *narrow = NULL;
+    oxl_render_options options = oxl_render_options_default();
+    oxl_model gradient = {0};
+    float *drgb = oxl_alloc(ctx, values, sizeof *drgb);
+    double *drgb_f64 = wide_array(values);
+    options.near_plane = s->near_plane;
     if (!drgb || renderer_create(ctx, &narrow) != OXL_OK || model_copy(ctx, &s->model, &gradient) != OXL_OK ||
         renderer_forward(ctx, narrow, &s->model, &s->camera, &options) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     for (size_t i = 0; i < values; i++) drgb_f64[i] = drgb[i] = (float)extreme_random(i, 99);
     for (int k = 0; k < OXL_PLANES; k++)
-        if (gradient.plane[k]) memset(gradient.plane[k], 0, (k < OXL_LOBE ? gradient.count : gradient.lobes) * sizeof(float));
+        if (gradient.plane[k])
+            memset(gradient.plane[k], 0, (k < OXL_LOBE ? gradient.count : gradient.lobes) * sizeof(float));
     if (renderer_backward(ctx, narrow, drgb, &gradient) != OXL_OK) extreme_fail(oxl_error_text(ctx));
     extreme_widen(s, &wide);
     kernels_backward(&wide, drgb_f64);
     extreme_compare(&image, narrow->rgb, wide.rgb, values);
-    out->rendered               = narrow->bins.visible_count;
-    out->part[EXTREME_IMAGE]    = extreme_error(&image, EXTREME_UNDERFLOW);
+    out->rendered = narrow->bins.visible_count;
+    out->part[EXTREME_IMAGE] = extreme_error(&image, EXTREME_UNDERFLOW);
     out->part[EXTREME_POSITION] = extreme_planes(&gradient, &wide, OXL_MEAN, OXL_LOG_SCALE);
-    out->part[EXTREME_SCALE]    = extreme_planes(&gradient, &wide, OXL_LOG_SCALE, OXL_ROTATION);
+    out->part[EXTREME_SCALE] = extreme_planes(&gradient, &wide, OXL_LOG_SCALE, OXL_ROTATION);
     out->part[EXTREME_ROTATION] = extreme_planes(&gradient, &wide, OXL_ROTATION, OXL_OPACITY);
-    out->part[EXTREME_OPACITY]  = extreme_planes(&gradient, &wide, OXL_OPACITY, OXL_SH);
-    out->part[EXTREME_COLOUR]   = extreme_planes(&gradient, &wide, OXL_SH, oxl_model_planes(&s->model));
-    out->part[EXTREME_LOBE]     = extreme_planes(&gradient, &wide, OXL_LOBE, OXL_PLANES);
+    out->part[EXTREME_OPACITY] = extreme_planes(&gradient, &wide, OXL_OPACITY, OXL_SH);
+    out->part[EXTREME_COLOUR] = extreme_planes(&gradient, &wide, OXL_SH, oxl_model_planes(&s->model));
+    out->part[EXTREME_LOBE] = extreme_planes(&gradient, &wide, OXL_LOBE, OXL_PLANES);
     wide_free(&wide);
     renderer_free(ctx, narrow);
     oxl_model_free(ctx, &gradient);

@@ -3,13 +3,13 @@
 #define TEST_EXTREME_RUNS_C
 #include "extreme_cases.c"
 
-/* ---------------------------------------------------------------- loss */
+/* ---------------- loss */
 
 struct extreme_loss {
     const char *what;
-    int         width, height;
-    double      x, y, ripple;    /* grey values, and what is added to x from pixel to pixel */
-    double      value, gradient; /* asserted: absolute error of the loss, relative one of its gradient */
+    int width, height;
+    double x, y, ripple;    /* grey values, and what is added to x from pixel to pixel */
+    double value, gradient; /* asserted: absolute error of the loss, relative one of its gradient */
 };
 
 static const struct extreme_loss EXTREME_LOSSES[] = {
@@ -24,15 +24,17 @@ static const struct extreme_loss EXTREME_LOSSES[] = {
     {"loss: 1 x 5000 px", 1, 5000, 0.3, 0.6, 0.2, 1e-7, 1e-6},
 };
 
-static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, double *value, struct extreme_error *gradient)
+static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, double *value,
+                             struct extreme_error *gradient)
 {
     const size_t n = 3 * (size_t)e->width * (size_t)e->height;
-    float       *x = oxl_alloc(ctx, n, sizeof *x), *y = oxl_alloc(ctx, n, sizeof *y), *dx = oxl_alloc(ctx, n, sizeof *dx);
-    double      *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
-    const struct loss_job job     = {e->width, e->height, 0.2f, x, y, NULL, dx};
-    struct loss_scratch   scratch = {0};
-    struct loss_value     narrow;
-    struct extreme_sums   sums = {.finite = 1};
+    float *x = oxl_alloc(ctx, n, sizeof *x), *y = oxl_alloc(ctx, n, sizeof *y),
+          *dx = oxl_alloc(ctx, n, sizeof *dx);
+    double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
+    const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx};
+    struct loss_scratch scratch = {0};
+    struct loss_value narrow;
+    struct extreme_sums sums = {.finite = 1};
     if (!x || !y || !dx) extreme_fail("no memory");
     for (size_t i = 0; i < n; i++) {
         x_f64[i] = x[i] = (float)(e->x + e->ripple * extreme_random(i, 3));
@@ -42,20 +44,20 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
     exact = kernels_loss(e->width, e->height, 0.2, x_f64, y_f64, NULL, dx_f64).total;
     extreme_compare(&sums, dx, dx_f64, n);
     *gradient = extreme_error(&sums, 0.8 / (double)n); /* no less than the pull of L1 */
-    *value    = fabs(narrow.total - exact);
+    *value = fabs(narrow.total - exact);
     loss_free(ctx, &scratch);
     oxl_free(ctx, x), oxl_free(ctx, y), oxl_free(ctx, dx);
     free(x_f64), free(y_f64), free(dx_f64);
 }
 
-/* ---------------------------------------------------------------- Adam */
+/* ---------------- Adam */
 
 struct extreme_adam {
     const char *what;
-    double      gradient; /* of every step, */
-    int         swings;   /* or with alternating signs */
-    int         steps;
-    double      bound; /* asserted: of |float - double| / the distance that as many full steps would go */
+    double gradient; /* of every step, */
+    int swings;      /* or with alternating signs */
+    int steps;
+    double bound; /* asserted: of |float - double| / the distance that as many full steps would go */
 };
 
 static const struct extreme_adam EXTREME_ADAMS[] = {
@@ -70,25 +72,26 @@ static const struct extreme_adam EXTREME_ADAMS[] = {
 
 static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extreme_adam *e)
 {
-    uint16_t             all                = 0xFFFF;
-    const double         rate               = 1e-3;
-    float                value[3][PACK]     = {{0}}, gradient[PACK];
-    double               value_f64[3][PACK] = {{0}}, gradient_f64[PACK];
-    struct adam_job      job                = {.end_pack  = 1,
-                                               .visible   = &all,
-                                               .planes    = 1,
-                                               .beta1     = (float)0.9,
-                                               .beta2     = (float)0.999,
-                                               .parameter = {value[0]},
-                                               .mean      = {value[1]},
-                                               .square    = {value[2]},
-                                               .gradient  = {gradient}};
-    struct extreme_error error              = {0, 0, 1};
+    uint16_t all = 0xFFFF;
+    const double rate = 1e-3;
+    float value[3][PACK] = {{0}}, gradient[PACK];
+    double value_f64[3][PACK] = {{0}}, gradient_f64[PACK];
+    struct adam_job job = {.end_pack = 1,
+                           .visible = &all,
+                           .planes = 1,
+                           .beta1 = (float)0.9,
+                           .beta2 = (float)0.999,
+                           .parameter = {value[0]},
+                           .mean = {value[1]},
+                           .square = {value[2]},
+                           .gradient = {gradient}};
+    struct extreme_error error = {0, 0, 1};
     for (int step = 1; step <= e->steps; step++) {
-        const double first = 1 - vecmath_exp(step * vecmath_log(0.9)), second = 1 - vecmath_exp(step * vecmath_log(0.999));
+        const double first = 1 - vecmath_exp(step * vecmath_log(0.9)),
+                     second = 1 - vecmath_exp(step * vecmath_log(0.999));
         for (int l = 0; l < PACK; l++)
             gradient_f64[l] = gradient[l] = (float)(e->swings && step % 2 ? -e->gradient : e->gradient);
-        job.rate[0]            = (float)(rate / first);
+        job.rate[0] = (float)(rate / first);
         job.inverse_correction = (float)(1 / sqrt(second));
         adam_step(ctx->isa, &job);
         kernels_adam(value_f64[0], gradient_f64, rate, step, value_f64[1], value_f64[2]);
@@ -102,19 +105,21 @@ static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extr
     return error;
 }
 
-/* ---------------------------------------------------------------- surveys: shifted, scaled, degenerate */
+/* ---------------- surveys: shifted, scaled, degenerate */
 
 enum { EXTREME_VIEWS = 6, EXTREME_SIDE = 40, EXTREME_GRID = 10, EXTREME_STEPS = 60 };
 
 struct extreme_survey {
     const char *what;
-    double      shift, unit;   /* the world's: unit x (x + shift / unit) */
-    int         points, twins; /* 0: all of the grid; 1: all views stand in one place */
-    double      paint;         /* grey of every image; -1: the image */
-    double      image; /* asserted: the largest mean difference of a image from that of the plain survey; -1: finite alone */
+    double shift, unit; /* the world's: unit x (x + shift / unit) */
+    int points, twins;  /* 0: all of the grid; 1: all views stand in one place */
+    double paint;       /* grey of every image; -1: the image */
+    /* asserted: the largest mean difference of a image from that of the plain survey; -1: finite alone */
+    double image;
 };
 
-/* A unit that is no power of two rounds every number anew, and training lets that grow, by --short-run-exponent more than without. */
+/* A unit that is no power of two rounds every number anew, and training lets that grow, by
+ * --short-run-exponent more than without. */
 static const struct extreme_survey EXTREME_SURVEYS[] = {
     {"survey: unchanged", 0, 1, 0, 0, -1, 0},
     {"survey: 1e6 m from the origin", 1e6, 1, 0, 0, -1, 1e-3},
@@ -133,12 +138,12 @@ static void extreme_wall(oxl_context *ctx, oxl_model *wall)
 {
     if (oxl_model_create(ctx, EXTREME_GRID * EXTREME_GRID, 0, wall) != OXL_OK) extreme_fail("no memory");
     for (int i = 0; i < EXTREME_GRID * EXTREME_GRID; i++) {
-        wall->plane[OXL_MEAN][i]     = 0.3f * (float)(i % EXTREME_GRID - EXTREME_GRID / 2);
+        wall->plane[OXL_MEAN][i] = 0.3f * (float)(i % EXTREME_GRID - EXTREME_GRID / 2);
         wall->plane[OXL_MEAN + 1][i] = 0.3f * (float)(i / EXTREME_GRID - EXTREME_GRID / 2);
-        wall->plane[OXL_OPACITY][i]  = 4;
+        wall->plane[OXL_OPACITY][i] = 4;
         for (int a = 0; a < 3; a++) {
             wall->plane[OXL_LOG_SCALE + a][i] = -1.8f;
-            wall->plane[OXL_SH + a][i]        = (float)(1.5 * extreme_random((size_t)i, (size_t)a));
+            wall->plane[OXL_SH + a][i] = (float)(1.5 * extreme_random((size_t)i, (size_t)a));
         }
     }
 }
@@ -146,22 +151,29 @@ static void extreme_wall(oxl_context *ctx, oxl_model *wall)
 static oxl_camera extreme_view(int i, int twins)
 {
     const int v = twins ? 2 : i;
-    return (oxl_camera){
-        EXTREME_SIDE, EXTREME_SIDE, 42, 42, 20, 20, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.2 * (v - 3), 0.1 * (v % 3), 3}};
+    return (oxl_camera){EXTREME_SIDE,
+                        EXTREME_SIDE,
+                        42,
+                        42,
+                        20,
+                        20,
+                        {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                        {0.2 * (v - 3), 0.1 * (v % 3), 3}};
 }
 
 static void extreme_write_images(oxl_context *ctx, const struct extreme_survey *e, const char *folder)
 {
     oxl_model wall;
-    char      path[700];
+    char path[700];
     extreme_wall(ctx, &wall);
     snprintf(path, sizeof path, "%s/images", folder);
     if (os_make_folder(ctx, path) != OXL_OK) extreme_fail(oxl_error_text(ctx));
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         const oxl_camera camera = extreme_view(v, e->twins);
-        oxl_image        image;
+        oxl_image image;
         if (oxl_render(ctx, &wall, &camera, NULL, &image, NULL) != OXL_OK) extreme_fail(oxl_error_text(ctx));
-        for (int i = 0; i < 3 * EXTREME_SIDE * EXTREME_SIDE && e->paint >= 0; i++) image.rgb[i] = (float)e->paint;
+        for (int i = 0; i < 3 * EXTREME_SIDE * EXTREME_SIDE && e->paint >= 0; i++)
+            image.rgb[i] = (float)e->paint;
         snprintf(path, sizeof path, "%s/images/%d.png", folder, v);
         if (oxl_image_write(ctx, path, &image) != OXL_OK) extreme_fail(oxl_error_text(ctx));
         oxl_image_free(ctx, &image);
@@ -179,20 +191,22 @@ static void extreme_write_text(oxl_context *ctx, const char *folder, const char 
 /* The wall and its cameras as a COLMAP text export, in the world of this survey. */
 static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *e, const char *folder)
 {
-    const int   grid = EXTREME_GRID * EXTREME_GRID, points = e->points > 0 ? e->points : grid;
+    const int grid = EXTREME_GRID * EXTREME_GRID, points = e->points > 0 ? e->points : grid;
     struct text cameras = {.ctx = ctx}, images = {.ctx = ctx}, cloud = {.ctx = ctx};
     extreme_write_images(ctx, e, folder);
     text_add(&cameras, "1 PINHOLE %d %d 42 42 20 20\n", EXTREME_SIDE, EXTREME_SIDE);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         const oxl_camera c = extreme_view(v, e->twins);
-        text_add(&images, "%d 1 0 0 0 %.17g %.17g %.17g 1 %d.png\n\n", v + 1, e->unit * c.translation[0] - e->shift,
-                 e->unit * c.translation[1] - e->shift, e->unit * c.translation[2] - e->shift, v);
+        text_add(&images, "%d 1 0 0 0 %.17g %.17g %.17g 1 %d.png\n\n", v + 1,
+                 e->unit * c.translation[0] - e->shift, e->unit * c.translation[1] - e->shift,
+                 e->unit * c.translation[2] - e->shift, v);
     }
     for (int i = 0; i < points; i++) {
         const int at = e->points < 0 ? 44 : i;
         text_add(&cloud, "%d %.17g %.17g %.17g 128 128 128 0.5 1 0 2 0 3 0\n", i + 1,
                  e->unit * 0.3 * (at % EXTREME_GRID - EXTREME_GRID / 2) + e->shift,
-                 e->unit * 0.3 * (at / EXTREME_GRID - EXTREME_GRID / 2) + e->shift, e->unit * 0.01 + e->shift);
+                 e->unit * 0.3 * (at / EXTREME_GRID - EXTREME_GRID / 2) + e->shift,
+                 e->unit * 0.01 + e->shift);
     }
     extreme_write_text(ctx, folder, "cameras.txt", &cameras);
     extreme_write_text(ctx, folder, "images.txt", &images);
@@ -208,23 +222,25 @@ static int extreme_count_nonfinite(void *user, const oxl_progress *p)
     return 0;
 }
 
-/* Trains the survey for a short while and draws its views, (EXTREME_VIEWS,3,SIDE,SIDE). Returns 1 when all of it is finite. */
+/* Trains the survey for a short while and draws its views, (EXTREME_VIEWS,3,SIDE,SIDE). Returns 1 when all of
+ * it is finite. */
 static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const char *folder, float *images)
 {
-    const size_t       values = 3 * EXTREME_SIDE * EXTREME_SIDE;
-    oxl_train_options  train  = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_scene_options  load   = oxl_scene_options_default();
-    oxl_render_options draw   = oxl_render_options_default();
-    oxl_nonfinite      found  = {0};
-    const oxl_callback count  = {extreme_count_nonfinite, &found};
-    oxl_scene         *scene;
-    oxl_model          model;
-    int                finite = 1;
-    train.iterations          = EXTREME_STEPS;
-    train.sh_degree           = 1;
-    load.test_every           = 0;
+    const size_t values = 3 * EXTREME_SIDE * EXTREME_SIDE;
+    oxl_train_options train = oxl_train_options_default(OXL_PRESET_DRAFT);
+    oxl_scene_options load = oxl_scene_options_default();
+    oxl_render_options draw = oxl_render_options_default();
+    oxl_nonfinite found = {0};
+    const oxl_callback count = {extreme_count_nonfinite, &found};
+    oxl_scene *scene;
+    oxl_model model;
+    int finite = 1;
+    train.iterations = EXTREME_STEPS;
+    train.sh_degree = 1;
+    load.test_every = 0;
     extreme_write_survey(ctx, e, folder);
-    if (oxl_scene_load(ctx, folder, &load, &scene) != OXL_OK || oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
+    if (oxl_scene_load(ctx, folder, &load, &scene) != OXL_OK ||
+        oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     draw.near_plane = (float)scene_near_plane(scene);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
@@ -250,19 +266,19 @@ static int extreme_survey_holds(const struct extreme_survey *e, const struct ext
 }
 
 /* most: largest difference of a value; mean: of the view that differs most. Both in units of full white. */
-static struct extreme_error extreme_run_survey(oxl_context *ctx, const struct extreme_survey *e, const char *folder,
-                                               const float *plain)
+static struct extreme_error extreme_run_survey(oxl_context *ctx, const struct extreme_survey *e,
+                                               const char *folder, const float *plain)
 {
-    struct extreme_error error  = {0};
-    float               *images = oxl_alloc(ctx, EXTREME_VALUES, sizeof *images);
-    const int            values = EXTREME_VALUES / EXTREME_VIEWS;
+    struct extreme_error error = {0};
+    float *images = oxl_alloc(ctx, EXTREME_VALUES, sizeof *images);
+    const int values = EXTREME_VALUES / EXTREME_VIEWS;
     if (!images) extreme_fail("no memory");
     error.finite = extreme_train(ctx, e, folder, images);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         double sum = 0;
         for (int i = v * values; i < (v + 1) * values; i++) {
             const double off = fabs((double)images[i] - plain[i]);
-            error.most       = OXL_MAX(error.most, off);
+            error.most = OXL_MAX(error.most, off);
             sum += off / values;
         }
         error.mean = OXL_MAX(error.mean, sum);

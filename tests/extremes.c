@@ -1,4 +1,5 @@
-/* extremes.c - build/extremes FOLDER > docs/STABILITY.md: every extreme measured, every bound asserted; FOLDER is for its surveys.
+/* extremes.c - build/extremes FOLDER > docs/STABILITY.md: every extreme measured, every bound asserted;
+ * FOLDER is for its surveys.
  *
  * Exit code 1: some bound does not hold; the row says so.
  */
@@ -40,8 +41,8 @@ static void extreme_print_renders(oxl_context *ctx)
         "| extreme | drawn | image | gradient | bound: image, gradient | holds |\n|---|--:|---|---|---|---|\n");
     for (size_t i = 0; i < OXL_COUNT(EXTREMES); i++) {
         struct extreme_result r;
-        struct extreme_error  gradient = {0};
-        int                   finite   = 1;
+        struct extreme_error gradient = {0};
+        int finite = 1;
         extreme_run(ctx, &EXTREMES[i], &r);
         for (int k = 0; k < EXTREME_PARTS; k++) {
             finite &= r.part[k].finite;
@@ -63,8 +64,8 @@ static void extreme_print_losses(oxl_context *ctx)
            "| extreme | loss | gradient | bound: loss, gradient | holds |\n|---|---|---|---|---|\n");
     for (size_t i = 0; i < OXL_COUNT(EXTREME_LOSSES); i++) {
         const struct extreme_loss *e = &EXTREME_LOSSES[i];
-        struct extreme_error       error;
-        double                     value;
+        struct extreme_error error;
+        double value;
         extreme_run_loss(ctx, e, &value, &error);
         printf("| %s | %.1e |", e->what, value);
         extreme_print_cell(&error);
@@ -89,7 +90,7 @@ static void extreme_print_adams(oxl_context *ctx)
 static void extreme_print_surveys(oxl_context *ctx, const char *folder)
 {
     float *plain = oxl_alloc(ctx, EXTREME_VALUES, sizeof *plain);
-    char   path[600];
+    char path[600];
     printf(
         "\n## Surveys: read from files, trained for %d iterations, rendered\n\n"
         "Difference from the rendering of the first row, in units of full white: largest value, and mean over the view that differs "
@@ -98,7 +99,7 @@ static void extreme_print_surveys(oxl_context *ctx, const char *folder)
         EXTREME_STEPS);
     for (size_t i = 0; plain && i < OXL_COUNT(EXTREME_SURVEYS); i++) {
         const struct extreme_survey *e = &EXTREME_SURVEYS[i];
-        struct extreme_error         error;
+        struct extreme_error error;
         snprintf(path, sizeof path, "%s/survey-%zu", folder, i);
         if (i == 0) extreme_train(ctx, e, path, plain);
         error = extreme_run_survey(ctx, e, path, plain);
@@ -115,29 +116,31 @@ static void extreme_print_surveys(oxl_context *ctx, const char *folder)
 /* The paper's number of iterations on the most turbid water that synth knows. */
 static void extreme_print_long_run(oxl_context *ctx, const char *folder)
 {
-    synth_options     options = synth_options_default();
-    oxl_train_options train   = oxl_train_options_default(OXL_PRESET_PAPER);
-    oxl_nonfinite     found   = {0};
-    oxl_callback      count   = {extreme_count_nonfinite, &found};
-    oxl_scene        *scene   = NULL;
-    oxl_model         model   = {0};
-    char              path[600];
-    int               finite = 1;
+    synth_options options = synth_options_default();
+    oxl_train_options train = oxl_train_options_default(OXL_PRESET_PAPER);
+    oxl_nonfinite found = {0};
+    oxl_callback count = {extreme_count_nonfinite, &found};
+    oxl_scene *scene = NULL;
+    oxl_model model = {0};
+    char path[600];
+    int finite = 1;
     snprintf(path, sizeof path, "%s/turbid", folder);
     options.out = path, options.water = SYNTH_9C, options.views = 16, options.width = 64, options.height = 48,
-    options.points   = 600;
+    options.points = 600;
     train.iterations = EXTREME_LONG;
-    train.ucd.mode   = OXL_UCD_ON;
-    train.ucd.learn  = 1;
-    train.dog        = OXL_DOG_SELECTIVE;
-    train.keep       = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+    train.ucd.mode = OXL_UCD_ON;
+    train.ucd.learn = 1;
+    train.dog = OXL_DOG_SELECTIVE;
+    train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     if (synth_run(ctx, &options) != OXL_OK) extreme_fail(oxl_error_text(ctx));
-    if (oxl_scene_load(ctx, path, NULL, &scene) != OXL_OK || oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
+    if (oxl_scene_load(ctx, path, NULL, &scene) != OXL_OK ||
+        oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0;
-    printf("| %d iterations in Jerlov 9C water, with depth weights, pruning and second lobes | %zu Gaussians | finite |",
-           EXTREME_LONG, model.count);
+    printf(
+        "| %d iterations in Jerlov 9C water, with depth weights, pruning and second lobes | %zu Gaussians | finite |",
+        EXTREME_LONG, model.count);
     extreme_say_whether(finite);
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);

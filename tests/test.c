@@ -1,4 +1,5 @@
-/* test.c - runs the tests: all, or those whose names hold one of the words given. One line a test, then a sum.
+/* test.c - runs the tests: all, or those whose names hold one of the words given. One line a test, then a
+ * sum.
  *
  * The library is included whole, so tests see its internals. Each test gets a context that counts memory.
  */
@@ -6,8 +7,8 @@
 #include "test.h"
 
 oxl_context *test_ctx;
-int          test_failed;
-const char  *test_skip;
+int test_failed;
+const char *test_skip;
 
 static char folder[256];
 static long blocks_held; /* given by the counting allocator and not yet freed */
@@ -27,7 +28,7 @@ static void *counting_reallocate(void *user, void *old, size_t size)
 /* An allocator that never grows in place and counts what is held as realloc would. */
 static struct {
     size_t held, most; /* bytes */
-    int    calls;      /* each moves the memory to another place within a cache line */
+    int calls;         /* each moves the memory to another place within a cache line */
 } memory_weighed;
 
 enum { MEMORY_HEAD = 128 };
@@ -36,8 +37,8 @@ enum { MEMORY_HEAD = 128 };
 static void *memory_weigh(void *user, void *old, size_t size)
 {
     const size_t shift = 16 * (size_t)(memory_weighed.calls++ % 4);
-    char        *base = size ? malloc(size + MEMORY_HEAD) : NULL, *memory = NULL;
-    size_t       had = 0;
+    char *base = size ? malloc(size + MEMORY_HEAD) : NULL, *memory = NULL;
+    size_t had = 0;
     (void)user;
     if (old) memcpy(&had, (char *)old - 16, sizeof had);
     if (base) {
@@ -56,7 +57,7 @@ static void *memory_weigh(void *user, void *old, size_t size)
 static void memory_weigh_start(void)
 {
     memory_weighed.held = memory_weighed.most = 0;
-    test_ctx->options.reallocate              = memory_weigh;
+    test_ctx->options.reallocate = memory_weigh;
 }
 
 static void memory_weigh_end(void)
@@ -68,8 +69,8 @@ static void memory_weigh_end(void)
 const char *test_path(const char *name)
 {
     static char ring[16][512];
-    static int  next;
-    char       *path = ring[next++ % 16];
+    static int next;
+    char *path = ring[next++ % 16];
     snprintf(path, sizeof ring[0], "%s/%s", test_folder(), name);
     return path;
 }
@@ -78,7 +79,8 @@ const char *test_folder(void)
 {
     if (!folder[0]) {
         const char *base = getenv("TMPDIR");
-        snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld", base ? base : "/tmp", (long)(os_seconds() * 1e6));
+        snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld", base ? base : "/tmp",
+                 (long)(os_seconds() * 1e6));
     }
     os_make_folder(test_ctx, folder);
     return folder;
@@ -87,8 +89,8 @@ const char *test_folder(void)
 const char *test_write(const char *name, const char *text)
 {
     const char *path = test_path(name);
-    char        parent[512];
-    char       *slash;
+    char parent[512];
+    char *slash;
     snprintf(parent, sizeof parent, "%s", path);
     slash = strrchr(parent, '/');
     if (slash) *slash = 0;
@@ -134,15 +136,16 @@ static int wanted(const char *name, int argc, char **argv)
 static void run(const char *name, void (*body)(void))
 {
     oxl_context_options options = oxl_context_options_default();
-    options.reallocate          = counting_reallocate;
-    test_failed                 = 0;
-    test_skip                   = NULL;
-    blocks_held                 = 0;
+    options.reallocate = counting_reallocate;
+    test_failed = 0;
+    test_skip = NULL;
+    blocks_held = 0;
     if (oxl_context_create(&options, &test_ctx) != OXL_OK) exit(1);
     body();
     oxl_context_free(test_ctx);
     remove_folder();
-    if (blocks_held != 0 && !test_failed++) printf("  %ld blocks of memory were not given back\n", blocks_held);
+    if (blocks_held != 0 && !test_failed++)
+        printf("  %ld blocks of memory were not given back\n", blocks_held);
     printf("%s %s%s%s\n",
            test_failed ? "FAIL"
            : test_skip ? "skip"

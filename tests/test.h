@@ -1,6 +1,7 @@
 /* test.h - the smallest harness that serves: TEST(promise) { CHECK(...); }
  *
- * A test's name is its promise. A failed CHECK prints file:line and what was seen, marks the test as failed and continues.
+ * A test's name is its promise. A failed CHECK prints file:line and what was seen, marks the test as failed
+ * and continues.
  * The list of tests is made by the Makefile from the lines that begin with TEST( (build/test_list.h).
  */
 #ifndef TEST_H
@@ -10,9 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-extern oxl_context *test_ctx;    /* fresh for every test; memory still held at its end fails the test */
-extern int          test_failed; /* in the running test */
-extern const char  *test_skip;   /* why the running test was skipped, or NULL */
+extern oxl_context *test_ctx; /* fresh for every test; memory still held at its end fails the test */
+extern int test_failed;       /* in the running test */
+extern const char *test_skip; /* why the running test was skipped, or NULL */
 
 #define TEST(name) static void test_##name(void)
 
@@ -24,24 +25,25 @@ extern const char  *test_skip;   /* why the running test was skipped, or NULL */
         }                                                                      \
     } while (0)
 
-#define CHECK_OK(call)                                                                                          \
-    do {                                                                                                        \
-        oxl_result check_rc = (call);                                                                           \
-        if (check_rc != OXL_OK) {                                                                               \
-            test_failed++;                                                                                      \
-            printf("  %s:%d: %s gave %d: %s\n", __FILE__, __LINE__, #call, check_rc, oxl_error_text(test_ctx)); \
-        }                                                                                                       \
+#define CHECK_OK(call)                                                               \
+    do {                                                                             \
+        oxl_result check_rc = (call);                                                \
+        if (check_rc != OXL_OK) {                                                    \
+            test_failed++;                                                           \
+            printf("  %s:%d: %s gave %d: %s\n", __FILE__, __LINE__, #call, check_rc, \
+                   oxl_error_text(test_ctx));                                        \
+        }                                                                            \
     } while (0)
 
 /* |a - b| <= tolerance; not-a-number fails. */
-#define CHECK_CLOSE(a, b, tolerance)                                                                                   \
-    do {                                                                                                               \
-        const double check_a = (a), check_b = (b);                                                                     \
-        if (!(fabs(check_a - check_b) <= (tolerance))) {                                                               \
-            test_failed++;                                                                                             \
-            printf("  %s:%d: %s = %.9g, expected %s = %.9g within %g\n", __FILE__, __LINE__, #a, check_a, #b, check_b, \
-                   (double)(tolerance));                                                                               \
-        }                                                                                                              \
+#define CHECK_CLOSE(a, b, tolerance)                                                                      \
+    do {                                                                                                  \
+        const double check_a = (a), check_b = (b);                                                        \
+        if (!(fabs(check_a - check_b) <= (tolerance))) {                                                  \
+            test_failed++;                                                                                \
+            printf("  %s:%d: %s = %.9g, expected %s = %.9g within %g\n", __FILE__, __LINE__, #a, check_a, \
+                   #b, check_b, (double)(tolerance));                                                     \
+        }                                                                                                 \
     } while (0)
 
 /* The text holds the words. */

@@ -2,31 +2,37 @@
 
 enum { BANDS_W = 64, BANDS_H = 48 }; /* a reach of 4 px */
 
-/* Points seen straight ahead from the origin at (8, 8), depth 1; (40, 8), depth 2; (44, 8), depth 3; one behind the camera. */
+/* Points seen straight ahead from the origin at (8, 8), depth 1; (40, 8), depth 2; (44, 8), depth 3; one
+ * behind the camera. */
 static oxl_scene *bands_scene(void)
 {
     static float pixels[3 * BANDS_W * BANDS_H];
-    oxl_scene   *scene    = NULL;
-    oxl_image    image    = {.width = BANDS_W, .height = BANDS_H, .rgb = pixels};
-    oxl_point    point[4] = {{.position = {-23.5, -15.5, 1}},
-                             {.position = {2 * 8.5, 2 * -15.5, 2}},
-                             {.position = {3 * 12.5, 3 * -15.5, 3}},
-                             {.position = {-23.5, -15.5, -1}}};
-    oxl_view     view     = {.name = "a"};
+    oxl_scene *scene = NULL;
+    oxl_image image = {.width = BANDS_W, .height = BANDS_H, .rgb = pixels};
+    oxl_point point[4] = {{.position = {-23.5, -15.5, 1}},
+                          {.position = {2 * 8.5, 2 * -15.5, 2}},
+                          {.position = {3 * 12.5, 3 * -15.5, 3}},
+                          {.position = {-23.5, -15.5, -1}}};
+    oxl_view view = {.name = "a"};
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < 2; k++) point[i].position[k] /= 40;
-    view.camera = (oxl_camera){
-        .width = BANDS_W, .height = BANDS_H, .fx = 40, .fy = 40, .cx = 32, .cy = 24, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    view.camera = (oxl_camera){.width = BANDS_W,
+                               .height = BANDS_H,
+                               .fx = 40,
+                               .fy = 40,
+                               .cx = 32,
+                               .cy = 24,
+                               .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, point, 4, &scene));
     return scene;
 }
 
 TEST(bands_of_pixels_are_those_of_the_nearest_point_and_none_far_from_all)
 {
-    static uint8_t     band[BANDS_W * BANDS_H];
-    oxl_scene         *scene = bands_scene();
+    static uint8_t band[BANDS_W * BANDS_H];
+    oxl_scene *scene = bands_scene();
     struct depth_bands b;
-    size_t             counted = 0;
+    size_t counted = 0;
     CHECK_OK(depth_bands_begin(test_ctx, scene, (int[]){0}, 1, &b));
     CHECK(b.count == 3 && b.depth[0] > 1 && b.depth[0] <= 2 && b.depth[1] >= 2 && b.depth[1] < 3);
     b.depth[0] = 1.5, b.depth[1] = 2.5;
@@ -44,9 +50,9 @@ TEST(bands_of_pixels_are_those_of_the_nearest_point_and_none_far_from_all)
 /* Both views stand at the origin and have both points in their image; each saw one of them. */
 TEST(bands_go_by_tracks_where_there_are_some)
 {
-    oxl_scene         *scene = NULL;
+    oxl_scene *scene = NULL;
     struct depth_bands b;
-    oxl_image          image;
+    oxl_image image;
     CHECK_OK(oxl_image_create(test_ctx, BANDS_W, BANDS_H, &image));
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 64 48 40 40 32 24\n");

@@ -1,6 +1,7 @@
-/* test_colmap_binary.c - the binary export: the same model as the text, and a refusal with a place for any other bytes. */
+/* test_colmap_binary.c - the binary export: the same model as the text, and a refusal with a place for any
+ * other bytes. */
 
-/* ---------------------------------------------------------------- a writer */
+/* ---------------- a writer */
 
 static void binary_put(FILE *file, uint64_t value, int bytes)
 {
@@ -16,7 +17,7 @@ static void binary_put_real(FILE *file, double value)
 
 static FILE *binary_file(const char *folder, const char *name)
 {
-    char  path[400];
+    char path[400];
     FILE *file;
     snprintf(path, sizeof path, "%s/%s", folder, name);
     file = fopen(path, "wb");
@@ -24,11 +25,12 @@ static FILE *binary_file(const char *folder, const char *name)
     return file;
 }
 
-/* As COLMAP writes it, with the 2D points of the model in the folder `text`, rows the other way round: its order is that of a hash table. */
+/* As COLMAP writes it, with the 2D points of the model in the folder `text`, rows the other way round: its
+ * order is that of a hash table. */
 static void binary_write(const char *folder, const struct colmap *c, const char *text)
 {
-    struct colmap_observed o    = colmap_observe(text, c);
-    FILE                  *file = binary_file(folder, "cameras.bin");
+    struct colmap_observed o = colmap_observe(text, c);
+    FILE *file = binary_file(folder, "cameras.bin");
     binary_put(file, c->camera_count, 8);
     for (size_t i = c->camera_count; i-- > 0;) {
         const struct colmap_camera *k = &c->camera[i];
@@ -48,7 +50,8 @@ static void binary_write(const char *folder, const struct colmap *c, const char 
         fwrite(c->names + k->name, 1, strlen(c->names + k->name) + 1, file);
         binary_put(file, colmap_observed_count(&o, i), 8);
         for (size_t j = o.first[i]; j < o.first[i + 1]; j++)
-            binary_put_real(file, o.at[j].x), binary_put_real(file, o.at[j].y), binary_put(file, (uint64_t)o.at[j].point, 8);
+            binary_put_real(file, o.at[j].x), binary_put_real(file, o.at[j].y),
+                binary_put(file, (uint64_t)o.at[j].point, 8);
     }
     CHECK(fclose(file) == 0);
     file = binary_file(folder, "points3D.bin");
@@ -92,7 +95,7 @@ static void binary_replace(const char *name, const void *data, size_t size)
 static const char *binary_refused(void)
 {
     const struct colmap zero = {0};
-    struct colmap       c;
+    struct colmap c;
     CHECK(colmap_read_buffered(test_ctx, test_path("binary"), 64, &c) == OXL_ERR_INPUT);
     CHECK(memcmp(&c, &zero, sizeof c) == 0);
     CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
@@ -105,30 +108,31 @@ static void colmap_capture_all(void *user, oxl_log_level level, const char *text
     colmap_capture(user, OXL_LOG_WARNING, text);
 }
 
-/* ---------------------------------------------------------------- what is read */
+/* ---------------- what is read */
 
 /* Rows are the same; where observations and tracks lie is not. */
 static int binary_same(const struct colmap *a, const struct colmap *b)
 {
-    int same = a->camera_count == b->camera_count && a->image_count == b->image_count && a->point_count == b->point_count &&
-               a->track_count == b->track_count;
+    int same = a->camera_count == b->camera_count && a->image_count == b->image_count &&
+               a->point_count == b->point_count && a->track_count == b->track_count;
     for (size_t i = 0; same && i < a->camera_count; i++)
         same = a->camera[i].id == b->camera[i].id && a->camera[i].model == b->camera[i].model &&
                a->camera[i].width == b->camera[i].width && a->camera[i].height == b->camera[i].height &&
                memcmp(a->camera[i].parameter, b->camera[i].parameter, sizeof a->camera[i].parameter) == 0;
     for (size_t i = 0; same && i < a->image_count; i++) {
         const struct colmap_image *x = &a->image[i], *y = &b->image[i];
-        same = x->id == y->id && x->camera_id == y->camera_id && strcmp(a->names + x->name, b->names + y->name) == 0 &&
+        same = x->id == y->id && x->camera_id == y->camera_id &&
+               strcmp(a->names + x->name, b->names + y->name) == 0 &&
                memcmp(x->rotation, y->rotation, sizeof x->rotation) == 0 &&
                memcmp(x->translation, y->translation, sizeof x->translation) == 0 &&
                (x->points_size == 0) == (y->points_size == 0);
     }
     for (size_t i = 0; same && i < a->point_count; i++) {
         const struct colmap_point *x = &a->point[i], *y = &b->point[i];
-        same = x->id == y->id && memcmp(x->position, y->position, sizeof x->position) == 0 && x->error == y->error &&
-               memcmp(x->rgb, y->rgb, 3) == 0 && x->track_count == y->track_count &&
-               (x->track_count == 0 ||
-                memcmp(a->track + x->first_track, b->track + y->first_track, x->track_count * sizeof *a->track) == 0);
+        same = x->id == y->id && memcmp(x->position, y->position, sizeof x->position) == 0 &&
+               x->error == y->error && memcmp(x->rgb, y->rgb, 3) == 0 && x->track_count == y->track_count &&
+               (x->track_count == 0 || memcmp(a->track + x->first_track, b->track + y->first_track,
+                                              x->track_count * sizeof *a->track) == 0);
     }
     return same;
 }
@@ -156,8 +160,8 @@ TEST(colmap_binary_is_the_model_of_the_text_through_any_window)
 
 TEST(colmap_binary_real_surveys_are_those_of_their_text)
 {
-    const char   *path = test_shared("data/caliterra/sparse/0");
-    char          text[600];
+    const char *path = test_shared("data/caliterra/sparse/0");
+    char text[600];
     struct colmap c;
     if (!path) SKIP("no shared data");
     snprintf(text, sizeof text, "%s", path);
@@ -185,22 +189,24 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
     c.point[1].position[1] = INFINITY;
-    c.point[0].error       = NAN;
+    c.point[0].error = NAN;
     c.image[1].rotation[0] = 8;
     binary_write(test_path("binary"), &c, test_path("model"));
     colmap_free(test_ctx, &c);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
-    CHECK(c.warnings == 3 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 && c.track_count == 2);
+    CHECK(c.warnings == 3 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 &&
+          c.track_count == 2);
     colmap_free(test_ctx, &c);
 }
 
 TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
 {
     struct colmap c;
-    char          command[1000];
+    char command[1000];
     binary_good();
     snprintf(command, sizeof command,
-             "cd '%s' && cp ../model/*.txt . && touch -d '2001-01-01' *.txt && touch -d '2001-01-02' *.bin", test_path("binary"));
+             "cd '%s' && cp ../model/*.txt . && touch -d '2001-01-01' *.txt && touch -d '2001-01-02' *.bin",
+             test_path("binary"));
     CHECK(system(command) == 0);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), &c));
     CHECK(c.format == COLMAP_BINARY && strcmp(c.images_file, "images.bin") == 0);
@@ -214,13 +220,13 @@ TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
     colmap_free(test_ctx, &c);
 }
 
-/* ---------------------------------------------------------------- what is refused */
+/* ---------------- what is refused */
 
 TEST(colmap_binary_cut_anywhere_is_refused_with_the_place)
 {
     for (int f = 0; f < 3; f++) {
         struct os_file_map map;
-        char               path[400];
+        char path[400];
         binary_good();
         snprintf(path, sizeof path, "%s/%s", test_path("binary"), binary_names[f]);
         CHECK_OK(os_read_file(test_ctx, path, &map));
@@ -239,14 +245,14 @@ TEST(colmap_binary_with_a_wrong_byte_is_read_or_refused)
     int refused = 0;
     for (int f = 0; f < 3; f++) {
         struct os_file_map map;
-        char               path[400], *copy;
+        char path[400], *copy;
         binary_good();
         snprintf(path, sizeof path, "%s/%s", test_path("binary"), binary_names[f]);
         CHECK_OK(os_read_file(test_ctx, path, &map));
         copy = oxl_alloc(test_ctx, map.size, 1);
         for (size_t i = 0; i < map.size; i++) {
             struct colmap c;
-            oxl_result    rc;
+            oxl_result rc;
             memcpy(copy, map.data, map.size);
             copy[i] = (char)0xff;
             binary_replace(binary_names[f], copy, map.size);
@@ -276,10 +282,11 @@ TEST(colmap_binary_a_track_leaves_room_for_the_points_that_follow)
 {
     unsigned char points[8 + 3 * 51] = {3};
     binary_good();
-    points[8]      = 1;  /* id */
+    points[8] = 1;       /* id */
     points[8 + 43] = 12; /* of 102 bytes that two points need */
     binary_replace("points3D.bin", points, sizeof points);
-    CHECK_TEXT(binary_refused(), "byte 51, record 1: found the number 12 where 102 bytes and as many points as 2 follow");
+    CHECK_TEXT(binary_refused(),
+               "byte 51, record 1: found the number 12 where 102 bytes and as many points as 2 follow");
 }
 
 TEST(colmap_binary_empty_and_random_files_are_refused)
@@ -299,10 +306,12 @@ TEST(colmap_binary_empty_and_random_files_are_refused)
 
 TEST(colmap_binary_an_unknown_camera_model_leads_to_the_undistorter)
 {
-    unsigned char cameras[64] = {1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 18, 0, 0, 0, 100, 0, 0, 0, 0, 0, 0, 0, 100};
+    unsigned char cameras[64] = {1, 0, 0, 0,   0, 0, 0, 0, 1, 0, 0, 0,  18,
+                                 0, 0, 0, 100, 0, 0, 0, 0, 0, 0, 0, 100};
     binary_good();
     binary_replace("cameras.bin", cameras, sizeof cameras);
-    CHECK_TEXT(binary_refused(), "byte 12, record 1: found the camera model 18, expected 0 to 17 (SIMPLE_PINHOLE, ");
+    CHECK_TEXT(binary_refused(),
+               "byte 12, record 1: found the camera model 18, expected 0 to 17 (SIMPLE_PINHOLE, ");
     CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_undistorter");
 }
 
@@ -330,14 +339,15 @@ TEST(colmap_binary_incomplete_models_are_named_by_what_is_missing)
     CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, expected a COLMAP model");
 }
 
-/* ---------------------------------------------------------------- order */
+/* ---------------- order */
 
 TEST(colmap_order_is_by_id_and_tracks_follow_their_images)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(colmap_order(test_ctx, &c));
-    CHECK(c.image[0].id == 2 && c.image[1].id == 5 && c.image[2].id == 7 && c.point[0].id == 4 && c.point[1].id == 9);
+    CHECK(c.image[0].id == 2 && c.image[1].id == 5 && c.image[2].id == 7 && c.point[0].id == 4 &&
+          c.point[1].id == 9);
     CHECK(c.image[c.track[c.point[0].first_track].image_row].id == 7 &&
           c.image[c.track[c.point[1].first_track].image_row].id == 5);
     colmap_free(test_ctx, &c);
@@ -347,15 +357,16 @@ TEST(colmap_order_of_many_points_is_that_of_their_ids_near_or_far_apart)
 {
     for (int far = 0; far < 2; far++) {
         struct colmap c = {.point_count = 1000};
-        int64_t       repeated;
+        int64_t repeated;
         c.point = oxl_calloc(test_ctx, c.point_count, sizeof *c.point);
         for (size_t i = 0; i < c.point_count; i++) {
-            c.point[i].id          = (int64_t)(i * 7919 % 1009) * (far ? INT64_C(1) << 40 : 1) - 50;
+            c.point[i].id = (int64_t)(i * 7919 % 1009) * (far ? INT64_C(1) << 40 : 1) - 50;
             c.point[i].position[0] = (double)c.point[i].id;
         }
         CHECK_OK(colmap_order_points(test_ctx, &c, &repeated));
         for (size_t i = 0; i < c.point_count; i++)
-            CHECK((i == 0 || c.point[i - 1].id < c.point[i].id) && c.point[i].position[0] == (double)c.point[i].id);
+            CHECK((i == 0 || c.point[i - 1].id < c.point[i].id) &&
+                  c.point[i].position[0] == (double)c.point[i].id);
         colmap_free(test_ctx, &c);
     }
 }

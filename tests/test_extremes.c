@@ -10,7 +10,8 @@ TEST(extremes_are_rendered_and_differentiated_within_the_stated_bounds)
         if (extreme_holds(&EXTREMES[i], &r)) continue;
         test_failed++;
         printf("  %s:", EXTREMES[i].what);
-        for (int k = 0; k < EXTREME_PARTS; k++) printf(" %.1e%s", r.part[k].most, r.part[k].finite ? "" : " (not finite)");
+        for (int k = 0; k < EXTREME_PARTS; k++)
+            printf(" %.1e%s", r.part[k].most, r.part[k].finite ? "" : " (not finite)");
         printf("\n");
     }
 }
@@ -19,15 +20,16 @@ TEST(extremes_of_the_loss_and_the_optimiser_stay_within_the_stated_bounds)
 {
     for (size_t i = 0; i < OXL_COUNT(EXTREME_LOSSES); i++) {
         struct extreme_error error;
-        double               value;
+        double value;
         extreme_run_loss(test_ctx, &EXTREME_LOSSES[i], &value, &error);
         CHECK(error.finite);
         CHECK_CLOSE(value, 0, EXTREME_LOSSES[i].value);
         CHECK_CLOSE(error.most, 0, EXTREME_LOSSES[i].gradient);
     }
     for (size_t i = 0; i < OXL_COUNT(EXTREME_ADAMS); i++) {
-        struct extreme_adam        e     = EXTREME_ADAMS[i];
-        const struct extreme_error error = (e.steps = OXL_MIN(e.steps, 20000), extreme_run_adam(test_ctx, &e));
+        struct extreme_adam e = EXTREME_ADAMS[i];
+        const struct extreme_error error =
+            (e.steps = OXL_MIN(e.steps, 20000), extreme_run_adam(test_ctx, &e));
         CHECK(error.finite);
         CHECK_CLOSE(error.most, 0, e.bound);
     }
@@ -38,12 +40,14 @@ TEST(extremes_a_survey_shifted_or_scaled_trains_to_the_same_image_and_a_degenera
     float *plain = oxl_alloc(test_ctx, EXTREME_VALUES, sizeof *plain);
     CHECK(extreme_train(test_ctx, &EXTREME_SURVEYS[0], test_path("0"), plain));
     for (size_t i = 1; i < OXL_COUNT(EXTREME_SURVEYS); i++) {
-        char                       name[16];
+        char name[16];
         const struct extreme_error error =
-            (snprintf(name, sizeof name, "%zu", i), extreme_run_survey(test_ctx, &EXTREME_SURVEYS[i], test_path(name), plain));
+            (snprintf(name, sizeof name, "%zu", i),
+             extreme_run_survey(test_ctx, &EXTREME_SURVEYS[i], test_path(name), plain));
         if (extreme_survey_holds(&EXTREME_SURVEYS[i], &error)) continue;
         test_failed++;
-        printf("  %s: %.1e %.1e%s\n", EXTREME_SURVEYS[i].what, error.most, error.mean, error.finite ? "" : " (not finite)");
+        printf("  %s: %.1e %.1e%s\n", EXTREME_SURVEYS[i].what, error.most, error.mean,
+               error.finite ? "" : " (not finite)");
     }
     oxl_free(test_ctx, plain);
 }

@@ -1,4 +1,5 @@
-/* test_gradient.c - the kernels' gradient against finite differences, from their source in double, and float against double. */
+/* test_gradient.c - the kernels' gradient against finite differences, from their source in double, and float
+ * against double. */
 #include "wide.h"
 
 enum { GRADIENT_WIDTH = 14, GRADIENT_HEIGHT = 11 };
@@ -10,14 +11,19 @@ static double gradient_random(uint64_t seed, uint64_t i, double low, double high
 
 static oxl_camera gradient_camera(int width, int height, double focal)
 {
-    oxl_camera c = {.width = width, .height = height, .fx = focal, .fy = focal * 1.1, .cx = width * 0.45, .cy = height * 0.52};
+    oxl_camera c = {.width = width,
+                    .height = height,
+                    .fx = focal,
+                    .fy = focal * 1.1,
+                    .cx = width * 0.45,
+                    .cy = height * 0.52};
     camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, c.rotation);
     c.translation[0] = 0.1, c.translation[1] = -0.05, c.translation[2] = 3;
     return c;
 }
 
-/* Wide soft Gaussians: every pixel lies well inside every contour, below the clamp and far from the end of its light, so the image is
- * smooth in every parameter. Colours stay above 0. */
+/* Wide soft Gaussians: every pixel lies well inside every contour, below the clamp and far from the end of
+ * its light, so the image is smooth in every parameter. Colours stay above 0. */
 static void gradient_smooth_scene(struct wide *r, int count, int lobes, int degree)
 {
     const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
@@ -44,33 +50,35 @@ static double gradient_loss(struct wide *r)
 {
     double sum = 0;
     kernels_forward(r);
-    for (size_t i = 0; i < 3 * (size_t)r->camera.width * (size_t)r->camera.height; i++) sum += gradient_weight(i) * r->rgb[i];
+    for (size_t i = 0; i < 3 * (size_t)r->camera.width * (size_t)r->camera.height; i++)
+        sum += gradient_weight(i) * r->rgb[i];
     return sum;
 }
 
 static void gradient_analytic(struct wide *r)
 {
     const size_t values = 3 * (size_t)r->camera.width * (size_t)r->camera.height;
-    double      *drgb   = wide_array(values);
+    double *drgb = wide_array(values);
     for (size_t i = 0; i < values; i++) drgb[i] = gradient_weight(i);
     gradient_loss(r);
     kernels_backward(r, drgb);
     free(drgb);
 }
 
-/* Worst |finite - analytic| / largest |analytic| of the planes first..end-1, central differences of fourth order. */
+/* Worst |finite - analytic| / largest |analytic| of the planes first..end-1, central differences of fourth
+ * order. */
 static double gradient_worst(struct wide *r, int first, int end)
 {
-    const double h     = 1e-3;
-    double       worst = 0, scale = 0;
+    const double h = 1e-3;
+    double worst = 0, scale = 0;
     for (int k = first; k < end; k++)
         for (size_t i = 0; i < r->count; i++) {
             double *x = &r->plane[k][i], was = *x, f[4];
             for (int n = 0; n < 4; n++) {
-                *x   = was + h * (n < 2 ? n - 2 : n - 1);
+                *x = was + h * (n < 2 ? n - 2 : n - 1);
                 f[n] = gradient_loss(r);
             }
-            *x    = was;
+            *x = was;
             worst = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - r->gradient[k][i]));
             scale = OXL_MAX(scale, fabs(r->gradient[k][i]));
         }
@@ -116,7 +124,8 @@ TEST(gradient_stops_at_the_opacity_clamp_and_at_black)
     wide_free(&r);
 }
 
-/* The smooth scene with second lobes of about a third of the opacity, wider or narrower along each axis; alpha stays positive. */
+/* The smooth scene with second lobes of about a third of the opacity, wider or narrower along each axis;
+ * alpha stays positive. */
 static void gradient_lobed_scene(struct wide *r, int count, int lobes, int degree)
 {
     gradient_smooth_scene(r, count, lobes, degree);
@@ -142,17 +151,19 @@ TEST(gradient_of_lobes_agrees_with_finite_differences_for_every_parameter_type)
     wide_free(&r);
 }
 
-/* Narrow Gaussians beside the image, with second lobes that reach over all of it: alpha is negative in every pixel, T grows. */
+/* Narrow Gaussians beside the image, with second lobes that reach over all of it: alpha is negative in every
+ * pixel, T grows. */
 TEST(gradient_is_exact_where_alpha_is_negative)
 {
     struct wide r;
-    double      least = 1e9;
+    double least = 1e9;
     gradient_lobed_scene(&r, 5, 3, 0);
     for (int i = 0; i < 3; i++) {
-        r.plane[OXL_MEAN][i]    = 4 + 0.1 * i;
+        r.plane[OXL_MEAN][i] = 4 + 0.1 * i;
         r.plane[OXL_OPACITY][i] = 1;
-        r.plane[OXL_LOBE][i]    = 2;
-        for (int a = 0; a < 3; a++) r.plane[OXL_LOG_SCALE + a][i] = -2, r.plane[OXL_LOBE + 1 + a][i] = 3.3 + 0.1 * a;
+        r.plane[OXL_LOBE][i] = 2;
+        for (int a = 0; a < 3; a++)
+            r.plane[OXL_LOG_SCALE + a][i] = -2, r.plane[OXL_LOBE + 1 + a][i] = 3.3 + 0.1 * a;
     }
     for (int i = 3; i < 5; i++) r.plane[OXL_OPACITY][i] = -3; /* so that the negative ones show */
     gradient_analytic(&r);
@@ -167,7 +178,7 @@ TEST(gradient_is_exact_where_alpha_is_negative)
     wide_free(&r);
 }
 
-/* ---------------------------------------------------------------- float against double */
+/* ---------------- float against double */
 
 /* 300 ordinary Gaussians of all shapes on 70 x 50 pixels: many contours cut through many pixels. */
 static void gradient_ordinary_scene(struct wide *r, int count, int degree)
@@ -196,15 +207,16 @@ static void gradient_to_model(const struct wide *r, oxl_model *m)
         for (size_t i = 0; i < m->lobes; i++) m->plane[k][i] = (float)r->plane[k][i];
 }
 
-/* A decision (alpha >= 1/255, T >= 1e-4) that falls the other way in float changes a pixel by up to 1/255; everything else differs by
- * rounding alone, a few 1e-7 a splat. So at most one pixel in 500 may differ by more than 1e-5, none by more than 1/255. */
+/* A decision (alpha >= 1/255, T >= 1e-4) that falls the other way in float changes a pixel by up to 1/255;
+ * everything else differs by rounding alone, a few 1e-7 a splat. So at most one pixel in 500 may differ by
+ * more than 1e-5, none by more than 1/255. */
 TEST(float_image_agrees_with_double_but_for_rounding)
 {
     const oxl_camera camera = gradient_camera(70, 50, 60);
-    struct wide      r;
-    oxl_model        m;
-    oxl_image        image;
-    int              off = 0;
+    struct wide r;
+    oxl_model m;
+    oxl_image image;
+    int off = 0;
     gradient_ordinary_scene(&r, 300, 2);
     kernels_forward(&r);
     gradient_to_model(&r, &m);
@@ -222,11 +234,11 @@ TEST(float_image_agrees_with_double_but_for_rounding)
 
 TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
 {
-    const oxl_camera   camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     oxl_render_options options = oxl_render_options_default();
-    struct wide        r;
-    oxl_model          m, gradient;
-    float              drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
+    struct wide r;
+    oxl_model m, gradient;
+    float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     gradient_lobed_scene(&r, 40, 19, 3);
     gradient_analytic(&r);
     gradient_to_model(&r, &m);
@@ -248,14 +260,14 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
 
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
 {
-    const oxl_camera          camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
-    oxl_render_options        options = oxl_render_options_default();
-    float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
-    struct wide               r;
-    struct renderer          *renderer;
-    oxl_model                 gradient, old;
-    struct trained_model      m;
+    const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    oxl_render_options options = oxl_render_options_default();
+    float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
+    struct adam_params adam = {.beta = RENDERER_BETAS, .step = 1};
+    struct wide r;
+    struct renderer *renderer;
+    oxl_model gradient, old;
+    struct trained_model m;
     struct renderer_nonfinite aside;
     gradient_lobed_scene(&r, 40, 19, 0);
     r.plane[OXL_MEAN + 2][3] = -50; /* out of view */
@@ -272,7 +284,8 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     CHECK_OK(renderer_step(test_ctx, renderer, &m, &gradient, &adam, &aside));
     for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
         for (int i = 0; i < 19; i++)
-            CHECK_CLOSE(fabs(m.model.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : adam.rate[k], 1e-4 * adam.rate[k]);
+            CHECK_CLOSE(fabs(m.model.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : adam.rate[k],
+                        1e-4 * adam.rate[k]);
         for (int i = 19; i < 32; i++) CHECK(m.model.plane[k][i] == 0);
     }
     CHECK(m.model.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);
@@ -286,14 +299,16 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
 /* The model after a step, whose gradient comes from the backward pass (late 0) or from the step itself. */
 static void gradient_stepped(const struct wide *r, int late, struct trained_model *m)
 {
-    const oxl_camera         camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     const oxl_render_options options = oxl_render_options_default();
-    const struct medium      murky   = {
-               .on = 1, .attenuation = {0.1f, 0.2f, 0.3f}, .backscatter = {0.1f, 0.1f, 0.1f}, .veiling_light = {0.2f, 0.3f, 0.4f}};
-    float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
-    oxl_model                 gradient;
-    struct renderer          *renderer;
+    const struct medium murky = {.on = 1,
+                                 .attenuation = {0.1f, 0.2f, 0.3f},
+                                 .backscatter = {0.1f, 0.1f, 0.1f},
+                                 .veiling_light = {0.2f, 0.3f, 0.4f}};
+    float drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
+    struct adam_params adam = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_model gradient;
+    struct renderer *renderer;
     struct renderer_nonfinite aside;
     gradient_to_model(r, &m->model);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
@@ -311,13 +326,14 @@ static void gradient_stepped(const struct wide *r, int late, struct trained_mode
 
 TEST(a_step_that_ends_the_backward_pass_itself_gives_the_same_bytes)
 {
-    struct wide          r;
+    struct wide r;
     struct trained_model m[2];
     gradient_lobed_scene(&r, 40, 19, 0);
     for (int late = 0; late < 2; late++) gradient_stepped(&r, late, &m[late]);
     for (int k = 0; k < OXL_PLANES; k++)
         if (m[0].model.plane[k])
-            CHECK(memcmp(m[0].model.plane[k], m[1].model.plane[k], (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
+            CHECK(memcmp(m[0].model.plane[k], m[1].model.plane[k],
+                         (k < OXL_LOBE ? 40 : 19) * sizeof(float)) == 0);
     CHECK(m[0].model.plane[OXL_MEAN][0] != (float)r.plane[OXL_MEAN][0]);
     for (int k = 0; k < 2; k++) model_trained_free(test_ctx, &m[k]);
     wide_free(&r);

@@ -1,7 +1,13 @@
-/* test_image.c - what comes out of image files, whole and broken, and how images are reduced, undistorted and masked. */
+/* test_image.c - what comes out of image files, whole and broken, and how images are reduced, undistorted and
+ * masked. */
 
-static const struct colmap_camera image_pinhole = {
-    .id = 1, .model = 1, .width = 64, .height = 48, .parameter = {60, 60, 32, 24}, .file = "cameras.txt", .line = 4};
+static const struct colmap_camera image_pinhole = {.id = 1,
+                                                   .model = 1,
+                                                   .width = 64,
+                                                   .height = 48,
+                                                   .parameter = {60, 60, 32, 24},
+                                                   .file = "cameras.txt",
+                                                   .line = 4};
 
 static uint8_t image_pattern(int x, int y, int c)
 {
@@ -19,9 +25,9 @@ static void image_append(void *user, void *data, int size)
 /* An image of w x h px with the pattern above. */
 static const char *image_test_file(const char *name, int w, int h)
 {
-    const char *path  = test_path(name);
-    struct text file  = {.ctx = test_ctx};
-    uint8_t    *bytes = oxl_alloc(test_ctx, (size_t)w * h, 3);
+    const char *path = test_path(name);
+    struct text file = {.ctx = test_ctx};
+    uint8_t *bytes = oxl_alloc(test_ctx, (size_t)w * h, 3);
     for (int i = 0; i < w * h; i++)
         for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_pattern(i % w, i / w, c);
     stbi_write_png_to_func(image_append, &file, w, h, 3, bytes, 3 * w);
@@ -36,7 +42,7 @@ static const char *image_mask(const char *name, int w, int h, const char *drawin
 {
     const char *path = test_path(name);
     struct text file = {.ctx = test_ctx};
-    uint8_t     bytes[64];
+    uint8_t bytes[64];
     for (int i = 0; i < w * h; i++) bytes[i] = drawing[i] == '#' ? 0 : 255;
     stbi_write_png_to_func(image_append, &file, w, h, 1, bytes, w);
     CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
@@ -53,12 +59,13 @@ static const char *image_bytes(const char *name, const char *bytes, size_t size)
 
 static oxl_camera image_camera(int w, int h)
 {
-    return (oxl_camera){.width = w, .height = h, .fx = 60.0 * w / 64, .fy = 60.0 * h / 48, .cx = w / 2.0, .cy = h / 2.0};
+    return (oxl_camera){
+        .width = w, .height = h, .fx = 60.0 * w / 64, .fy = 60.0 * h / 48, .cx = w / 2.0, .cy = h / 2.0};
 }
 
 TEST(image_png_comes_back_as_it_was_written)
 {
-    oxl_image   a, b;
+    oxl_image a, b;
     const char *path = test_path("a.png");
     CHECK_OK(oxl_image_create(test_ctx, 37, 11, &a));
     for (int i = 0; i < 3 * 37 * 11; i++) a.rgb[i] = (float)(i % 256) / 255.0f;
@@ -83,12 +90,12 @@ static void image_chunk(struct text *png, const char *type, const void *data, si
 TEST(image_colours_that_a_palette_has_not_are_black)
 {
     static unsigned char row[5] = {0, 0, 1, 2, 255}; /* no filter; four pixels */
-    static const char    head[] = {0, 0, 0, 4, 0, 0, 0, 1, 8, 3, 0, 0, 0}, two[] = {10, 20, 30, 40, 50, 60};
+    static const char head[] = {0, 0, 0, 4, 0, 0, 0, 1, 8, 3, 0, 0, 0}, two[] = {10, 20, 30, 40, 50, 60};
     static const uint8_t wanted[12] = {10, 20, 30, 40, 50, 60};
-    struct text          png        = {.ctx = test_ctx};
-    struct pixels        pixels;
-    int                  size;
-    unsigned char       *packed = stbi_zlib_compress(row, 5, &size, 8);
+    struct text png = {.ctx = test_ctx};
+    struct pixels pixels;
+    int size;
+    unsigned char *packed = stbi_zlib_compress(row, 5, &size, 8);
     image_append(&png, (void *)(uintptr_t) "\x89PNG\r\n\x1a\n", 8);
     image_chunk(&png, "IHDR", head, 13);
     image_chunk(&png, "PLTE", two, 6);
@@ -104,7 +111,7 @@ TEST(image_colours_that_a_palette_has_not_are_black)
 TEST(image_write_clamps_and_paints_not_a_number_black)
 {
     const float in[4] = {-3, NAN, 7, INFINITY}, out[4] = {0, 0, 1, 1};
-    oxl_image   a, b;
+    oxl_image a, b;
     CHECK_OK(oxl_image_create(test_ctx, 4, 1, &a));
     for (int c = 0; c < 3; c++) memcpy(a.rgb + 4 * c, in, sizeof in);
     CHECK_OK(oxl_image_write(test_ctx, test_path("a.png"), &a));
@@ -123,7 +130,7 @@ TEST(image_png_of_16_bits_is_rounded_and_grey_becomes_rgb)
         "\x00\x8c\xc7\x8c\x52\x00\x00\x00\x11\x49\x44\x41\x54\x78\xda\x63\x60\x60\xf8\xff\x9f\xe1\x5f\x43\x03\x00\x0f\x78"
         "\x03\xfd\x92\xec\xff\x1f\x00\x00\x00\x00\x49\x45\x4e\x44\xae\x42\x60\x82";
     static const uint8_t wanted[4] = {0, 255, 1, 128};
-    struct pixels        p;
+    struct pixels p;
     CHECK_OK(image_decode(test_ctx, image_bytes("grey.png", png, sizeof png - 1), 3, &p));
     for (int i = 0; i < 12; i++) CHECK(p.data[i] == wanted[i / 3]);
     image_pixels_free(test_ctx, &p);
@@ -132,14 +139,15 @@ TEST(image_png_of_16_bits_is_rounded_and_grey_becomes_rgb)
 TEST(image_png_of_16_bits_that_we_write_is_one)
 {
     static const uint16_t grey[6] = {0, 1, 255, 256, 12345, 65535};
-    struct os_file_map    map     = {0};
+    struct os_file_map map = {0};
     CHECK_OK(image_write_png16(test_ctx, test_path("grey.png"), grey, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("grey.png"), &map));
     if (map.data) {
         const unsigned char *data = (const unsigned char *)map.data;
-        int                  w, h, channels;
-        uint16_t            *back;
-        unsigned             sum = (unsigned)data[29] << 24 | (unsigned)data[30] << 16 | (unsigned)data[31] << 8 | data[32];
+        int w, h, channels;
+        uint16_t *back;
+        unsigned sum =
+            (unsigned)data[29] << 24 | (unsigned)data[30] << 16 | (unsigned)data[31] << 8 | data[32];
         CHECK(stbi_is_16_bit_from_memory(data, (int)map.size));
         back = stbi_load_16_from_memory(data, (int)map.size, &w, &h, &channels, 0);
         CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, grey, sizeof grey) == 0);
@@ -156,7 +164,7 @@ TEST(image_alpha_of_a_png_is_ignored)
         "\x00\xf4\x22\x7f\x8a\x00\x00\x00\x11\x49\x44\x41\x54\x78\xda\x63\xe0\x12\x91\x63\x38\x91\x62\xd4\x00\x00\x06\xc9"
         "\x02\x1b\x4d\x33\xef\x54\x00\x00\x00\x00\x49\x45\x4e\x44\xae\x42\x60\x82";
     static const uint8_t wanted[6] = {10, 20, 30, 200, 100, 50};
-    struct pixels        p;
+    struct pixels p;
     CHECK_OK(image_decode(test_ctx, image_bytes("rgba.png", png, sizeof png - 1), 3, &p));
     CHECK(memcmp(p.data, wanted, 6) == 0);
     image_pixels_free(test_ctx, &p);
@@ -165,7 +173,7 @@ TEST(image_alpha_of_a_png_is_ignored)
 static void image_refused(const char *path, const char *words)
 {
     oxl_image image;
-    int       w, h;
+    int w, h;
     CHECK(oxl_image_read(test_ctx, path, &image) == OXL_ERR_INPUT);
     CHECK(image.rgb == NULL && image.width == 0);
     CHECK_TEXT(oxl_error_text(test_ctx), path);
@@ -190,22 +198,26 @@ TEST(image_of_another_file_type_is_refused_by_name)
     CHECK_TEXT(oxl_error_text(test_ctx), "none.jpg");
 }
 
-/* Small images of every kind: baseline with 4:2:0 and a preview in its EXIF segment, progressive, and a PNG. */
-static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg", "tests/data/photo.png"};
+/* Small images of every kind: baseline with 4:2:0 and a preview in its EXIF segment, progressive, and a
+ * PNG. */
+static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg",
+                                          "tests/data/photo.png"};
 
 /* A PNG is whole without its last chunk, IEND, of 12 bytes. */
 TEST(image_cut_anywhere_is_refused)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
         struct os_file_map whole;
-        oxl_image          image;
-        int                taken = 0;
+        oxl_image image;
+        int taken = 0;
         CHECK_OK(oxl_image_read(test_ctx, image_kinds[k], &image));
         CHECK(image.width == 64 && image.height == 48);
         oxl_image_free(test_ctx, &image);
         CHECK_OK(os_read_file(test_ctx, image_kinds[k], &whole));
-        for (size_t size = 0; size < whole.size - (k == 2 ? 12 : 0); size += size + 80 < whole.size ? 37 : 1) {
-            taken += oxl_image_read(test_ctx, image_bytes("cut.jpg", whole.data, size), &image) != OXL_ERR_INPUT;
+        for (size_t size = 0; size < whole.size - (k == 2 ? 12 : 0);
+             size += size + 80 < whole.size ? 37 : 1) {
+            taken +=
+                oxl_image_read(test_ctx, image_bytes("cut.jpg", whole.data, size), &image) != OXL_ERR_INPUT;
             oxl_image_free(test_ctx, &image);
         }
         CHECK(taken == 0);
@@ -224,10 +236,11 @@ static char *image_marker(char *bytes, size_t size, unsigned char marker)
 TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
 {
     /* a table before the frame header, its 16 counts beyond the end of its segment */
-    static const char  early[] = "\xff\xd8\xff\xc4\x00\x03\x00\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff";
+    static const char early[] =
+        "\xff\xd8\xff\xc4\x00\x03\x00\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff";
     struct os_file_map whole;
-    char              *bytes;
-    ptrdiff_t          frame, length;
+    char *bytes;
+    ptrdiff_t frame, length;
     image_refused(image_bytes("early.jpg", early, sizeof early - 1), "a Huffman table is damaged");
     CHECK_OK(os_read_file(test_ctx, "tests/data/progressive.jpg", &whole));
     bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
@@ -235,7 +248,7 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     memset(image_marker(bytes, whole.size, 0xc4) + 5, 255, 16); /* a table of 4080 symbols */
     image_refused(image_bytes("tables.jpg", bytes, whole.size), "a Huffman table is damaged");
     memcpy(bytes, whole.data, whole.size);
-    frame  = image_marker(bytes, whole.size, 0xc2) - bytes; /* a frame header twice */
+    frame = image_marker(bytes, whole.size, 0xc2) - bytes; /* a frame header twice */
     length = 2 + ((unsigned char)bytes[frame + 2] << 8 | (unsigned char)bytes[frame + 3]);
     memcpy(bytes + frame + length, whole.data + frame, whole.size - (size_t)frame);
     image_refused(image_bytes("frames.jpg", bytes, whole.size + (size_t)length), "two frame headers");
@@ -248,12 +261,14 @@ TEST(image_jpeg_whose_scan_has_no_table_is_refused)
     static const char *const kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg"};
     for (size_t k = 0; k < OXL_COUNT(kinds); k++) {
         struct os_file_map whole;
-        char              *bytes, *scan;
+        char *bytes, *scan;
         CHECK_OK(os_read_file(test_ctx, kinds[k], &whole));
         bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
         memcpy(bytes, whole.data, whole.size);
-        for (scan = bytes + whole.size - 8; memcmp(scan, "\xff\xda", 2) != 0;) scan--; /* not that of a preview */
-        scan[6] = 0x33;                                                                /* of its first component */
+        for (scan = bytes + whole.size - 8; memcmp(scan, "\xff\xda", 2) != 0;)
+            scan--; /* not that of a preview */
+        /* of its first component */
+        scan[6] = 0x33;
         image_refused(image_bytes("scan.jpg", bytes, whole.size), "a scan has no Huffman table");
         oxl_free(test_ctx, bytes);
         os_release_file(test_ctx, &whole);
@@ -264,14 +279,15 @@ TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
         struct os_file_map whole;
-        char              *bytes;
+        char *bytes;
         CHECK_OK(os_read_file(test_ctx, image_kinds[k], &whole));
         bytes = oxl_alloc(test_ctx, whole.size, 1);
         for (uint64_t i = 0; i < 200; i++) {
-            oxl_image  image;
+            oxl_image image;
             oxl_result rc;
             memcpy(bytes, whole.data, whole.size);
-            for (uint64_t j = 0; j < 3; j++) bytes[random_bits(i, j, 0) % whole.size] ^= (char)(1 << random_bits(i, j, 1) % 8);
+            for (uint64_t j = 0; j < 3; j++)
+                bytes[random_bits(i, j, 0) % whole.size] ^= (char)(1 << random_bits(i, j, 1) % 8);
             rc = oxl_image_read(test_ctx, image_bytes("flipped", bytes, whole.size), &image);
             CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
             CHECK((rc == OXL_OK) == (image.rgb != NULL));
@@ -288,7 +304,7 @@ TEST(image_jpeg_bytes_do_not_depend_on_simd)
     static const uint64_t sums[] = {UINT64_C(0x259690ffcf0fcbec), UINT64_C(0x5ddc3bf00bb6ebb0)};
     for (size_t k = 0; k < OXL_COUNT(sums); k++) {
         struct pixels p;
-        uint64_t      sum = UINT64_C(1469598103934665603); /* FNV-1a */
+        uint64_t sum = UINT64_C(1469598103934665603); /* FNV-1a */
         CHECK_OK(image_decode(test_ctx, image_kinds[k], 3, &p));
         for (int i = 0; i < 3 * p.width * p.height; i++) sum = (sum ^ p.data[i]) * UINT64_C(1099511628211);
         CHECK(sum == sums[k]);
@@ -298,14 +314,14 @@ TEST(image_jpeg_bytes_do_not_depend_on_simd)
 
 TEST(image_reduction_is_the_exact_mean_over_the_area)
 {
-    const char           *path = image_test_file("p.png", 64, 48);
-    oxl_camera            to   = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
+    const char *path = image_test_file("p.png", 64, 48);
+    oxl_camera to = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
     struct training_image image;
     CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
     CHECK(image.width == 24 && image.height == 12 && !image.mask);
     for (int at = 0; at < 3 * 24 * 12; at++) {
         const int c = at / (24 * 12), y = at / 24 % 12, x = at % 24;
-        double    sum = 0, weight = 0;
+        double sum = 0, weight = 0;
         for (int j = 4 * y; j < 4 * y + 4; j++)
             for (int i = 0; i < 64; i++) {
                 const double overlap = OXL_MIN(i + 1, (x + 1) * 64.0 / 24) - OXL_MAX(i, x * 64.0 / 24);
@@ -320,11 +336,11 @@ TEST(image_reduction_is_the_exact_mean_over_the_area)
 
 TEST(image_of_the_right_size_is_taken_byte_by_byte)
 {
-    const char           *path = image_test_file("p.png", 64, 48);
-    oxl_camera            to   = image_camera(64, 48);
+    const char *path = image_test_file("p.png", 64, 48);
+    oxl_camera to = image_camera(64, 48);
     struct training_image image;
-    float                 rgb[3 * 64 * 48], weight[64 * 48];
-    int                   wrong = 0;
+    float rgb[3 * 64 * 48], weight[64 * 48];
+    int wrong = 0;
     CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
     image_from_training(test_ctx, &image, NULL, rgb, weight);
     for (int at = 0; at < 3 * 64 * 48; at++) {
@@ -337,39 +353,46 @@ TEST(image_of_the_right_size_is_taken_byte_by_byte)
 
 TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
 {
-    oxl_camera            to = image_camera(32, 24);
+    oxl_camera to = image_camera(32, 24);
     struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, image_test_file("half.png", 32, 24), NULL, &image_pinhole, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, image_test_file("half.png", 32, 24), NULL, &image_pinhole, &to,
+                                 &image));
     image_training_free(test_ctx, &image);
-    CHECK(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, &image_pinhole, &to, &image) == OXL_ERR_INPUT);
+    CHECK(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, &image_pinhole, &to,
+                              &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "crop.png: 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
     CHECK(!image.rgb);
-    CHECK(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, &image_pinhole, &to, &image) ==
-          OXL_ERR_INPUT);
+    CHECK(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, &image_pinhole, &to,
+                              &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "fix: undo the rotation");
 }
 
 /* The pattern is linear in x and y, so a bilinear sample of it is exact, and so is a mean of samples. */
 static void image_check_undistorted(int file_width, int file_height, double reduction)
 {
-    const struct colmap_camera from = {
-        .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
-    const double          zoom = file_width / 64.0;
-    oxl_camera            to;
+    const struct colmap_camera from = {.id = 1,
+                                       .model = camera_model_find("SIMPLE_RADIAL", 13),
+                                       .width = 64,
+                                       .height = 48,
+                                       .parameter = {80, 32, 24, -0.3}};
+    const double zoom = file_width / 64.0;
+    oxl_camera to;
     struct training_image image;
-    double                worst = 0;
+    double worst = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
-    to.width  = (int)(to.width / reduction);
+    to.width = (int)(to.width / reduction);
     to.height = (int)(to.height / reduction);
     to.fx /= reduction;
     to.fy /= reduction;
     to.cx /= reduction;
     to.cy /= reduction;
-    CHECK_OK(image_load_training(test_ctx, image_test_file("d.png", file_width, file_height), NULL, &from, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, image_test_file("d.png", file_width, file_height), NULL, &from,
+                                 &to, &image));
     CHECK(!image.mask);
     for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
-        const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx, (at / to.width + 0.5 - to.cy) / to.fy};
-        double       p[2], wanted;
+        const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx,
+                                     (at / to.width + 0.5 - to.cy) / to.fy};
+        double p[2], wanted;
         camera_distort(&from, direction, p);
         wanted = 3 * (zoom * p[0] - 0.5) + 2 * (zoom * p[1] - 0.5);
         if (wanted < 240) worst = OXL_MAX(worst, fabs(image.rgb[at] - wanted));
@@ -388,13 +411,21 @@ TEST(image_undistortion_follows_the_camera_model)
 TEST(image_undistorted_agrees_with_colmaps_own)
 {
     static const struct colmap_camera lens = {
-        .id = 1, .model = 2, .width = 960, .height = 512, .parameter = {1042.8142056641748, 480, 256, -0.27931708280078082}};
+        .id = 1,
+        .model = 2,
+        .width = 960,
+        .height = 512,
+        .parameter = {1042.8142056641748, 480, 256, -0.27931708280078082}};
     static const struct colmap_camera ideal = {
-        .id = 1, .model = 1, .width = 1028, .height = 520, .parameter = {1042.8142056641748, 1042.8142056641748, 514, 260}};
-    const char           *path;
-    oxl_camera            to;
+        .id = 1,
+        .model = 1,
+        .width = 1028,
+        .height = 520,
+        .parameter = {1042.8142056641748, 1042.8142056641748, 514, 260}};
+    const char *path;
+    oxl_camera to;
     struct training_image ours, colmaps;
-    double                error = 0;
+    double error = 0;
     if (!test_shared("data/subvo_pool_distorted/images/f150.jpg")) SKIP("no ../shared/data");
     CHECK_OK(camera_undistorted(test_ctx, &lens, &to));
     path = test_shared("data/subvo_pool_distorted/images/f150.jpg");
@@ -402,21 +433,23 @@ TEST(image_undistorted_agrees_with_colmaps_own)
     path = test_shared("data/subvo_pool/images/f150.jpg");
     CHECK_OK(image_load_training(test_ctx, path, NULL, &ideal, &to, &colmaps));
     CHECK(!ours.mask);
-    for (int i = 0; i < 3 * to.width * to.height; i++) error += (ours.rgb[i] - colmaps.rgb[i]) * (ours.rgb[i] - colmaps.rgb[i]);
+    for (int i = 0; i < 3 * to.width * to.height; i++)
+        error += (ours.rgb[i] - colmaps.rgb[i]) * (ours.rgb[i] - colmaps.rgb[i]);
     error /= 3.0 * to.width * to.height;
-    CHECK(error < 255.0 * 255 / 4000); /* 36 dB: its JPEG of quality 92 lies between; 1/8 px off would be 36.2 -> 35 */
+    /* 36 dB: its JPEG of quality 92 lies between; 1/8 px off would be 36.2 -> 35 */
+    CHECK(error < 255.0 * 255 / 4000);
     image_training_free(test_ctx, &ours);
     image_training_free(test_ctx, &colmaps);
 }
 
 TEST(image_mask_covers_every_pixel_that_touches_black)
 {
-    const char           *path = image_test_file("p.png", 64, 48);
-    const char           *mask = image_mask("m.png", 4, 3,
-                                            "...."
-                                                      ".#.."
-                                                      "...#");
-    oxl_camera            to = image_camera(16, 12), odd = image_camera(6, 4);
+    const char *path = image_test_file("p.png", 64, 48);
+    const char *mask = image_mask("m.png", 4, 3,
+                                  "...."
+                                  ".#.."
+                                  "...#");
+    oxl_camera to = image_camera(16, 12), odd = image_camera(6, 4);
     struct training_image image;
     CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &image));
     for (int i = 0; i < 16 * 12; i++) {
@@ -436,27 +469,32 @@ TEST(image_mask_covers_every_pixel_that_touches_black)
     CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &image));
     CHECK(!image.mask);
     image_training_free(test_ctx, &image);
-    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &image) == OXL_ERR_INPUT);
+    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &image) ==
+          OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "bad.png");
 }
 
 TEST(image_mask_is_undistorted_with_its_image)
 {
-    const struct colmap_camera from = {
-        .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
-    const char           *mask = image_mask("m.png", 4, 3,
-                                            "#..."
-                                                      "...."
-                                                      "....");
-    oxl_camera            to;
+    const struct colmap_camera from = {.id = 1,
+                                       .model = camera_model_find("SIMPLE_RADIAL", 13),
+                                       .width = 64,
+                                       .height = 48,
+                                       .parameter = {80, 32, 24, -0.3}};
+    const char *mask = image_mask("m.png", 4, 3,
+                                  "#..."
+                                  "...."
+                                  "....");
+    oxl_camera to;
     struct training_image image;
-    int                   wrong = 0;
+    int wrong = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     CHECK_OK(image_load_training(test_ctx, image_test_file("p.png", 64, 48), mask, &from, &to, &image));
     CHECK(image.mask && image.mask[0] == 0);
     for (int i = 0; image.mask && i < to.width * to.height; i++) {
-        const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx, (i / to.width + 0.5 - to.cy) / to.fy};
-        double       p[2];
+        const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx,
+                                     (i / to.width + 0.5 - to.cy) / to.fy};
+        double p[2];
         camera_distort(&from, direction, p);
         wrong += (image.mask[i] == 0) != (p[0] < 16 && p[1] < 16);
     }
@@ -466,11 +504,14 @@ TEST(image_mask_is_undistorted_with_its_image)
 
 TEST(image_image_is_the_same_with_any_number_of_threads)
 {
-    const struct colmap_camera from = {
-        .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
-    const char *path   = image_test_file("p.png", 64, 48);
-    const int   before = test_ctx->threads;
-    oxl_camera  to;
+    const struct colmap_camera from = {.id = 1,
+                                       .model = camera_model_find("SIMPLE_RADIAL", 13),
+                                       .width = 64,
+                                       .height = 48,
+                                       .parameter = {80, 32, 24, -0.3}};
+    const char *path = image_test_file("p.png", 64, 48);
+    const int before = test_ctx->threads;
+    oxl_camera to;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     for (int distorted = 0; distorted < 2; distorted++) {
         struct training_image one, many;

@@ -2,10 +2,10 @@
 
 TEST(decoded_image_comes_back_whole_or_not_at_all)
 {
-    uint8_t               rgb[36], mask[12];
+    uint8_t rgb[36], mask[12];
     struct training_image image = {4, 3, rgb, mask}, back;
-    const oxl_camera      to = {.width = 4, .height = 3}, other = {.width = 3, .height = 4};
-    struct os_file_map    map = {0};
+    const oxl_camera to = {.width = 4, .height = 3}, other = {.width = 3, .height = 4};
+    struct os_file_map map = {0};
     for (int i = 0; i < 36; i++) rgb[i] = (uint8_t)(7 * i), mask[i % 12] = (uint8_t)(i % 2 ? 255 : 0);
     CHECK_OK(image_file_write(test_ctx, test_path("one"), 5, &image));
     CHECK(image_file_read(test_ctx, test_path("one"), 5, &to, &back));

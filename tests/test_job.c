@@ -4,12 +4,12 @@ enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };
 
 static oxl_result job_test_image(const char *path, int view)
 {
-    oxl_image  image = {0};
-    oxl_result rc    = oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &image);
+    oxl_image image = {0};
+    oxl_result rc = oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &image);
     if (rc != OXL_OK) return rc;
     for (int i = 0; i < JOB_WIDTH * JOB_HEIGHT; i++) {
-        image.rgb[i]                              = (float)(i % JOB_WIDTH) / JOB_WIDTH;
-        image.rgb[i + JOB_WIDTH * JOB_HEIGHT]     = (float)i / (JOB_WIDTH * JOB_HEIGHT);
+        image.rgb[i] = (float)(i % JOB_WIDTH) / JOB_WIDTH;
+        image.rgb[i + JOB_WIDTH * JOB_HEIGHT] = (float)i / (JOB_WIDTH * JOB_HEIGHT);
         image.rgb[i + 2 * JOB_WIDTH * JOB_HEIGHT] = 0.1f * (float)view;
     }
     rc = oxl_image_write(test_ctx, path, &image);
@@ -17,11 +17,12 @@ static oxl_result job_test_image(const char *path, int view)
     return rc;
 }
 
-/* Writes the survey into the test's folder and returns its path. Cameras stand in a row and look at a wall at z = 4. */
+/* Writes the survey into the test's folder and returns its path. Cameras stand in a row and look at a wall at
+ * z = 4. */
 static const char *job_test_survey(void)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    char        name[64];
+    char name[64];
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
     for (int i = 0; i < JOB_VIEWS; i++) {
@@ -30,7 +31,8 @@ static const char *job_test_survey(void)
         text_add(&images, "%d 1 0 0 0 %.3f 0 0 1 %d.png\n24 16 %d\n", i + 1, -0.1 * i, i, i + 1);
     }
     for (int i = 0; i < 60; i++)
-        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5 1 0 2 0\n", i + 1, -2 + 0.5 * (i % 10), -1.25 + 0.5 * (i / 10), 4 * i);
+        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5 1 0 2 0\n", i + 1, -2 + 0.5 * (i % 10),
+                 -1.25 + 0.5 * (i / 10), 4 * i);
     test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
     test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
     text_free(&images);
@@ -40,7 +42,7 @@ static const char *job_test_survey(void)
 
 static oxl_job_options job_test_options(void)
 {
-    oxl_job_options options  = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     options.train.iterations = 12;
     return options;
 }
@@ -48,7 +50,7 @@ static oxl_job_options job_test_options(void)
 static int job_test_has(const char *file, const char *words)
 {
     struct os_file_map map = {0};
-    int                has;
+    int has;
     if (!os_is_file(file)) return 0;
     CHECK_OK(os_read_file(test_ctx, file, &map));
     has = map.data && strstr(map.data, words) != NULL;
@@ -60,8 +62,8 @@ static int job_test_has(const char *file, const char *words)
 static void job_test_replace(const char *file, const char *from, const char *to)
 {
     struct os_file_map map = {0};
-    struct text        t   = {.ctx = test_ctx};
-    const char        *at;
+    struct text t = {.ctx = test_ctx};
+    const char *at;
     CHECK_OK(os_read_file(test_ctx, file, &map));
     at = strstr(map.data, from);
     CHECK(at != NULL);
@@ -95,19 +97,21 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));
-    CHECK(os_is_file(test_path("out/renders/0.png.image.png")) && !os_is_file(test_path("out/renders/0.png.clear.png")));
+    CHECK(os_is_file(test_path("out/renders/0.png.image.png")) &&
+          !os_is_file(test_path("out/renders/0.png.clear.png")));
     CHECK(!os_is_file(test_path("out/renders/1.png.png")));
 }
 
-/* Steps 61 to 63 are tried with and without bands; what the last of them has become is logged, once it is decided. */
+/* Steps 61 to 63 are tried with and without bands; what the last of them has become is logged, once it is
+ * decided. */
 TEST(job_log_holds_no_iteration_twice_and_no_trial)
 {
-    oxl_job_options    options = job_test_options();
-    struct os_file_map map     = {0};
-    int                last = 0, tried = 0, gaps = 0;
+    oxl_job_options options = job_test_options();
+    struct os_file_map map = {0};
+    int last = 0, tried = 0, gaps = 0;
     options.scene.test_every = 0; /* 9 views: enough for validation views */
     options.train.iterations = 120;
-    options.train.sh_degree  = -1;
+    options.train.sh_degree = -1;
     options.train.lamp = options.train.medium = OXL_OFF; /* no other trials */
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
@@ -124,10 +128,10 @@ TEST(job_log_holds_no_iteration_twice_and_no_trial)
 
 TEST(job_that_is_finished_is_not_done_again_but_another_is)
 {
-    oxl_job_options       options  = job_test_options();
-    struct job_test_watch watch    = {0, -1};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_survey();
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 12);
     options.preset = "a name changes nothing";
@@ -143,11 +147,11 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
 
 TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 {
-    const oxl_job_options options  = job_test_options();
-    struct job_test_watch watch    = {0, 5};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_survey();
-    oxl_model             model    = {0};
+    const oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, 5};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey();
+    oxl_model model = {0};
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     test_ctx->options.seed = 2; /* another job in the same folder */
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
@@ -162,12 +166,12 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
     CHECK(watch.calls == 1 + 12 - 5); /* where it stood, and what was left */
 }
 
-/* ---------------------------------------------------------------- resumed, and in blocks */
+/* ---------------- resumed, and in blocks */
 
 static int job_test_same(const char *a, const char *b)
 {
     struct os_file_map x = {0}, y = {0};
-    int                same;
+    int same;
     CHECK_OK(os_read_file(test_ctx, a, &x));
     CHECK_OK(os_read_file(test_ctx, b, &y));
     same = x.size == y.size && x.size > 0 && !memcmp(x.data, y.data, x.size);
@@ -179,18 +183,19 @@ static int job_test_same(const char *a, const char *b)
 /* Nine views and 60 points make two blocks or more when a block may hold 40. */
 static oxl_job_options job_test_blocks(void)
 {
-    oxl_job_options options        = job_test_options();
+    oxl_job_options options = job_test_options();
     options.partition.block_points = 40;
-    options.renders                = 0;
+    options.renders = 0;
     return options;
 }
 
 TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 {
     oxl_job_options options = job_test_blocks();
-    const char     *survey  = job_test_survey();
+    const char *survey = job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
-    CHECK(os_is_file(test_path("whole/partition.txt")) && os_is_file(test_path("whole/blocks/001/model.ply")));
+    CHECK(os_is_file(test_path("whole/partition.txt")) &&
+          os_is_file(test_path("whole/blocks/001/model.ply")));
     for (options.block = 1; options.block >= 0; options.block--)
         CHECK_OK(oxl_job_run(test_ctx, survey, test_path("parts"), &options, NULL));
     CHECK(!os_is_file(test_path("parts/scene.ply")));
@@ -202,10 +207,10 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
 
 static double job_test_psnr(const char *model)
 {
-    oxl_scene  *scene = NULL;
-    oxl_model   read  = {0};
-    oxl_metrics m     = {0};
-    double      psnr;
+    oxl_scene *scene = NULL;
+    oxl_model read = {0};
+    oxl_metrics m = {0};
+    double psnr;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
     CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TRAIN, &m));
@@ -219,7 +224,7 @@ static double job_test_psnr(const char *model)
 TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
 {
     oxl_job_options options = job_test_options();
-    options.train.coarse    = 2;
+    options.train.coarse = 2;
     CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK(!os_is_file(test_path("out/run.json")));
 }
@@ -227,21 +232,22 @@ TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
 TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
 {
     oxl_job_options options = job_test_blocks(), one = job_test_options();
-    one.renders          = 0;
+    one.renders = 0;
     one.train.iterations = options.train.iterations = 240;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("one"), &one, NULL));
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"iterations\": 240,"));
     CHECK(job_test_psnr("out/scene.ply") > job_test_psnr("one/scene.ply") - 2);
-    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")) && !os_is_folder(test_path("out/blocks/decoded")));
+    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")) &&
+          !os_is_folder(test_path("out/blocks/decoded")));
 }
 
 TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
 {
-    const oxl_job_options options  = job_test_blocks();
-    struct job_test_watch watch    = {0, -1};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_survey();
+    const oxl_job_options options = job_test_blocks();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(remove(test_path("survey/images/8.png")) == 0);
     watch.calls = 0;
@@ -251,23 +257,24 @@ TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
 
 TEST(job_in_blocks_trains_the_merged_model_last_in_one_part_where_memory_holds_it)
 {
-    oxl_job_options options  = job_test_blocks();
+    oxl_job_options options = job_test_blocks();
     options.train.iterations = 40;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("ample"), &options, NULL));
     CHECK(os_is_file(test_path("ample/blocks/whole/model.ply")));
     CHECK(!job_test_same(test_path("ample/blocks/whole/model.ply"), test_path("ample/blocks/000/model.ply")));
-    CHECK(!os_is_file(test_path("ample/blocks/whole/groups.txt")) && !os_is_file(test_path("ample/blocks/survey.oxl")));
+    CHECK(!os_is_file(test_path("ample/blocks/whole/groups.txt")) &&
+          !os_is_file(test_path("ample/blocks/survey.oxl")));
 }
 
 TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_the_number_allowed)
 {
-    oxl_job_options options        = job_test_blocks();
-    size_t          blocks         = 0;
-    oxl_model       model          = {0};
-    options.train.iterations       = 40;
-    options.train.densify_every    = 1 << 20; /* none in a block */
+    oxl_job_options options = job_test_blocks();
+    size_t blocks = 0;
+    oxl_model model = {0};
+    options.train.iterations = 40;
+    options.train.densify_every = 1 << 20; /* none in a block */
     options.train.densify_gradient = 1e-12f;
-    options.train.max_gaussians    = 67;
+    options.train.max_gaussians = 67;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     for (int b = 0; b < 2; b++) {
         CHECK_OK(oxl_model_read(test_ctx, PATH(test_path("out"), "blocks/%03d/model.ply", b), &model));
@@ -282,9 +289,9 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
 TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
 {
     oxl_job_options options = job_test_blocks();
-    oxl_model       model = {0}, standard = {0};
+    oxl_model model = {0}, standard = {0};
     options.train.iterations = 60;
-    options.train.dog        = OXL_DOG_ALL;
+    options.train.dog = OXL_DOG_ALL;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(os_is_file(test_path("out/blocks/whole/model_standard.ply")));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
@@ -296,9 +303,9 @@ TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
 
 TEST(job_is_split_into_about_as_many_blocks_as_are_asked_for)
 {
-    oxl_job_options options  = job_test_options();
+    oxl_job_options options = job_test_options();
     options.partition.blocks = 3;
-    options.renders          = 0;
+    options.renders = 0;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"blocks\": 2") ||
           job_test_has(test_path("out/metrics.json"), "\"blocks\": 4"));
@@ -306,9 +313,9 @@ TEST(job_is_split_into_about_as_many_blocks_as_are_asked_for)
 
 TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
 {
-    oxl_job_options              options = job_test_options();
-    const char                  *survey  = job_test_survey();
-    oxl_scene                   *a = NULL, *b = NULL;
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    oxl_scene *a = NULL, *b = NULL;
     const struct training_image *x, *y;
     CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
     CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));
@@ -322,7 +329,7 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
     oxl_scene_free(test_ctx, a);
     oxl_scene_free(test_ctx, b);
     options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
-    options.keep_decoded            = 1;
+    options.keep_decoded = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("small"), &options, NULL));
     CHECK(os_is_folder(test_path("small/blocks/decoded")));
     options.scene.image_cache_bytes = 1 << 30;
@@ -333,7 +340,7 @@ TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
 TEST(job_merge_names_the_block_that_is_missing)
 {
     oxl_job_options options = job_test_blocks();
-    options.block           = 0;
+    options.block = 0;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(oxl_merge(test_ctx, test_path("out"), NULL) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "blocks/001");
@@ -342,20 +349,21 @@ TEST(job_merge_names_the_block_that_is_missing)
 
 TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
 {
-    oxl_job_options options  = job_test_blocks();
-    const int       stops[]  = {1, 3, 9, 14};
-    const char     *survey   = job_test_survey();
+    oxl_job_options options = job_test_blocks();
+    const int stops[] = {1, 3, 9, 14};
+    const char *survey = job_test_survey();
     options.train.iterations = 40;
-    options.train.exposure =
-        OXL_ON; /* a block begins with the coarse model's gains, not with those that the one before has left */
+    /* a block begins with the coarse model's gains, not with those that the one before has left */
+    options.train.exposure = OXL_ON;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
     for (size_t i = 0; i < sizeof stops / sizeof *stops; i++) {
-        struct job_test_watch watch    = {0, stops[i]};
-        const oxl_callback    callback = {job_test_progress, &watch};
-        char                  out[32], scene[48];
+        struct job_test_watch watch = {0, stops[i]};
+        const oxl_callback callback = {job_test_progress, &watch};
+        char out[32], scene[48];
         snprintf(out, sizeof out, "stop%d", stops[i]);
         snprintf(scene, sizeof scene, "%s/scene.ply", out);
-        CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path(out), &options, &callback) == OXL_ERR_INTERRUPTED);
+        CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path(out), &options, &callback) ==
+              OXL_ERR_INTERRUPTED);
         CHECK(!os_is_file(test_path(scene)));
         CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path(out), &options, NULL));
         CHECK(job_test_same(test_path("whole/scene.ply"), test_path(scene)));
@@ -364,9 +372,9 @@ TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
 
 TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
 {
-    oxl_job_options options  = job_test_blocks();
-    const char     *survey   = job_test_survey();
-    oxl_image       black    = {0};
+    oxl_job_options options = job_test_blocks();
+    const char *survey = job_test_survey();
+    oxl_image black = {0};
     options.train.iterations = 200;
     CHECK_OK(oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &black));
     for (int i = 0; i < JOB_VIEWS; i++) {
@@ -384,10 +392,11 @@ static const char *job_test_strip(void)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     const char *survey = job_test_survey();
-    for (int i = 0; i < JOB_VIEWS; i++) text_add(&images, "%d 1 0 0 0 %d 0 0 1 %d.png\n24 16 %d\n", i + 1, -15 * i, i, i + 1);
+    for (int i = 0; i < JOB_VIEWS; i++)
+        text_add(&images, "%d 1 0 0 0 %d 0 0 1 %d.png\n24 16 %d\n", i + 1, -15 * i, i, i + 1);
     for (int i = 0; i < 60; i++)
-        text_add(&points, "%d %d %.3f 4 %d 120 60 0.5 %d 0 %d 0\n", i + 1, 15 * (i % 10), -1.25 + 0.5 * (i / 10), 4 * i,
-                 OXL_MIN(i % 10 + 1, JOB_VIEWS), OXL_MAX(i % 10, 1));
+        text_add(&points, "%d %d %.3f 4 %d 120 60 0.5 %d 0 %d 0\n", i + 1, 15 * (i % 10),
+                 -1.25 + 0.5 * (i / 10), 4 * i, OXL_MIN(i % 10 + 1, JOB_VIEWS), OXL_MAX(i % 10, 1));
     test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
     test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
     text_free(&images);
@@ -395,20 +404,21 @@ static const char *job_test_strip(void)
     return survey;
 }
 
-/* --ram with which a merged model of the blocks in a folder keeps this share of its Gaussians in memory, into partition.txt. */
+/* --ram with which a merged model of the blocks in a folder keeps this share of its Gaussians in memory, into
+ * partition.txt. */
 static void job_test_limit_memory(const char *out, const oxl_job_options *options, double share)
 {
-    oxl_job_options  o     = *options;
-    oxl_scene       *scene = NULL;
+    oxl_job_options o = *options;
+    oxl_scene *scene = NULL;
     struct partition p;
     struct cost_load load;
-    double           rows = 0;
-    char             path[600];
+    double rows = 0;
+    char path[600];
     snprintf(path, sizeof path, "%s/partition.txt", out);
     CHECK_OK(partition_read(test_ctx, path, &p));
     for (int k = 0; k < p.block_count; k++) {
         oxl_model m;
-        char      model[600];
+        char model[600];
         snprintf(model, sizeof model, "%s/blocks/%03d/model.ply", out, k);
         CHECK_OK(oxl_model_read(test_ctx, model, &m));
         rows += (double)m.count;
@@ -416,19 +426,21 @@ static void job_test_limit_memory(const char *out, const oxl_job_options *option
     }
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o.scene, &scene));
     load = cost_load_of_scene(scene);
-    for (o.ram = (size_t)1e7; budget_max_gaussians(&load, &o) < share * rows && o.ram < (size_t)1e8;) o.ram += 1000;
+    for (o.ram = (size_t)1e7; budget_max_gaussians(&load, &o) < share * rows && o.ram < (size_t)1e8;)
+        o.ram += 1000;
     p.memory = (double)o.ram;
     CHECK_OK(partition_write(test_ctx, path, &p));
     oxl_scene_free(test_ctx, scene);
     partition_free(test_ctx, &p);
 }
 
-TEST(job_in_blocks_trains_groups_of_views_where_memory_does_not_hold_all_and_is_stopped_anywhere_to_the_same_bytes)
+TEST(
+    job_in_blocks_trains_groups_of_views_where_memory_does_not_hold_all_and_is_stopped_anywhere_to_the_same_bytes)
 {
-    oxl_job_options options        = job_test_blocks();
-    const char     *survey         = job_test_strip();
-    char            out[2][200]    = {{0}};
-    options.train.iterations       = 120;
+    oxl_job_options options = job_test_blocks();
+    const char *survey = job_test_strip();
+    char out[2][200] = {{0}};
+    options.train.iterations = 120;
     options.partition.block_points = 30;
     for (int run = 0; run < 2; run++) {
         snprintf(out[run], sizeof out[run], "%s", test_path(run ? "stopped" : "whole"));
@@ -441,8 +453,8 @@ TEST(job_in_blocks_trains_groups_of_views_where_memory_does_not_hold_all_and_is_
           !job_test_has(test_path("whole/blocks/whole/groups.txt"), "groups 1 "));
     CHECK(job_test_has(test_path("whole/metrics.json"), "\"iterations\": 120"));
     for (int stop = 3; stop < 42; stop += 6) {
-        struct job_test_watch watch    = {0, stop};
-        const oxl_callback    callback = {job_test_progress, &watch};
+        struct job_test_watch watch = {0, stop};
+        const oxl_callback callback = {job_test_progress, &watch};
         CHECK(oxl_merge(test_ctx, out[1], &callback) == OXL_ERR_INTERRUPTED);
     }
     CHECK_OK(oxl_merge(test_ctx, out[1], NULL));
@@ -456,15 +468,16 @@ TEST(job_trains_a_block_again_whose_folder_was_emptied)
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(remove(test_path("out/blocks/001/block.json")) == 0 && remove(test_path("out/run.json")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/001/model.ply")) && job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK(os_is_file(test_path("out/blocks/001/model.ply")) &&
+          job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 
 /* A survey, and in `out` a run with these options that was stopped after five steps. */
 static const char *job_test_stopped(const oxl_job_options *options)
 {
-    struct job_test_watch watch    = {0, 5};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_survey();
+    struct job_test_watch watch = {0, 5};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey();
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), options, &callback) == OXL_ERR_INTERRUPTED);
     return survey;
 }
@@ -472,24 +485,26 @@ static const char *job_test_stopped(const oxl_job_options *options)
 TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
 {
     oxl_job_options options = job_test_options();
-    const char     *survey  = job_test_stopped(&options);
+    const char *survey = job_test_stopped(&options);
     options.train.iterations++;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
-    CHECK_TEXT(oxl_error_text(test_ctx), "survey:\n  --iterations: 12 there, 13 here\nfix: "); /* and nothing else */
+    CHECK_TEXT(oxl_error_text(test_ctx),
+               "survey:\n  --iterations: 12 there, 13 here\nfix: "); /* and nothing else */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 13"));
 }
 
-/* Its own is spent when the model is trained: the standard model that follows does not take it for another run's. */
+/* Its own is spent when the model is trained: the standard model that follows does not take it for another
+ * run's. */
 TEST(job_with_lobes_leaves_no_checkpoint_behind)
 {
     oxl_job_options options = job_test_options();
-    const char     *survey;
+    const char *survey;
     options.train.dog = OXL_DOG_ALL;
-    survey            = job_test_stopped(&options);
+    survey = job_test_stopped(&options);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(os_is_file(test_path("out/scene_standard.ply")));
     CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")) &&
@@ -498,27 +513,29 @@ TEST(job_with_lobes_leaves_no_checkpoint_behind)
 
 TEST(job_restarted_with_the_same_options_goes_on)
 {
-    oxl_job_options       options  = job_test_options();
-    struct job_test_watch watch    = {0, -1};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_stopped(&options);
-    options.restart                = 1;
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_stopped(&options);
+    options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls < options.train.iterations);
 }
 
 TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
 {
-    oxl_job_options       options  = job_test_options();
-    struct job_test_watch watch    = {0, -1};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_stopped(&options);
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_stopped(&options);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations++;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* it cannot be known which survey that was */
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options,
+                         NULL)); /* it cannot be known which survey that was */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "is kept as"));
-    CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"), test_path("out/blocks/000/checkpoint.oxl")) == 0);
+    CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"),
+                 test_path("out/blocks/000/checkpoint.oxl")) == 0);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations--;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
@@ -528,12 +545,13 @@ TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
 {
     oxl_job_options options = job_test_options();
-    const char     *survey  = job_test_survey();
+    const char *survey = job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(rename(test_path("survey"), test_path("moved")) == 0);
     options.train.iterations++;
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
-    test_write("moved/sparse/0/points3D.txt", "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
+    test_write("moved/sparse/0/points3D.txt",
+               "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
     survey = job_test_survey();
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
@@ -544,17 +562,17 @@ TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
 
 TEST(job_keeps_what_the_log_said_also_over_an_interruption)
 {
-    const oxl_job_options options  = job_test_options();
-    struct job_test_watch watch    = {0, 5};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_survey();
+    const oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, 5};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey();
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "{\"level\": \"info\", \"text\": \"images "));
     CHECK(job_test_has(test_path("out/run.json"), "stay one block"));
     CHECK(!job_test_has(test_path("out/run.json"), "going on after iteration"));
-    CHECK(
-        job_test_has(test_path("out/blocks/000/block.json"), "{\"level\": \"info\", \"text\": \"going on after iteration 5\"}"));
+    CHECK(job_test_has(test_path("out/blocks/000/block.json"),
+                       "{\"level\": \"info\", \"text\": \"going on after iteration 5\"}"));
 }
 
 static int job_test_delete(void *user, const oxl_progress *p)
@@ -567,8 +585,8 @@ static int job_test_delete(void *user, const oxl_progress *p)
 
 TEST(job_whose_folder_is_deleted_before_its_last_step_ends_with_its_model)
 {
-    const oxl_job_options options  = job_test_options();
-    const oxl_callback    callback = {job_test_delete, NULL};
+    const oxl_job_options options = job_test_options();
+    const oxl_callback callback = {job_test_delete, NULL};
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
     CHECK(os_is_file(test_path("out/scene.ply")) && os_is_file(test_path("out/blocks/000/model.ply")));
 }
@@ -576,15 +594,16 @@ TEST(job_whose_folder_is_deleted_before_its_last_step_ends_with_its_model)
 TEST(job_resume_finds_the_options_that_a_run_was_given)
 {
     oxl_job_options given = job_test_options(), found = oxl_job_options_default(OXL_PRESET_PAPER);
-    const char     *survey = job_test_survey();
-    oxl_manifest   *run    = NULL;
-    given.scene.max_side   = 40;
-    given.train.lr_sh      = 1e-3f;
-    given.seed             = 77;
-    given.scene.images     = test_path("survey/images");
+    const char *survey = job_test_survey();
+    oxl_manifest *run = NULL;
+    given.scene.max_side = 40;
+    given.train.lr_sh = 1e-3f;
+    given.seed = 77;
+    given.scene.images = test_path("survey/images");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &given, NULL));
     CHECK_OK(oxl_job_resume(test_ctx, survey, test_path("out"), &found, &run));
-    CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.lr_sh == 1e-3f && found.seed == 77);
+    CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.lr_sh == 1e-3f &&
+          found.seed == 77);
     CHECK_TEXT(found.scene.images ? found.scene.images : "", "survey/images");
     CHECK_TEXT(found.preset ? found.preset : "", "draft");
     oxl_manifest_free(test_ctx, &run);
@@ -595,9 +614,9 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
 
 TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
 {
-    oxl_job_options options  = job_test_options();
+    oxl_job_options options = job_test_options();
     options.scene.test_every = 0;
-    options.renders          = 0;
+    options.renders = 0;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"train\""));
     CHECK(!os_is_folder(test_path("out/renders")));
@@ -620,24 +639,27 @@ TEST(job_renders_stay_inside_their_folder)
     oxl_free(test_ctx, path);
 }
 
-/* With four threads, which write four views' images side by side: a folder stands where one of the second view's is to be. */
+/* With four threads, which write four views' images side by side: a folder stands where one of the second
+ * view's is to be. */
 TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
 {
-    const oxl_render_output what    = {.split = OXL_SPLIT_ALL, .images = 1};
-    const oxl_point         point   = {.position = {0, 0, 4}};
-    const int               threads = test_ctx->threads;
-    oxl_scene              *scene   = NULL;
-    oxl_model               model;
-    int                     count = -1;
+    const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1};
+    const oxl_point point = {.position = {0, 0, 4}};
+    const int threads = test_ctx->threads;
+    oxl_scene *scene = NULL;
+    oxl_model model;
+    int count = -1;
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
     CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
-    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) && os_is_file(test_path("drawn/8.png.image.png")));
+    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) &&
+          os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
     CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
-    CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) && !os_is_file(test_path("again/8.png.png")));
+    CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) &&
+          !os_is_file(test_path("again/8.png.png")));
     test_ctx->threads = threads;
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
@@ -646,12 +668,12 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
 /* Of six depths: thousandths for the map of 16 bits, rows from the bottom in the float map. */
 TEST(renders_of_depth_hold_thousandths_and_floats)
 {
-    static const float    depth[6]  = {0, 1.2344f, 0.0001f, 65.6f, 1e9f, 12.0006f};
+    static const float depth[6] = {0, 1.2344f, 0.0001f, 65.6f, 1e9f, 12.0006f};
     static const uint16_t wanted[6] = {0, 1234, 1, 65535, 65535, 12001};
-    static const char     head[]    = "Pf\n3 2\n";
-    struct os_file_map    png = {0}, pfm = {0};
-    int                   w = 0, h = 0, channels = 0;
-    uint16_t             *back;
+    static const char head[] = "Pf\n3 2\n";
+    struct os_file_map png = {0}, pfm = {0};
+    int w = 0, h = 0, channels = 0;
+    uint16_t *back;
     CHECK_OK(render_file_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
@@ -660,7 +682,8 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
     CHECK(pfm.size > sizeof depth && memcmp(pfm.data, head, strlen(head)) == 0);
     if (pfm.size > sizeof depth) {
         const char *rows = (const char *)pfm.data + pfm.size - sizeof depth;
-        CHECK(memcmp(rows, depth + 3, 3 * sizeof *depth) == 0 && memcmp(rows + 3 * sizeof *depth, depth, 3 * sizeof *depth) == 0);
+        CHECK(memcmp(rows, depth + 3, 3 * sizeof *depth) == 0 &&
+              memcmp(rows + 3 * sizeof *depth, depth, 3 * sizeof *depth) == 0);
     }
     stbi_image_free(back);
     os_release_file(test_ctx, &png);
@@ -670,7 +693,7 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
 TEST(survey_counts_what_the_files_hold)
 {
     oxl_survey s;
-    char      *json = NULL;
+    char *json = NULL;
     CHECK_OK(oxl_check(test_ctx, job_test_survey(), NULL, &s));
     CHECK(s.images == 9 && s.images_missing == 0 && s.test_views == 2 && s.train_views == 7);
     CHECK(s.cameras == 1 && s.cameras_distorted == 0 && s.width == 48 && s.height == 32);
@@ -689,13 +712,13 @@ TEST(survey_counts_what_the_files_hold)
 TEST(survey_predicts_that_more_takes_more)
 {
     oxl_job_options options = job_test_options();
-    oxl_survey      less, more;
-    const char     *survey = job_test_survey();
+    oxl_survey less, more;
+    const char *survey = job_test_survey();
     CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
     options.train.iterations *= 10000;
     CHECK_OK(oxl_check(test_ctx, survey, &options, &more));
-    CHECK(more.seconds > less.seconds &&
-          less.seconds > 0); /* of steps that were tried: a busy machine makes some many times as long */
+    /* of steps that were tried: a busy machine makes some many times as long */
+    CHECK(more.seconds > less.seconds && less.seconds > 0);
     options.train.max_gaussians = 70;
     CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
     CHECK(less.gaussians == 70 && less.memory < more.memory);
@@ -706,24 +729,26 @@ TEST(survey_predicts_that_more_takes_more)
 
 TEST(run_numbers_that_no_option_can_hold_are_not_taken)
 {
-    oxl_job_options       o     = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     const oxl_job_options plain = o;
-    struct oxl_manifest   run;
+    struct oxl_manifest run;
     test_write(
         "run.json",
         "{\n  \"job\": {\"cut\": 77, \"ucd\": -1, \"iterations\": 3e9, \"ram\": -1, \"keep\": nan, \"max_side\": 900}\n}\n");
     CHECK_OK(manifest_read(test_ctx, test_folder(), &run));
     manifest_options(&run, &o);
-    CHECK(o.partition.cut == plain.partition.cut && o.train.ucd.mode == plain.train.ucd.mode && o.ram == plain.ram);
-    CHECK(o.train.iterations == plain.train.iterations && o.train.keep.kind == plain.train.keep.kind && o.scene.max_side == 900);
+    CHECK(o.partition.cut == plain.partition.cut && o.train.ucd.mode == plain.train.ucd.mode &&
+          o.ram == plain.ram);
+    CHECK(o.train.iterations == plain.train.iterations && o.train.keep.kind == plain.train.keep.kind &&
+          o.scene.max_side == 900);
     manifest_free(test_ctx, &run);
 }
 
 TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
 {
     oxl_job_options options = job_test_options();
-    const char     *survey  = job_test_survey();
-    oxl_image       mask;
+    const char *survey = job_test_survey();
+    oxl_image mask;
     test_write("survey/images/4.png", "no image");
     test_write("survey/images/2.png", "nor this");
     CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
@@ -743,14 +768,15 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
     const char *survey = job_test_survey();
     for (int k = 0; k < 4; k++) {
         oxl_job_options options = k < 2 ? job_test_options() : job_test_blocks();
-        oxl_model       model;
+        oxl_model model;
         options.train.iterations = 40;
-        options.restart          = 1;
+        options.restart = 1;
         if (k % 2) options.train.keep = (oxl_keep){OXL_KEEP_COUNT, 30};
         else options.train.max_gaussians = 30;
         CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
         CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
-        CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30) : model.count > 20 && model.count < 38);
+        CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30)
+                    : model.count > 20 && model.count < 38);
         oxl_model_free(test_ctx, &model);
     }
 }
@@ -758,21 +784,23 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
 TEST(job_completes_when_a_held_out_image_cannot_be_read)
 {
     oxl_job_options options = job_test_options();
-    const char     *survey  = job_test_survey();
+    const char *survey = job_test_survey();
     test_write("survey/images/8.png", "no image");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"count\": 1"));
-    CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.image.png")));
+    CHECK(os_is_file(test_path("out/renders/8.png.png")) &&
+          !os_is_file(test_path("out/renders/8.png.image.png")));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 
-/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two resumes there. */
+/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the
+ * two resumes there. */
 TEST(job_writes_a_standard_model_beside_one_with_lobes)
 {
-    oxl_job_options    options = job_test_options();
-    oxl_model          model, standard;
+    oxl_job_options options = job_test_options();
+    oxl_model model, standard;
     struct os_file_map first, again;
-    options.train.dog       = OXL_DOG_ALL;
+    options.train.dog = OXL_DOG_ALL;
     options.train.sh_degree = 1;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
@@ -786,7 +814,8 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &first));
     job_test_replace(test_path("out/blocks/000/block.json"), "\"finished\": true", "\"finished\": false");
     job_test_replace(test_path("out/run.json"), "\"finished\": true", "\"finished\": false");
-    CHECK(os_remove(test_path("out/blocks/000/model_standard.ply")) == 0 && os_remove(test_path("out/scene_standard.ply")) == 0);
+    CHECK(os_remove(test_path("out/blocks/000/model_standard.ply")) == 0 &&
+          os_remove(test_path("out/scene_standard.ply")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &again));
     CHECK(first.size == again.size && memcmp(first.data, again.data, first.size) == 0);
@@ -797,11 +826,11 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
 /* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
 static oxl_metrics job_test_evaluate(const char *model, int imaging)
 {
-    oxl_scene        *scene = NULL;
-    oxl_model         read  = {0};
-    oxl_metrics       m     = {0}, out;
-    oxl_scene_options o     = oxl_scene_options_default();
-    o.test_every            = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
+    oxl_scene *scene = NULL;
+    oxl_model read = {0};
+    oxl_metrics m = {0}, out;
+    oxl_scene_options o = oxl_scene_options_default();
+    o.test_every = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
     CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
     if (imaging) CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(model)));
@@ -813,15 +842,16 @@ static oxl_metrics job_test_evaluate(const char *model, int imaging)
     return out;
 }
 
-/* scene.ply has learned what lamp and medium showed; scene_clear.ply has not, and shows it with imaging.txt. */
+/* scene.ply has learned what lamp and medium showed; scene_clear.ply has not, and shows it with
+ * imaging.txt. */
 TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
 {
-    oxl_job_options    options = job_test_options();
+    oxl_job_options options = job_test_options();
     struct os_file_map json = {0}, clear = {0};
-    oxl_metrics        full, plain, gains;
+    oxl_metrics full, plain, gains;
     options.train.lamp = options.train.medium = OXL_ON;
-    options.train.dog                         = OXL_DOG_ALL;
-    options.train.iterations                  = 60;
+    options.train.dog = OXL_DOG_ALL;
+    options.train.iterations = 60;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     gains = job_test_evaluate("out/scene.ply", 1);
@@ -838,15 +868,16 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     CHECK(!job_test_same(test_path("out/renders/0.png.clear.png"), test_path("out/renders/0.png.png")));
 }
 
-/* A gain over the image is not in the model's colours: scene.ply is the model itself, by even light and at mean exposure. */
+/* A gain over the image is not in the model's colours: scene.ply is the model itself, by even light and at
+ * mean exposure. */
 TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_nothing)
 {
-    oxl_job_options    options = job_test_options();
-    struct os_file_map json    = {0};
-    oxl_metrics        full, plain;
-    options.train.lamp       = OXL_ON;
-    options.train.medium     = OXL_OFF;
-    options.train.sh_degree  = 3;
+    oxl_job_options options = job_test_options();
+    struct os_file_map json = {0};
+    oxl_metrics full, plain;
+    options.train.lamp = OXL_ON;
+    options.train.medium = OXL_OFF;
+    options.train.sh_degree = 3;
     options.train.iterations = 60;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     full = job_test_evaluate("out/scene.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
@@ -864,32 +895,35 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
     oxl_job_options options = job_test_options();
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
-    CHECK(job_test_has(test_path("out/run.json"), "\"sh_degree\": {\"chosen\": \"3\", \"evidence\": \"too few training views"));
-    CHECK(job_test_has(test_path("out/run.json"), "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"depth weights off"));
+    CHECK(job_test_has(test_path("out/run.json"),
+                       "\"sh_degree\": {\"chosen\": \"3\", \"evidence\": \"too few training views"));
+    CHECK(job_test_has(test_path("out/run.json"),
+                       "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"depth weights off"));
 }
 
 TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)
 {
-    test_write("nosurvey/run.json", "{\"finished\": false, \"job\": {\"version\": \"0\"}, \"found\": {\"images\": 2}}");
+    test_write("nosurvey/run.json",
+               "{\"finished\": false, \"job\": {\"version\": \"0\"}, \"found\": {\"images\": 2}}");
     CHECK(oxl_merge(test_ctx, test_path("nosurvey"), NULL) == OXL_ERR_INPUT);
 }
 
-/* ---------------------------------------------------------------- from a model */
+/* ---------------- from a model */
 
 TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_way)
 {
-    oxl_job_options       options  = job_test_options();
-    struct job_test_watch watch    = {0, -1};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char *const     out[]    = {"whole", "stopped"};
-    const int             threads  = test_ctx->threads;
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *const out[] = {"whole", "stopped"};
+    const int threads = test_ctx->threads;
     job_test_survey();
     for (int k = 0; k < 2; k++) {
         options.train.iterations = 12;
         CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, NULL));
         options.train.iterations = 20;
-        watch                    = (struct job_test_watch){0, k ? 3 : -1};
-        test_ctx->threads        = k ? 1 : threads;
+        watch = (struct job_test_watch){0, k ? 3 : -1};
+        test_ctx->threads = k ? 1 : threads;
         CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, &callback) ==
               (k ? OXL_ERR_INTERRUPTED : OXL_OK));
         CHECK(watch.calls == (k ? 3 : 8)); /* the 8 that were missing */
@@ -905,7 +939,7 @@ TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_
     options.train.iterations = 22;
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
     CHECK(watch.calls == 2);
-    watch           = (struct job_test_watch){0, -1};
+    watch = (struct job_test_watch){0, -1};
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
     CHECK(watch.calls >= 22); /* from the points; with a trial */
@@ -924,13 +958,13 @@ TEST(job_in_blocks_is_not_continued)
 
 TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
 {
-    static const char *const names[]  = {"from.ply", "from.splat", "from.spz"};
-    oxl_job_options          options  = job_test_options();
-    struct job_test_watch    watch    = {0, 5};
-    const oxl_callback       callback = {job_test_progress, &watch};
-    uint8_t                  keep[200];
-    char                     from[512];
-    oxl_model                model;
+    static const char *const names[] = {"from.ply", "from.splat", "from.spz"};
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, 5};
+    const oxl_callback callback = {job_test_progress, &watch};
+    uint8_t keep[200];
+    char from[512];
+    oxl_model model;
     job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
@@ -938,18 +972,20 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     oxl_model_move_origin(&model, (double[3]){0, 0, 0}); /* as another trainer's has it */
     for (size_t i = 0; i < model.count; i++) keep[i] = i < 30;
     model_keep_rows(&model, keep);
-    for (size_t i = 0; i < OXL_COUNT(names); i++) CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &model));
+    for (size_t i = 0; i < OXL_COUNT(names); i++)
+        CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &model));
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         oxl_model found;
         snprintf(from, sizeof from, "%s", test_path(names[i]));
-        options.from    = from;
+        options.from = from;
         options.restart = 1;
         CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
         CHECK_OK(oxl_model_read(test_ctx, test_path("other/scene.ply"), &found));
         CHECK(found.count >= 30 && found.count < 60); /* the points are 60 */
         oxl_model_free(test_ctx, &found);
     }
-    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, &callback) ==
+          OXL_ERR_INTERRUPTED);
     model.plane[OXL_OPACITY][0] += 1;
     CHECK_OK(oxl_model_write(test_ctx, options.from, &model));
     options.restart = 0;
@@ -959,16 +995,18 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("cut"), &options, NULL) == OXL_ERR_USAGE);
     for (int i = 0; i < oxl_option_count(); i++) { /* the table names this option, and no other */
         snprintf(from, sizeof from, "--%s starts a single block", oxl_option_at(i)->name);
-        CHECK((strstr(oxl_error_text(test_ctx), from) != NULL) == ((oxl_option_at(i)->use & OXL_OPTION_ONE_BLOCK) != 0));
+        CHECK((strstr(oxl_error_text(test_ctx), from) != NULL) ==
+              ((oxl_option_at(i)->use & OXL_OPTION_ONE_BLOCK) != 0));
     }
     oxl_model_free(test_ctx, &model);
 }
 
-/* In the layout of Inria's code: normals, f_rest by channel, rotations of any length, world coordinates, no comment. */
+/* In the layout of Inria's code: normals, f_rest by channel, rotations of any length, world coordinates, no
+ * comment. */
 static void job_test_write_inria(const oxl_model *model, const char *path)
 {
-    const int per  = (model->sh_degree + 1) * (model->sh_degree + 1) - 1;
-    FILE     *file = fopen(path, "wb");
+    const int per = (model->sh_degree + 1) * (model->sh_degree + 1) - 1;
+    FILE *file = fopen(path, "wb");
     CHECK(file != NULL);
     fprintf(file, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", model->count);
     for (const char *name = "xyz"; *name; name++) fprintf(file, "property float %c\n", *name);
@@ -981,7 +1019,7 @@ static void job_test_write_inria(const oxl_model *model, const char *path)
     fputs("end_header\n", file);
     for (size_t i = 0; i < model->count; i++) {
         float row[64] = {0};
-        int   n       = 6;
+        int n = 6;
         for (int k = 0; k < 3; k++) row[k] = model->plane[OXL_MEAN + k][i];
         for (int k = 0; k < 3; k++) row[n++] = model->plane[OXL_SH + k][i];
         for (int c = 0; c < 3; c++)
@@ -996,9 +1034,9 @@ static void job_test_write_inria(const oxl_model *model, const char *path)
 
 static double job_test_psnr_of_file(const char *model_path)
 {
-    oxl_model   model;
-    oxl_scene  *scene = NULL;
-    oxl_metrics m     = {0};
+    oxl_model model;
+    oxl_scene *scene = NULL;
+    oxl_metrics m = {0};
     CHECK_OK(oxl_model_read(test_ctx, model_path, &model));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     oxl_model_move_origin(&model, oxl_scene_origin(scene));
@@ -1012,12 +1050,12 @@ static double job_test_psnr_of_file(const char *model_path)
 TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fall_below)
 {
     oxl_job_options options = job_test_options();
-    oxl_model       model;
-    double          begin, read, end;
-    char            from[512];
+    oxl_model model;
+    double begin, read, end;
+    char from[512];
     job_test_survey();
     options.train.iterations = 30;
-    options.train.sh_degree  = 2;
+    options.train.sh_degree = 2;
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
     for (size_t i = 0; i < model.count; i++) /* harmonics that a wrong order would show */
@@ -1027,8 +1065,8 @@ TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fal
     snprintf(from, sizeof from, "%s", test_path("inria.ply"));
     job_test_write_inria(&model, from);
     oxl_model_free(test_ctx, &model);
-    begin        = job_test_psnr_of_file(test_path("ours.ply"));
-    read         = job_test_psnr_of_file(from);
+    begin = job_test_psnr_of_file(test_path("ours.ply"));
+    read = job_test_psnr_of_file(from);
     options.from = from;
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
     end = job_test_psnr_of_file(test_path("other/scene.ply"));

@@ -2,23 +2,28 @@
 
 static struct cost_load budget_test_load(void)
 {
-    return (struct cost_load){
-        .points = 20000, .observations = 100000, .views = 50, .pixels = 50e6, .schedule_pixels = 45e6, .largest = 1e6};
+    return (struct cost_load){.points = 20000,
+                              .observations = 100000,
+                              .views = 50,
+                              .pixels = 50e6,
+                              .schedule_pixels = 45e6,
+                              .largest = 1e6};
 }
 
 static oxl_job_options budget_test_options(double ram)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    o.ram             = (size_t)ram;
+    o.ram = (size_t)ram;
     return o;
 }
 
 TEST(budget_without_ram_changes_nothing)
 {
     const struct cost_load load = budget_test_load();
-    oxl_job_options        o = budget_test_options(0), before = o;
+    oxl_job_options o = budget_test_options(0), before = o;
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.max_gaussians == before.train.max_gaussians);
-    CHECK(o.train.sh_degree == before.train.sh_degree && o.scene.image_cache_bytes == before.scene.image_cache_bytes);
+    CHECK(o.train.sh_degree == before.train.sh_degree &&
+          o.scene.image_cache_bytes == before.scene.image_cache_bytes);
 }
 
 /* Memory for all Gaussians of a run with SH degree 3. */
@@ -26,32 +31,35 @@ static double budget_test_degree_3(const oxl_job_options *o, const struct cost_l
 {
     oxl_job_options of = *o;
     of.train.sh_degree = 3;
-    of.train.dog       = OXL_DOG_OFF;
+    of.train.dog = OXL_DOG_OFF;
     return cost_memory(&of, load, gaussians);
 }
 
 TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
 {
-    const struct cost_load load    = budget_test_load();
-    const oxl_job_options  free    = budget_test_options(0);
-    oxl_job_options        o       = budget_test_options(20e9);
-    const double           most    = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
-    const int              cap     = (int)schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train);
-    int                    seen[5] = {0}; /* by SH degree from -1, undecided */
-    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
+    const struct cost_load load = budget_test_load();
+    const oxl_job_options free = budget_test_options(0);
+    oxl_job_options o = budget_test_options(20e9);
+    const double most = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
+    const int cap = (int)schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train);
+    int seen[5] = {0}; /* by SH degree from -1, undecided */
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 &&
+          o.scene.image_cache_bytes == (size_t)1 << 30);
     CHECK(o.train.max_gaussians == cap);
     o = budget_test_options(3e9);
-    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)3e8);
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 &&
+          o.scene.image_cache_bytes == (size_t)3e8);
     CHECK(o.train.max_gaussians >= most);
     for (double ram = 2e9; ram > 2e8; ram *= 0.9) {
         o = budget_test_options(ram);
         if (!budget_fit(test_ctx, &load, &o)) continue;
         CHECK(cost_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
         seen[1 + o.train.sh_degree]++;
-        CHECK(o.train.sh_degree < 0 || (o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, cap) > 0.9 * ram));
+        CHECK(o.train.sh_degree < 0 ||
+              (o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, cap) > 0.9 * ram));
     }
     CHECK(seen[1 + 3] && seen[1 + 1]);
-    o                 = budget_test_options(5e8);
+    o = budget_test_options(5e8);
     o.train.sh_degree = 2;
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == 2); /* as asked */
 }
@@ -59,9 +67,9 @@ TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
 TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
 {
     const struct cost_load load = budget_test_load();
-    oxl_job_options        o    = budget_test_options(1e8), enough;
-    const char            *fix;
-    double                 mb = 0;
+    oxl_job_options o = budget_test_options(1e8), enough;
+    const char *fix;
+    double mb = 0;
     CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_refuse(test_ctx, &load, &o) == OXL_ERR_BUDGET);
     fix = strstr(oxl_error_text(test_ctx), "--ram ");
@@ -74,7 +82,7 @@ TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
 TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
 {
     oxl_job_options options = job_test_options();
-    options.ram             = 3 << 20;
+    options.ram = 3 << 20;
     CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_BUDGET);
     CHECK(!os_is_file(test_path("out/scene.ply")) && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
     options.ram = (size_t)2 << 30;
@@ -86,27 +94,28 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
 TEST(budget_of_steps_grows_with_many_images_and_is_limited_with_few_unless_iterations_are_given)
 {
     const oxl_option *iterations = oxl_option_find("iterations");
-    oxl_job_options   o          = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     CHECK(cost_iterations(&o, 170) == 2000 && cost_iterations(&o, 340) == 4000);
     CHECK(cost_iterations(&o, 3) == 2000 && cost_iterations(&o, 2) == 1400 && cost_iterations(&o, 0) == 700);
     CHECK_OK(oxl_option_set(iterations, &o, "2000", NULL, 0));
     CHECK(cost_iterations(&o, 340) == 2000 && cost_iterations(&o, 2) == 2000);
     o = oxl_job_options_default(OXL_PRESET_PAPER);
-    CHECK(cost_iterations(&o, 2239) == 40000 && cost_iterations(&o, 5600) == 80000 && cost_iterations(&o, 18) == 12600);
+    CHECK(cost_iterations(&o, 2239) == 40000 && cost_iterations(&o, 5600) == 80000 &&
+          cost_iterations(&o, 18) == 12600);
 }
 
 TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_finished)
 {
-    struct job_test_watch watch    = {0, -1};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    oxl_job_options       options  = job_test_options();
-    options.iterations_for         = 3; /* of 9 images */
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    oxl_job_options options = job_test_options();
+    options.iterations_for = 3; /* of 9 images */
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "\"iterations\": 36,"));
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n36,"));
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, &callback));
     CHECK(watch.calls == 0);
-    options.block            = 0;
+    options.block = 0;
     options.partition.blocks = 2;
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("parts"), &options, NULL));
     options.block = 1; /* reads run.json, not the survey */
@@ -117,16 +126,17 @@ TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_
 
 TEST(budget_is_what_partition_predicts_with)
 {
-    oxl_job_options      options = job_test_options();
+    oxl_job_options options = job_test_options();
     oxl_partition_report free = {0}, limited = {0};
     options.train.max_gaussians = 300000;
-    options.train.iterations    = 2000;
+    options.train.iterations = 2000;
     options.train.densify_every = 10; /* as many as that are expected */
     CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("free"), &options, &free));
     options.ram = (size_t)(0.9 * free.block[0].memory);
     CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
     for (int k = 0; k < limited.block_count; k++) CHECK(limited.block[k].memory <= (double)options.ram);
-    CHECK(limited.balance[0].memory <= (double)options.ram && limited.balance[1].memory <= (double)options.ram);
+    CHECK(limited.balance[0].memory <= (double)options.ram &&
+          limited.balance[1].memory <= (double)options.ram);
     oxl_partition_report_free(test_ctx, &free);
     oxl_partition_report_free(test_ctx, &limited);
 }
@@ -134,12 +144,13 @@ TEST(budget_is_what_partition_predicts_with)
 TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)
 {
     struct cost_load load = budget_test_load();
-    oxl_job_options  o    = budget_test_options(4e8), off;
-    o.train.sh_degree     = 3;
+    oxl_job_options o = budget_test_options(4e8), off;
+    o.train.sh_degree = 3;
     o.train.lamp = o.train.medium = OXL_AUTO;
-    off                           = o;
+    off = o;
     off.train.lamp = off.train.medium = OXL_OFF;
-    CHECK_CLOSE(cost_memory(&o, &load, 1e5) - cost_memory(&off, &load, 1e5), 51200 * 12 + 50 * 16, 1); /* 1024 of a view */
+    /* 1024 of a view */
+    CHECK_CLOSE(cost_memory(&o, &load, 1e5) - cost_memory(&off, &load, 1e5), 51200 * 12 + 50 * 16, 1);
     load.observations = 30000;
     CHECK_CLOSE(cost_memory(&o, &load, 1e5) - cost_memory(&off, &load, 1e5), 30000 * 12 + 50 * 16, 1);
 }
@@ -147,8 +158,9 @@ TEST(budget_counts_of_lamp_and_medium_the_depths_of_tracks_alone)
 TEST(budget_thins_a_model_that_does_not_fit)
 {
     const struct cost_load load = budget_test_load();
-    oxl_job_options        o = budget_test_options(0), none = o;
-    CHECK(budget_limit_gaussians(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
+    oxl_job_options o = budget_test_options(0), none = o;
+    CHECK(budget_limit_gaussians(test_ctx, &load, &none) &&
+          none.train.max_gaussians == o.train.max_gaussians);
     o.ram = (size_t)2.3e8;
     CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_limit_gaussians(test_ctx, &load, &o) && o.train.max_gaussians > 0 &&
@@ -160,43 +172,45 @@ TEST(budget_thins_a_model_that_does_not_fit)
 TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)
 {
     struct cost_load load = budget_test_load();
-    oxl_job_options  o    = budget_test_options(2e9);
-    load.schedule_pixels  = 1e4; /* fewer than points: none is added */
+    oxl_job_options o = budget_test_options(2e9);
+    load.schedule_pixels = 1e4; /* fewer than points: none is added */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.max_gaussians >= 20000);
 }
 
 TEST(budget_counts_the_images_that_are_on_their_way)
 {
     struct cost_load load = budget_test_load();
-    oxl_job_options  o    = oxl_job_options_default(OXL_PRESET_STANDARD);
-    double           before;
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_STANDARD);
+    double before;
     o.scene.image_cache_bytes = (size_t)4e8;
-    load.pixels               = 1e7;
-    before                    = cost_estimate(test_ctx, &o, &load).memory;
-    load.largest_file         = 1e6; /* 6 MB each, with what decoding takes: 4 at once, and one beside a cache that is full */
+    load.pixels = 1e7;
+    before = cost_estimate(test_ctx, &o, &load).memory;
+    /* 6 MB each, with what decoding takes: 4 at once, and one beside a cache that is full */
+    load.largest_file = 1e6;
     CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 5 * 6e6, 1);
     load.largest_file = 2e7; /* a quarter of the cache, and 120 MB */
     CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 220e6, 1);
-    load.pixels       = 1e9; /* the cache is full of them anyway */
+    load.pixels = 1e9; /* the cache is full of them anyway */
     load.largest_file = 0;
-    before            = cost_estimate(test_ctx, &o, &load).memory;
+    before = cost_estimate(test_ctx, &o, &load).memory;
     load.largest_file = 2e7;
     CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 120e6, 1);
 }
 
 TEST(budget_decides_the_same_on_any_number_of_threads)
 {
-    struct cost_load load    = budget_test_load();
-    const int        threads = test_ctx->threads;
-    oxl_job_options  decided[3];
+    struct cost_load load = budget_test_load();
+    const int threads = test_ctx->threads;
+    oxl_job_options decided[3];
     load.largest_file = 1.2e7;
-    load.pixels       = 2e8;
+    load.pixels = 2e8;
     for (int i = 0; i < 3; i++) {
         test_ctx->threads = i == 0 ? 1 : i == 1 ? 2 : 16;
-        decided[i]        = budget_test_options(1.8e9);
+        decided[i] = budget_test_options(1.8e9);
         CHECK(budget_fit(test_ctx, &load, &decided[i]));
         CHECK(decided[i].train.max_gaussians == decided[0].train.max_gaussians);
-        CHECK(decided[i].train.sh_degree == decided[0].train.sh_degree && decided[i].train.dog == decided[0].train.dog);
+        CHECK(decided[i].train.sh_degree == decided[0].train.sh_degree &&
+              decided[i].train.dog == decided[0].train.dog);
         CHECK(decided[i].scene.image_cache_bytes == decided[0].scene.image_cache_bytes);
     }
     test_ctx->threads = threads;

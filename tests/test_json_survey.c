@@ -1,4 +1,5 @@
-/* test_json_survey.c - nerfstudio's and OpenSfM's files give the scene that COLMAP's export of the same survey gives. */
+/* test_json_survey.c - nerfstudio's and OpenSfM's files give the scene that COLMAP's export of the same
+ * survey gives. */
 #include "../src/core/json.h"
 
 static const char jsurvey_images[] =
@@ -19,7 +20,8 @@ static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrins
     for (size_t i = 0; i < c->image_count; i++) {
         double r[9];
         camera_rotation_from_quaternion(c->image[i].rotation, r);
-        text_add(&t, "%s{\"file_path\": \"./images/%s\", \"transform_matrix\": [", i ? "," : "", c->names + c->image[i].name);
+        text_add(&t, "%s{\"file_path\": \"./images/%s\", \"transform_matrix\": [", i ? "," : "",
+                 c->names + c->image[i].name);
         for (int row = 0; row < 3; row++) {
             double place = 0;
             for (int k = 0; k < 3; k++) place -= r[3 * k + row] * c->image[i].translation[k];
@@ -30,9 +32,11 @@ static void jsurvey_write_nerfstudio(const struct colmap *c, const char *intrins
     text_add(&t, "]}\n");
     test_write("ns/transforms.json", t.data);
     text_free(&t);
-    test_write("ns/points.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-                                "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-                                "1.5 -2.5 3 255 0 128\n100 0 -0.125 1 2 3\n0 0 4 7 8 9\n");
+    test_write(
+        "ns/points.ply",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+        "1.5 -2.5 3 255 0 128\n100 0 -0.125 1 2 3\n0 0 4 7 8 9\n");
 }
 
 static void jsurvey_write_opensfm(const struct colmap *c, const char *camera)
@@ -43,20 +47,21 @@ static void jsurvey_write_opensfm(const struct colmap *c, const char *camera)
         "[{\"cameras\": {\"other\": {\"projection_type\": \"spherical\", \"width\": 8, \"height\": 4}, \"v2 \\\"x\\\"\": %s},\n\"shots\": {",
         camera);
     for (size_t i = 0; i < c->image_count; i++) {
-        const double *q     = c->image[i].rotation;
-        const double  norm  = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-        const double  angle = 2 * acos(q[0] / norm), scale = angle / (norm * sin(angle / 2));
+        const double *q = c->image[i].rotation;
+        const double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+        const double angle = 2 * acos(q[0] / norm), scale = angle / (norm * sin(angle / 2));
         text_add(
             &t,
             "%s\"%s\": {\"rotation\": [%.17g, %.17g, %.17g], \"translation\": [%.17g, %.17g, %.17g], \"camera\": \"v2 \\\"x\\\"\"}",
-            i ? ",\n" : "", c->names + c->image[i].name, scale * q[1], scale * q[2], scale * q[3], c->image[i].translation[0],
-            c->image[i].translation[1], c->image[i].translation[2]);
+            i ? ",\n" : "", c->names + c->image[i].name, scale * q[1], scale * q[2], scale * q[3],
+            c->image[i].translation[0], c->image[i].translation[1], c->image[i].translation[2]);
     }
     text_add(&t, "}, \"points\": {");
     for (size_t i = 0; i < c->point_count; i++) {
         const double *p = c->point[i].position;
-        text_add(&t, "%s\"%zu\": {\"color\": [%d.0, %d, %d], \"coordinates\": [%.17g, %.17g, %.17g]}", i ? "," : "", 7 * i,
-                 c->point[i].rgb[0], c->point[i].rgb[1], c->point[i].rgb[2], p[0], p[1], p[2]);
+        text_add(&t, "%s\"%zu\": {\"color\": [%d.0, %d, %d], \"coordinates\": [%.17g, %.17g, %.17g]}",
+                 i ? "," : "", 7 * i, c->point[i].rgb[0], c->point[i].rgb[1], c->point[i].rgb[2], p[0], p[1],
+                 p[2]);
     }
     text_add(&t, "}}, {\"cameras\": {}, \"shots\": {}, \"points\": {}}]");
     test_write("osfm/opensfm/reconstruction.json", t.data);
@@ -67,9 +72,9 @@ static void jsurvey_check_same(const struct colmap *a, const struct colmap *b)
 {
     CHECK(a->image_count == b->image_count && a->point_count == b->point_count && b->format == COLMAP_JSON);
     for (size_t i = 0; i < b->image_count; i++) {
-        const struct colmap_image  *x = &a->image[i], *y = &b->image[i];
+        const struct colmap_image *x = &a->image[i], *y = &b->image[i];
         const struct colmap_camera *p = &a->camera[0], *q = &b->camera[y->camera_id];
-        double                      r[9], s[9];
+        double r[9], s[9];
         CHECK(strcmp(a->names + x->name, b->names + y->name) == 0);
         camera_rotation_from_quaternion(x->rotation, r);
         camera_rotation_from_quaternion(y->rotation, s);
@@ -78,7 +83,7 @@ static void jsurvey_check_same(const struct colmap *a, const struct colmap *b)
         CHECK(p->width == q->width && p->height == q->height);
         for (double u = -0.4; u < 0.5; u += 0.2) {
             const double direction[2] = {u, 0.3 - u / 2};
-            double       here[2], there[2];
+            double here[2], there[2];
             camera_distort(p, direction, here);
             camera_distort(q, direction, there);
             CHECK_CLOSE(here[0], there[0], 1e-10);
@@ -99,7 +104,8 @@ TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
         {"1 OPENCV_FISHEYE 640 480 300 301 321 239 0.1 -0.02 1e-3 -2e-4\n",
          "\"camera_model\": \"OPENCV_FISHEYE\", \"w\": 640.0, \"h\": 480, \"fl_x\": 300, \"fl_y\": 301, \"cx\": 321, \"cy\": 239, \"k1\": 0.1, "
          "\"k2\": -0.02, \"k3\": 1e-3, \"k4\": -2e-4"},
-        {"1 SIMPLE_PINHOLE 640 480 320 320 240\n", "\"w\": 640, \"h\": 480, \"camera_angle_x\": 1.5707963267948966"}};
+        {"1 SIMPLE_PINHOLE 640 480 320 320 240\n",
+         "\"w\": 640, \"h\": 480, \"camera_angle_x\": 1.5707963267948966"}};
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
@@ -143,7 +149,7 @@ TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
 static const char *jsurvey_refused(const char *name, const char *text)
 {
     struct colmap c;
-    char          path[64];
+    char path[64];
     snprintf(path, sizeof path, "bad/%s", name);
     test_write(path, text);
     CHECK(json_survey_read(test_ctx, test_path("bad"), name, &c) == OXL_ERR_INPUT);
@@ -151,16 +157,18 @@ static const char *jsurvey_refused(const char *name, const char *text)
     return oxl_error_text(test_ctx);
 }
 
-#define JSURVEY_FRAME  "{\"file_path\": \"images/a.png\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"
+#define JSURVEY_FRAME \
+    "{\"file_path\": \"images/a.png\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"
 #define JSURVEY_CAMERA "\"w\": 64, \"h\": 48, \"fl_x\": 50"
 
 TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
 {
     static const char whole[] = "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}";
-    struct colmap     c;
+    struct colmap c;
     test_write("good/transforms.json", whole);
     CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", &c));
-    CHECK(c.image_count == 1 && c.point_count == 0 && c.camera[0].parameter[2] == 32 && strcmp(c.names, "a.png") == 0);
+    CHECK(c.image_count == 1 && c.point_count == 0 && c.camera[0].parameter[2] == 32 &&
+          strcmp(c.names, "a.png") == 0);
     colmap_free(test_ctx, &c);
     for (size_t size = 0; size + 1 < sizeof whole; size++) {
         char cut[sizeof whole];
@@ -168,56 +176,66 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
         cut[size] = 0;
         jsurvey_refused("transforms.json", cut);
     }
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"), "found none for the images");
+    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"),
+               "found none for the images");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"frames\": [" JSURVEY_FRAME "]}"),
                "record 1: found none for w and h");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"h\": 48, \"frames\": [" JSURVEY_FRAME "]}"),
                "a parameter that is missing");
-    CHECK_TEXT(jsurvey_refused("transforms.json",
-                               "{\"camera_model\": \"ORTHOPHOTO\", " JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}"),
+    CHECK_TEXT(jsurvey_refused("transforms.json", "{\"camera_model\": \"ORTHOPHOTO\", " JSURVEY_CAMERA
+                                                  ", \"frames\": [" JSURVEY_FRAME "]}"),
                "found ORTHOPHOTO for camera_model");
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"k4\": 0.1, \"frames\": [" JSURVEY_FRAME "]}"),
+    CHECK_TEXT(jsurvey_refused("transforms.json",
+                               "{" JSURVEY_CAMERA ", \"k4\": 0.1, \"frames\": [" JSURVEY_FRAME "]}"),
                "k4 of OPENCV");
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
-                                                  "\"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
+    CHECK_TEXT(jsurvey_refused("transforms.json",
+                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
+                               "\"transform_matrix\": [[2,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
                "found no rotation");
-    CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"../a.png\", "
-                                                  "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
+    CHECK_TEXT(jsurvey_refused("transforms.json",
+                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"../a.png\", "
+                               "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
                "expected a path inside the image folder");
 }
 
 TEST(opensfm_that_is_wrong_is_refused_with_the_record)
 {
 #define JSURVEY_SHOT "{\"rotation\": [0,0,0], \"translation\": [0,0,0], \"camera\": \"c\"}"
-    CHECK_TEXT(jsurvey_refused("reconstruction.json",
-                               "[{\"cameras\": {\"c\": {\"projection_type\": \"dual\", \"width\": 8, \"height\": 8}}, "
-                               "\"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
+    CHECK_TEXT(jsurvey_refused(
+                   "reconstruction.json",
+                   "[{\"cameras\": {\"c\": {\"projection_type\": \"dual\", \"width\": 8, \"height\": 8}}, "
+                   "\"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
                "record 1: found dual for projection_type");
-    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": {}, \"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
-               "a name that is not among the cameras");
+    CHECK_TEXT(
+        jsurvey_refused("reconstruction.json", "[{\"cameras\": {}, \"shots\": {\"a\": " JSURVEY_SHOT "}}]"),
+        "a name that is not among the cameras");
     CHECK_TEXT(jsurvey_refused("reconstruction.json", "[]"), "found none for the images");
-    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": [1], \"shots\": [2]}]"), "found none for the images");
+    CHECK_TEXT(jsurvey_refused("reconstruction.json", "[{\"cameras\": [1], \"shots\": [2]}]"),
+               "found none for the images");
 }
 
 TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
 {
     struct colmap c;
-    test_write("ns/transforms.json", "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME
-                                     ", {\"file_path\": \"./rgb/r_0\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
+    test_write("ns/transforms.json",
+               "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME
+               ", {\"file_path\": \"./rgb/r_0\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
     CHECK_OK(json_survey_read(test_ctx, test_path("ns"), "transforms.json", &c));
     CHECK(c.images_beside && c.camera_count == 1);
-    CHECK(strcmp(c.names + c.image[0].name, "images/a.png") == 0 && strcmp(c.names + c.image[1].name, "rgb/r_0.png") == 0);
+    CHECK(strcmp(c.names + c.image[0].name, "images/a.png") == 0 &&
+          strcmp(c.names + c.image[1].name, "rgb/r_0.png") == 0);
     colmap_free(test_ctx, &c);
 }
 
 TEST(json_strings_give_back_names_of_any_bytes_and_are_utf8)
 {
-    static const char *const names[][2] = {{"a\xff\xfe z", "\"a\\udcff\\udcfe z\""},
-                                           {"\xc3\xa9\xe2\x82\xac\xf0\x9f\x90\x9f", "\"\xc3\xa9\xe2\x82\xac\xf0\x9f\x90\x9f\""},
-                                           {"\xc3", "\"\\udcc3\""},
-                                           {"\xed\xa0\x80", "\"\\udced\\udca0\\udc80\""},
-                                           {"\x01\"\\", "\"\\u0001\\\"\\\\\""}};
-    char                     out[64];
+    static const char *const names[][2] = {
+        {"a\xff\xfe z", "\"a\\udcff\\udcfe z\""},
+        {"\xc3\xa9\xe2\x82\xac\xf0\x9f\x90\x9f", "\"\xc3\xa9\xe2\x82\xac\xf0\x9f\x90\x9f\""},
+        {"\xc3", "\"\\udcc3\""},
+        {"\xed\xa0\x80", "\"\\udced\\udca0\\udc80\""},
+        {"\x01\"\\", "\"\\u0001\\\"\\\\\""}};
+    char out[64];
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         struct text t = {.ctx = test_ctx};
         text_add_json_string(&t, names[i][0]);
@@ -232,11 +250,15 @@ TEST(json_strings_give_back_names_of_any_bytes_and_are_utf8)
 TEST(json_cursor_reads_what_is_there_and_nothing_else)
 {
     static const char text[] = "{\"a\": [1, -2.5e-1, {\"b\": true}], \"s\\\"\": \"x\\u00e9\\n\", \"n\": 0.1}";
-    const char       *array = oxl_json_member(text, "a"), *second = oxl_json_next(oxl_json_first(array));
-    char              out[32];
-    CHECK(oxl_json_error(text) == NULL && oxl_json_error("{\"a\": 1") != NULL && oxl_json_error("[1] 2") != NULL);
-    CHECK(oxl_json_number_at(&second) == -0.25 && oxl_json_number(text, "n") == 0.1 && isnan(oxl_json_number(text, "m")));
-    CHECK(oxl_json_is_true(oxl_json_next(oxl_json_next(oxl_json_first(array))), "b") && !oxl_json_is_true(text, "a"));
-    CHECK(oxl_json_text(oxl_json_value(oxl_json_next(array)), out, sizeof out) == 4 && strcmp(out, "x\xc3\xa9\n") == 0);
+    const char *array = oxl_json_member(text, "a"), *second = oxl_json_next(oxl_json_first(array));
+    char out[32];
+    CHECK(oxl_json_error(text) == NULL && oxl_json_error("{\"a\": 1") != NULL &&
+          oxl_json_error("[1] 2") != NULL);
+    CHECK(oxl_json_number_at(&second) == -0.25 && oxl_json_number(text, "n") == 0.1 &&
+          isnan(oxl_json_number(text, "m")));
+    CHECK(oxl_json_is_true(oxl_json_next(oxl_json_next(oxl_json_first(array))), "b") &&
+          !oxl_json_is_true(text, "a"));
+    CHECK(oxl_json_text(oxl_json_value(oxl_json_next(array)), out, sizeof out) == 4 &&
+          strcmp(out, "x\xc3\xa9\n") == 0);
     CHECK(oxl_json_text(oxl_json_value(oxl_json_next(array)), out, 3) == 0 && oxl_json_next(NULL) == NULL);
 }

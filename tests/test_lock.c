@@ -1,18 +1,19 @@
-/* test_lock.c - a folder is written to by one process at a time. The other process is a child that is killed. */
+/* test_lock.c - a folder is written to by one process at a time. The other process is a child that is
+ * killed. */
 #ifndef _WIN32
 #include <sys/wait.h>
 
 /* A child that holds a lock on the folder; killed and waited for by lock_test_kill. */
 static pid_t lock_test_child(const char *folder, int shared)
 {
-    int   ready[2];
-    char  byte;
+    int ready[2];
+    char byte;
     pid_t child;
     CHECK(pipe(ready) == 0);
     fflush(stdout);
     child = fork();
     if (child == 0) {
-        oxl_lock  *lock;
+        oxl_lock *lock;
         oxl_result rc = lock_folder(test_ctx, folder, shared, &lock);
         if (write(ready[1], rc == OXL_OK ? "+" : "-", 1) != 1) _exit(1);
         for (;;) pause();
@@ -40,9 +41,9 @@ static void lock_test_log(void *user, oxl_log_level level, const char *text)
 TEST(lock_of_a_live_process_is_refused_by_its_number_and_that_of_a_killed_one_is_taken_over)
 {
     const char *folder = test_path("out");
-    const pid_t child  = lock_test_child(folder, 0);
-    oxl_lock   *lock   = NULL;
-    char        message[64];
+    const pid_t child = lock_test_child(folder, 0);
+    oxl_lock *lock = NULL;
+    char message[64];
     snprintf(message, sizeof message, "is in use by process %ld on ", (long)child);
     CHECK(oxl_lock_folder(test_ctx, folder, &lock) == OXL_ERR_FAILED && !lock);
     CHECK(strstr(oxl_error_text(test_ctx), message) && strstr(oxl_error_text(test_ctx), "\nfix: "));
@@ -62,8 +63,8 @@ TEST(lock_of_a_live_process_is_refused_by_its_number_and_that_of_a_killed_one_is
 TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
 {
     const char *folder = test_path("out");
-    const pid_t child  = lock_test_child(folder, 1);
-    oxl_lock   *lock   = NULL;
+    const pid_t child = lock_test_child(folder, 1);
+    oxl_lock *lock = NULL;
     CHECK(oxl_lock_folder(test_ctx, folder, &lock) == OXL_ERR_FAILED);
     CHECK_OK(lock_folder(test_ctx, folder, 1, &lock));
     CHECK(lock_change(test_ctx, lock, folder, 0) == OXL_ERR_FAILED);
@@ -79,14 +80,15 @@ TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
 TEST(lock_of_a_run_refuses_folders_within_it)
 {
     const char *folder = test_path("out");
-    oxl_lock   *lock   = NULL;
-    pid_t       child  = lock_test_child(folder, 1);
+    oxl_lock *lock = NULL;
+    pid_t child = lock_test_child(folder, 1);
     CHECK_OK(oxl_lock_folder(test_ctx, test_path("out/row"), &lock)); /* no run.json: a folder of runs */
     oxl_unlock_folder(test_ctx, &lock);
     CHECK_OK(os_write_file(test_ctx, test_path("out/run.json"), "{}", 2));
     CHECK(oxl_lock_folder(test_ctx, test_path("out/new"), &lock) == OXL_ERR_FAILED && !lock &&
           !os_is_folder(test_path("out/new")));
-    CHECK(strstr(oxl_error_text(test_ctx), "out/new lies in the folder of a run, which is in use by process"));
+    CHECK(
+        strstr(oxl_error_text(test_ctx), "out/new lies in the folder of a run, which is in use by process"));
     CHECK_OK(os_make_folder(test_ctx, test_path("out/blocks/000")));
     CHECK(oxl_lock_folder(test_ctx, test_path("out/blocks/000"), &lock) == OXL_ERR_FAILED);
     CHECK_OK(lock_folder(test_ctx, test_path("out/blocks/000"), 0, &lock)); /* of the run itself */
@@ -98,11 +100,11 @@ TEST(lock_of_a_run_refuses_folders_within_it)
 
 TEST(lock_of_a_survey_of_one_block_is_not_shared)
 {
-    oxl_job_options       options  = job_test_options();
-    struct job_test_watch watch    = {0, 5};
-    const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey = job_test_survey(), *folder = test_path("out");
-    pid_t                 child;
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, 5};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey(), *folder = test_path("out");
+    pid_t child;
     options.block = 0;
     CHECK(oxl_job_run(test_ctx, survey, folder, &options, &callback) == OXL_ERR_INTERRUPTED);
     child = lock_test_child(folder, 1);

@@ -1,4 +1,5 @@
-/* test_loss.c - the fused loss, from its source in double, against the formulas written out, and its gradient against finite differences. */
+/* test_loss.c - the fused loss, from its source in double, against the formulas written out, and its gradient
+ * against finite differences. */
 #include "wide.h"
 
 static double loss_image(uint64_t seed, size_t i)
@@ -13,8 +14,8 @@ static double loss_plain_ssim(const double *x, const double *y, int w, int h, in
     for (int d = -5; d <= 5; d++) norm += exp(-d * d / 4.5);
     for (int v = OXL_MAX(cy - 5, 0); v <= OXL_MIN(cy + 5, h - 1); v++)
         for (int u = OXL_MAX(cx - 5, 0); u <= OXL_MIN(cx + 5, w - 1); u++) {
-            const double g = exp(-((v - cy) * (v - cy) + (u - cx) * (u - cx)) / 4.5) / (norm * norm), a = x[v * w + u],
-                         b = y[v * w + u];
+            const double g = exp(-((v - cy) * (v - cy) + (u - cx) * (u - cx)) / 4.5) / (norm * norm),
+                         a = x[v * w + u], b = y[v * w + u];
             mx += g * a, my += g * b, xx += g * a * a, yy += g * b * b, xy += g * a * b;
         }
     return (2 * mx * my + 1e-4) * (2 * (xy - mx * my) + 9e-4) /
@@ -22,15 +23,17 @@ static double loss_plain_ssim(const double *x, const double *y, int w, int h, in
 }
 
 struct loss_case {
-    int     w, h;
+    int w, h;
     double *x, *y, *weight, *dx;
 };
 
 static struct loss_case loss_case(int w, int h, int masked)
 {
-    const size_t     n = (size_t)w * (size_t)h;
-    struct loss_case c = {w, h, wide_array(3 * n), wide_array(3 * n), masked ? wide_array(n) : NULL, wide_array(3 * n)};
-    for (size_t i = 0; i < 3 * n; i++) c.x[i] = loss_image(1, i), c.y[i] = 0.5 * loss_image(2, i) + 0.5 * c.x[i];
+    const size_t n = (size_t)w * (size_t)h;
+    struct loss_case c = {
+        w, h, wide_array(3 * n), wide_array(3 * n), masked ? wide_array(n) : NULL, wide_array(3 * n)};
+    for (size_t i = 0; i < 3 * n; i++)
+        c.x[i] = loss_image(1, i), c.y[i] = 0.5 * loss_image(2, i) + 0.5 * c.x[i];
     for (size_t i = 0; masked && i < n; i++) c.weight[i] = (int)(i % (size_t)w) < 3 * w / 4;
     return c;
 }
@@ -50,13 +53,14 @@ static struct wide_loss loss_run(const struct loss_case *c, double ssim_weight)
 
 TEST(loss_is_l1_and_ssim_as_defined)
 {
-    struct loss_case c     = loss_case(37, 29, 0);
+    struct loss_case c = loss_case(37, 29, 0);
     struct wide_loss value = loss_run(&c, 0.2);
-    double           ssim = 0, l1 = 0, mse = 0;
+    double ssim = 0, l1 = 0, mse = 0;
     for (int ch = 0; ch < 3; ch++)
         for (int i = 0; i < 37 * 29; i++) {
             const double d = c.x[ch * 37 * 29 + i] - c.y[ch * 37 * 29 + i];
-            ssim += loss_plain_ssim(c.x + ch * 37 * 29, c.y + ch * 37 * 29, 37, 29, i % 37, i / 37) / (3 * 37 * 29);
+            ssim += loss_plain_ssim(c.x + ch * 37 * 29, c.y + ch * 37 * 29, 37, 29, i % 37, i / 37) /
+                    (3 * 37 * 29);
             l1 += fabs(d) / (3 * 37 * 29);
             mse += d * d / (3 * 37 * 29);
         }
@@ -72,12 +76,13 @@ TEST(loss_is_exact_for_images_of_any_size)
 {
     for (int w = 1; w <= 66; w = w == 12 ? 56 : w + 1)
         for (int h = 1; h <= 23; h = h < 4 ? h + 1 : h + 10) {
-            struct loss_case c     = loss_case(w, h, 0);
+            struct loss_case c = loss_case(w, h, 0);
             struct wide_loss value = loss_run(&c, 0.2);
-            double           ssim  = 0;
+            double ssim = 0;
             for (int ch = 0; ch < 3; ch++)
                 for (int i = 0; i < w * h; i++)
-                    ssim += loss_plain_ssim(c.x + ch * w * h, c.y + ch * w * h, w, h, i % w, i / w) / (3 * w * h);
+                    ssim +=
+                        loss_plain_ssim(c.x + ch * w * h, c.y + ch * w * h, w, h, i % w, i / w) / (3 * w * h);
             CHECK_CLOSE(value.ssim, ssim, 1e-12);
             loss_case_free(&c);
         }
@@ -88,7 +93,8 @@ static int loss_plain_whole(const struct loss_case *c, int cx, int cy)
 {
     int whole = 1;
     for (int v = OXL_MAX(cy - 5, 0); v <= OXL_MIN(cy + 5, c->h - 1); v++)
-        for (int u = OXL_MAX(cx - 5, 0); u <= OXL_MIN(cx + 5, c->w - 1); u++) whole = whole && c->weight[v * c->w + u] > 0;
+        for (int u = OXL_MAX(cx - 5, 0); u <= OXL_MIN(cx + 5, c->w - 1); u++)
+            whole = whole && c->weight[v * c->w + u] > 0;
     return whole;
 }
 
@@ -96,7 +102,7 @@ TEST(loss_takes_the_windows_that_a_mask_leaves_whole)
 {
     struct loss_case c = loss_case(45, 40, 1);
     struct wide_loss value;
-    double           ssim = 0, windows = 0;
+    double ssim = 0, windows = 0;
     for (int i = 0; i < 45 * 40; i++) c.weight[i] = i % 311 != 7;
     value = loss_run(&c, 0.2);
     for (int ch = 0; ch < 3; ch++)
@@ -112,14 +118,14 @@ TEST(loss_takes_the_windows_that_a_mask_leaves_whole)
 
 static void loss_check_gradient(int masked)
 {
-    struct loss_case c  = loss_case(23, 19, masked);
-    const size_t     n  = 3 * 23 * 19;
-    double          *dx = wide_array(n);
+    struct loss_case c = loss_case(23, 19, masked);
+    const size_t n = 3 * 23 * 19;
+    double *dx = wide_array(n);
     loss_run(&c, 0.2);
     memcpy(dx, c.dx, n * sizeof *dx);
     for (size_t i = 0; i < n; i += 7) {
         const double was = c.x[i], h = 1e-6;
-        double       up, down;
+        double up, down;
         c.x[i] = was + h, up = loss_run(&c, 0.2).total;
         c.x[i] = was - h, down = loss_run(&c, 0.2).total;
         c.x[i] = was;
@@ -141,9 +147,9 @@ TEST(loss_gradient_agrees_with_finite_differences_under_a_mask)
 
 TEST(loss_does_not_see_what_is_masked)
 {
-    struct loss_case       c      = loss_case(40, 20, 1);
+    struct loss_case c = loss_case(40, 20, 1);
     const struct wide_loss before = loss_run(&c, 0.2);
-    struct wide_loss       after;
+    struct wide_loss after;
     for (int i = 0; i < 3 * 40 * 20; i++)
         if (!(c.weight[i % (40 * 20)] > 0)) c.x[i] = 100 + i;
     after = loss_run(&c, 0.2);
@@ -165,13 +171,14 @@ TEST(loss_of_equal_images_is_zero)
 }
 
 /* The float loss on the images of a case, with `threads`. */
-static struct loss_value loss_run_float(const struct loss_case *c, int threads, struct loss_scratch *scratch, float *dx)
+static struct loss_value loss_run_float(const struct loss_case *c, int threads, struct loss_scratch *scratch,
+                                        float *dx)
 {
-    const size_t      n = 3 * (size_t)c->w * (size_t)c->h;
-    float            *x = malloc(n * sizeof *x), *y = malloc(n * sizeof *y), *weight = malloc(n * sizeof *weight);
-    struct loss_job   job    = {c->w, c->h, 0.2f, x, y, c->weight ? weight : NULL, dx};
-    struct loss_value value  = {0};
-    const int         before = test_ctx->threads;
+    const size_t n = 3 * (size_t)c->w * (size_t)c->h;
+    float *x = malloc(n * sizeof *x), *y = malloc(n * sizeof *y), *weight = malloc(n * sizeof *weight);
+    struct loss_job job = {c->w, c->h, 0.2f, x, y, c->weight ? weight : NULL, dx};
+    struct loss_value value = {0};
+    const int before = test_ctx->threads;
     if (!x || !y || !weight) abort();
     for (size_t i = 0; i < n; i++) x[i] = (float)c->x[i], y[i] = (float)c->y[i];
     for (size_t i = 0; c->weight && i < n / 3; i++) weight[i] = (float)c->weight[i];
@@ -184,8 +191,8 @@ static struct loss_value loss_run_float(const struct loss_case *c, int threads, 
 
 static struct loss_value loss_run_afresh(const struct loss_case *c, int threads, float *dx)
 {
-    struct loss_scratch     scratch = {0};
-    const struct loss_value value   = loss_run_float(c, threads, &scratch, dx);
+    struct loss_scratch scratch = {0};
+    const struct loss_value value = loss_run_float(c, threads, &scratch, dx);
     loss_free(test_ctx, &scratch);
     return value;
 }
@@ -193,13 +200,20 @@ static struct loss_value loss_run_afresh(const struct loss_case *c, int threads,
 /* One scratch for all, as in a run: another width, a mask, more threads and fewer. */
 TEST(loss_does_not_see_what_was_in_its_scratch_before)
 {
-    static const int    size[][4] = {{70, 20, 0, 1}, {70, 20, 1, 1}, {70, 20, 0, 3}, {33, 9, 0, 3},
-                                     {70, 3, 1, 2},  {70, 20, 0, 2}, {64, 20, 0, 1}, {70, 20, 0, 3}}; /* w, h, masked, threads */
-    static float        dx[2][3 * 70 * 20];
+    static const int size[][4] = {{70, 20, 0, 1},
+                                  {70, 20, 1, 1},
+                                  {70, 20, 0, 3},
+                                  {33, 9, 0, 3},
+                                  /* w, h, masked, threads */
+                                  {70, 3, 1, 2},
+                                  {70, 20, 0, 2},
+                                  {64, 20, 0, 1},
+                                  {70, 20, 0, 3}};
+    static float dx[2][3 * 70 * 20];
     struct loss_scratch scratch = {0};
     for (size_t i = 0; i < OXL_COUNT(size); i++) {
-        struct loss_case        c     = loss_case(size[i][0], size[i][1], size[i][2]);
-        const struct loss_value kept  = loss_run_float(&c, size[i][3], &scratch, dx[0]);
+        struct loss_case c = loss_case(size[i][0], size[i][1], size[i][2]);
+        const struct loss_value kept = loss_run_float(&c, size[i][3], &scratch, dx[0]);
         const struct loss_value fresh = loss_run_afresh(&c, size[i][3], dx[1]);
         CHECK(kept.total == fresh.total && kept.ssim == fresh.ssim);
         CHECK(memcmp(dx[0], dx[1], 3 * (size_t)(c.w * c.h) * sizeof(float)) == 0);
@@ -210,9 +224,9 @@ TEST(loss_does_not_see_what_was_in_its_scratch_before)
 
 TEST(loss_is_the_same_bytes_wherever_the_strips_are_cut)
 {
-    static float      dx[4][3 * 50 * 31];
+    static float dx[4][3 * 50 * 31];
     struct loss_value value[4];
-    struct loss_case  c = loss_case(50, 31, 0);
+    struct loss_case c = loss_case(50, 31, 0);
     for (int i = 0; i < 4; i++) value[i] = loss_run_afresh(&c, (int[]){1, 2, 7, 40}[i], dx[i]);
     for (int i = 1; i < 4; i++) {
         CHECK(!memcmp(dx[0], dx[i], sizeof dx[0]));
@@ -223,11 +237,11 @@ TEST(loss_is_the_same_bytes_wherever_the_strips_are_cut)
 
 TEST(loss_in_float_agrees_with_double)
 {
-    static float            dx[3 * 50 * 31];
-    struct loss_case        c      = loss_case(50, 31, 0);
-    struct wide_loss        wide   = loss_run(&c, 0.2);
+    static float dx[3 * 50 * 31];
+    struct loss_case c = loss_case(50, 31, 0);
+    struct wide_loss wide = loss_run(&c, 0.2);
     const struct loss_value narrow = loss_run_afresh(&c, 2, dx);
-    double                  most   = 0;
+    double most = 0;
     CHECK_CLOSE(wide.total, narrow.total, 1e-6);
     for (int i = 0; i < 3 * 50 * 31; i++) most = OXL_MAX(most, fabs(c.dx[i]));
     for (int i = 0; i < 3 * 50 * 31; i++) CHECK_CLOSE(dx[i], c.dx[i], 2e-5 * most);
@@ -237,10 +251,10 @@ TEST(loss_in_float_agrees_with_double)
 TEST(loss_without_ssim_is_that_of_the_sweep_as_its_weight_goes_to_0)
 {
     for (int masked = 0; masked < 2; masked++) {
-        struct loss_case c     = loss_case(23, 19, masked);
-        const size_t     n     = 3 * 23 * 19;
-        double          *sweep = wide_array(n);
-        struct wide_loss a     = loss_run(&c, 1e-300), b;
+        struct loss_case c = loss_case(23, 19, masked);
+        const size_t n = 3 * 23 * 19;
+        double *sweep = wide_array(n);
+        struct wide_loss a = loss_run(&c, 1e-300), b;
         memcpy(sweep, c.dx, n * sizeof *sweep);
         memset(c.dx, 0, n * sizeof *c.dx);
         b = loss_run(&c, 0);

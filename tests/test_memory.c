@@ -1,7 +1,8 @@
-/* test_memory.c - memory that fails: whichever allocation of a whole job is refused, the job says so or ends in the same result.
+/* test_memory.c - memory that fails: whichever allocation of a whole job is refused, the job says so or ends
+ * in the same result.
  *
- * After SQLite's tests: the n-th allocation fails, those after it succeed, which also finds errors that are swallowed. A few dozen n
- * here; OXL_ALL_ALLOCATIONS=1 takes every one (.ci/slow).
+ * After SQLite's tests: the n-th allocation fails, those after it succeed, which also finds errors that are
+ * swallowed. A few dozen n here; OXL_ALL_ALLOCATIONS=1 takes every one (.ci/slow).
  */
 
 static long memory_left; /* allocations until one is refused */
@@ -15,16 +16,16 @@ static void *memory_reallocate(void *user, void *old, size_t size)
 /* Several blocks, masks, weights by depth, pruning and second lobes: as many places as there are. */
 static oxl_job_options memory_options(void)
 {
-    oxl_job_options o        = job_test_options();
-    o.train.densify_every    = 3;
-    o.train.densify_until    = 0.6f;
-    o.train.dog_from         = 0.785f;
+    oxl_job_options o = job_test_options();
+    o.train.densify_every = 3;
+    o.train.densify_until = 0.6f;
+    o.train.dog_from = 0.785f;
     o.train.densify_gradient = 1e-6f;
-    o.train.ucd.mode         = OXL_UCD_AUTO;
-    o.train.keep             = (oxl_keep){OXL_KEEP_FRACTION, 0.7};
-    o.train.dog              = OXL_DOG_SELECTIVE;
-    o.train.dog_threshold    = -0.5f;
-    o.train.sh_degree        = 1;
+    o.train.ucd.mode = OXL_UCD_AUTO;
+    o.train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.7};
+    o.train.dog = OXL_DOG_SELECTIVE;
+    o.train.dog_threshold = -0.5f;
+    o.train.sh_degree = 1;
     o.partition.block_points = 24;
     return o;
 }
@@ -33,13 +34,13 @@ static oxl_job_options memory_options(void)
 static oxl_result memory_job(const char *survey, const char *out, long n)
 {
     const oxl_job_options options = memory_options();
-    char                  command[600];
-    oxl_result            rc;
+    char command[600];
+    oxl_result rc;
     snprintf(command, sizeof command, "rm -rf '%s'", out);
     CHECK(system(command) == 0);
     test_ctx->options.reallocate = memory_reallocate;
-    memory_left                  = n;
-    rc                           = oxl_job_run(test_ctx, survey, out, &options, NULL);
+    memory_left = n;
+    rc = oxl_job_run(test_ctx, survey, out, &options, NULL);
     test_ctx->options.reallocate = counting_reallocate;
     return rc;
 }
@@ -47,7 +48,7 @@ static oxl_result memory_job(const char *survey, const char *out, long n)
 static uint64_t memory_sum(const char *file)
 {
     struct os_file_map map;
-    uint64_t           sum = 0;
+    uint64_t sum = 0;
     if (!os_is_file(file) || os_read_file(test_ctx, file, &map) != OXL_OK) return 0;
     sum = checkpoint_hash(CHECKPOINT_SEED, (const unsigned char *)map.data, map.size);
     os_release_file(test_ctx, &map);
@@ -57,9 +58,9 @@ static uint64_t memory_sum(const char *file)
 TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 {
     const char *survey = job_test_survey(), *out = test_path("out");
-    char        name[64], ply[512];
-    uint64_t    whole;
-    long        count, stride, held, reported = 0;
+    char name[64], ply[512];
+    uint64_t whole;
+    long count, stride, held, reported = 0;
     test_write("survey/masks/.keep", "");
     for (int i = 0; i < 3; i++) {
         snprintf(name, sizeof name, "survey/masks/%d.png", i);
@@ -68,26 +69,27 @@ TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
     snprintf(ply, sizeof ply, "%s/scene.ply", out);
     test_ctx->threads = 1;
     CHECK_OK(memory_job(survey, out, LONG_MAX));
-    count  = LONG_MAX - memory_left;
-    whole  = memory_sum(ply);
-    held   = blocks_held;
+    count = LONG_MAX - memory_left;
+    whole = memory_sum(ply);
+    held = blocks_held;
     stride = getenv("OXL_ALL_ALLOCATIONS") ? 1 : OXL_MAX(count / 40, 1);
     CHECK(whole != 0 && count > 1000);
     for (long n = stride / 2; n < count; n += stride) {
         const oxl_result rc = memory_job(survey, out, n);
         reported += rc == OXL_ERR_MEMORY;
-        if (rc == OXL_ERR_MEMORY ? blocks_held == held && oxl_error_text(test_ctx)[0] : rc == OXL_OK && memory_sum(ply) == whole)
+        if (rc == OXL_ERR_MEMORY ? blocks_held == held && oxl_error_text(test_ctx)[0]
+                                 : rc == OXL_OK && memory_sum(ply) == whole)
             continue;
         test_failed++;
-        printf("  allocation %ld of %ld refused: result %d, %ld blocks kept, %s\n", n, count, rc, blocks_held - held,
-               rc == OXL_OK ? "another result" : oxl_error_text(test_ctx));
+        printf("  allocation %ld of %ld refused: result %d, %ld blocks kept, %s\n", n, count, rc,
+               blocks_held - held, rc == OXL_OK ? "another result" : oxl_error_text(test_ctx));
         if (rc == OXL_OK) continue;
         held = blocks_held;
     }
     CHECK(reported > 10);
 }
 
-/* ---------------------------------------------------------------- arrays that grow */
+/* ---------------- arrays that grow */
 
 TEST(memory_that_grows_keeps_its_contents_and_its_alignment)
 {
@@ -113,14 +115,15 @@ static void *memory_refuse_large(void *user, void *old, size_t size)
 
 TEST(memory_that_grows_takes_what_is_needed_where_a_quarter_more_is_refused)
 {
-    char  *bytes                 = NULL;
-    size_t capacity              = 0;
+    char *bytes = NULL;
+    size_t capacity = 0;
     test_ctx->options.reallocate = memory_refuse_large;
     CHECK_OK(oxl_reserve(test_ctx, &bytes, &capacity, 9000, 1));
     memset(bytes, 5, 9000);
     CHECK_OK(oxl_reserve(test_ctx, &bytes, &capacity, 10000, 1));
     CHECK(capacity == 10000 && bytes[8999] == 5);
-    CHECK(oxl_reserve(test_ctx, &bytes, &capacity, 11000, 1) == OXL_ERR_MEMORY && capacity == 10000 && bytes[8999] == 5);
+    CHECK(oxl_reserve(test_ctx, &bytes, &capacity, 11000, 1) == OXL_ERR_MEMORY && capacity == 10000 &&
+          bytes[8999] == 5);
     oxl_free(test_ctx, bytes);
     test_ctx->options.reallocate = counting_reallocate;
 }

@@ -1,4 +1,5 @@
-/* test_merge.c - the models of blocks become one: each Gaussian once, where it was, with all that it carries. */
+/* test_merge.c - the models of blocks become one: each Gaussian once, where it was, with all that it
+ * carries. */
 
 enum { MERGE_TEST_COUNT = 3000 };
 
@@ -6,11 +7,12 @@ enum { MERGE_TEST_COUNT = 3000 };
 static void merge_test_partition(struct partition *p, struct partition_block block[3], const double origin[3])
 {
     static const double turned[9] = {0.6, 0.8, 0, -0.8, 0.6, 0, 0, 0, 1};
-    *p                            = (struct partition){.dimensions = 2, .block_count = 3, .block = block};
+    *p = (struct partition){.dimensions = 2, .block_count = 3, .block = block};
     memcpy(p->rotation, turned, sizeof turned);
     memcpy(p->origin, origin, sizeof p->origin);
     for (int b = 0; b < 3; b++) {
-        block[b] = (struct partition_block){.box = {{-INFINITY, -INFINITY, -INFINITY}, {INFINITY, INFINITY, INFINITY}}};
+        block[b] = (struct partition_block){
+            .box = {{-INFINITY, -INFINITY, -INFINITY}, {INFINITY, INFINITY, INFINITY}}};
         if (b == 0) block[b].box.high[0] = 0;
         else block[b].box.low[0] = 0;
     }
@@ -25,8 +27,8 @@ static oxl_model merge_test_cloud(size_t count, int degree, const double origin[
     memcpy(m.origin, origin, sizeof m.origin);
     for (int p = 0; p < oxl_model_planes(&m); p++)
         for (size_t i = 0; i < count; i++)
-            m.plane[p][i] =
-                p < OXL_LOG_SCALE ? (float)(8 * random_unit(random_bits(7, i, (uint64_t)p)) - 4) : (float)(i + 10000 * (size_t)p);
+            m.plane[p][i] = p < OXL_LOG_SCALE ? (float)(8 * random_unit(random_bits(7, i, (uint64_t)p)) - 4)
+                                              : (float)(i + 10000 * (size_t)p);
     return m;
 }
 
@@ -39,10 +41,11 @@ static oxl_model merge_test_empty(const double origin[3])
 }
 
 /* What lies in the block's box. */
-static oxl_result merge_test_block(const struct partition *p, int block, const oxl_model *from, oxl_model *into)
+static oxl_result merge_test_block(const struct partition *p, int block, const oxl_model *from,
+                                   oxl_model *into)
 {
-    uint8_t         *inside = oxl_alloc(test_ctx, from->count + 1, 1);
-    const oxl_result rc     = inside ? OXL_OK : OXL_ERR_MEMORY;
+    uint8_t *inside = oxl_alloc(test_ctx, from->count + 1, 1);
+    const oxl_result rc = inside ? OXL_OK : OXL_ERR_MEMORY;
     if (rc != OXL_OK) return rc;
     merge_mark(p, block, from, inside);
     {
@@ -59,13 +62,14 @@ static size_t merge_test_row(const oxl_model *m, size_t i) /* in the cloud */
 
 TEST(merge_keeps_each_gaussian_of_overlapping_blocks_exactly_once)
 {
-    const double           origin[3] = {0.1, -0.2, 0.3};
+    const double origin[3] = {0.1, -0.2, 0.3};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              cloud = merge_test_cloud(MERGE_TEST_COUNT, 1, origin), merged = merge_test_empty(origin);
-    unsigned char          seen[MERGE_TEST_COUNT] = {0};
+    struct partition p;
+    oxl_model cloud = merge_test_cloud(MERGE_TEST_COUNT, 1, origin), merged = merge_test_empty(origin);
+    unsigned char seen[MERGE_TEST_COUNT] = {0};
     merge_test_partition(&p, block, origin);
-    for (int b = 0; b < 3; b++) CHECK_OK(merge_test_block(&p, b, &cloud, &merged)); /* each block trained all of it */
+    /* each block trained all of it */
+    for (int b = 0; b < 3; b++) CHECK_OK(merge_test_block(&p, b, &cloud, &merged));
     CHECK(merged.count == MERGE_TEST_COUNT && merged.sh_degree == 1);
     for (size_t i = 0; i < merged.count; i++) {
         const size_t row = merge_test_row(&merged, i);
@@ -78,11 +82,11 @@ TEST(merge_keeps_each_gaussian_of_overlapping_blocks_exactly_once)
 
 TEST(merge_goes_by_block_and_keeps_the_order_within_one)
 {
-    const double           zero[3] = {0, 0, 0}, origin[3] = {-1, 0.5, 1};
+    const double zero[3] = {0, 0, 0}, origin[3] = {-1, 0.5, 1};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              cloud = merge_test_cloud(MERGE_TEST_COUNT, 0, origin), merged = merge_test_empty(origin);
-    size_t                 end[3];
+    struct partition p;
+    oxl_model cloud = merge_test_cloud(MERGE_TEST_COUNT, 0, origin), merged = merge_test_empty(origin);
+    size_t end[3];
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
         CHECK_OK(merge_test_block(&p, b, &cloud, &merged));
@@ -103,27 +107,28 @@ TEST(merge_goes_by_block_and_keeps_the_order_within_one)
 
 TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
 {
-    const double           zero[3]    = {0, 0, 0};
-    const float            at[5]      = {0, -0.0f, -1e-30f, 3e38f, -3e38f};
-    const int              kept_in[5] = {1, 1, 0, 1, 0};
+    const double zero[3] = {0, 0, 0};
+    const float at[5] = {0, -0.0f, -1e-30f, 3e38f, -3e38f};
+    const int kept_in[5] = {1, 1, 0, 1, 0};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              m = merge_test_cloud(5, 0, zero);
+    struct partition p;
+    oxl_model m = merge_test_cloud(5, 0, zero);
     merge_test_partition(&p, block, zero);
     for (int i = 0; i < 9; i++) p.rotation[i] = i % 4 == 0;
     for (int i = 0; i < 5; i++) m.plane[0][i] = at[i], m.plane[1][i] = m.plane[2][i] = 0;
     for (int b = 0; b < 3; b++) {
-        oxl_model merged   = merge_test_empty(zero);
-        size_t    expected = 0;
+        oxl_model merged = merge_test_empty(zero);
+        size_t expected = 0;
         CHECK_OK(merge_test_block(&p, b, &m, &merged));
         for (int i = 0; i < 5; i++)
-            if (kept_in[i] == b) CHECK(expected < merged.count && merge_test_row(&merged, expected++) == (size_t)i);
+            if (kept_in[i] == b)
+                CHECK(expected < merged.count && merge_test_row(&merged, expected++) == (size_t)i);
         CHECK(merged.count == expected);
         oxl_model_free(test_ctx, &merged);
     }
     m.plane[1][1] = 1; /* on the second border, exactly */
     m.plane[0][0] = m.plane[0][2] = NAN;
-    oxl_model merged              = merge_test_empty(zero);
+    oxl_model merged = merge_test_empty(zero);
     CHECK_OK(merge_test_block(&p, 2, &m, &merged));
     CHECK(merged.count == 1 && merge_test_row(&merged, 0) == 1);
     CHECK_OK(merge_test_block(&p, 0, &m, &merged));
@@ -135,10 +140,10 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
 
 TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres_apart)
 {
-    const double           east[3] = {1e6, 4.2e6, -30}, west[3] = {3.3, 4.2e6 + 0.7, 25};
+    const double east[3] = {1e6, 4.2e6, -30}, west[3] = {3.3, 4.2e6 + 0.7, 25};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              m = merge_test_cloud(MERGE_TEST_COUNT, 0, east), merged = merge_test_empty(west);
+    struct partition p;
+    oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, 0, east), merged = merge_test_empty(west);
     merge_test_partition(&p, block, east);
     for (int b = 0; b < 3; b++) CHECK_OK(merge_test_block(&p, b, &m, &merged));
     CHECK(merged.count == m.count && !memcmp(merged.origin, west, sizeof west));
@@ -153,12 +158,12 @@ TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres
 
 TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
 {
-    const double           zero[3]   = {0, 0, 0};
-    const int              degree[3] = {1, 3, 0};
+    const double zero[3] = {0, 0, 0};
+    const int degree[3] = {1, 3, 0};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              merged = merge_test_empty(zero);
-    size_t                 first  = 0;
+    struct partition p;
+    oxl_model merged = merge_test_empty(zero);
+    size_t first = 0;
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
         oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, degree[b], zero);
@@ -171,7 +176,8 @@ TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
         const int end = OXL_SH + 3 * (degree[b] + 1) * (degree[b] + 1);
         CHECK_OK(merge_test_block(&p, b, &m, &alone));
         for (size_t i = 0; i < alone.count; i++)
-            for (int k = 0; k < OXL_LOBE; k++) CHECK(merged.plane[k][first + i] == (k < end ? alone.plane[k][i] : 0));
+            for (int k = 0; k < OXL_LOBE; k++)
+                CHECK(merged.plane[k][first + i] == (k < end ? alone.plane[k][i] : 0));
         first += alone.count;
         oxl_model_free(test_ctx, &alone);
         oxl_model_free(test_ctx, &m);
@@ -182,10 +188,11 @@ TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
 
 TEST(merge_takes_blocks_that_keep_nothing)
 {
-    const double           zero[3] = {0, 0, 0};
+    const double zero[3] = {0, 0, 0};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              none = merge_test_empty(zero), merged = merge_test_empty(zero), away = merge_test_cloud(20, 2, zero);
+    struct partition p;
+    oxl_model none = merge_test_empty(zero), merged = merge_test_empty(zero),
+              away = merge_test_cloud(20, 2, zero);
     merge_test_partition(&p, block, zero);
     for (size_t i = 0; i < away.count; i++) away.plane[0][i] = away.plane[1][i] = -100;
     CHECK_OK(merge_test_block(&p, 0, &none, &merged));
@@ -208,11 +215,11 @@ static void merge_test_add_lobes(oxl_model *m, size_t lobes)
 
 TEST(merge_keeps_rows_with_a_second_lobe_in_front_each_with_its_own)
 {
-    const double           zero[3]  = {0, 0, 0};
-    const size_t           lobes[3] = {1700, 0, MERGE_TEST_COUNT};
+    const double zero[3] = {0, 0, 0};
+    const size_t lobes[3] = {1700, 0, MERGE_TEST_COUNT};
     struct partition_block block[3];
-    struct partition       p;
-    oxl_model              merged = merge_test_empty(zero);
+    struct partition p;
+    oxl_model merged = merge_test_empty(zero);
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
         oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, b % 2, zero);
@@ -222,16 +229,18 @@ TEST(merge_keeps_rows_with_a_second_lobe_in_front_each_with_its_own)
     }
     CHECK(merged.count == MERGE_TEST_COUNT && merged.lobes > 1000);
     for (size_t i = 0, last = 0; i < merged.count; i++) {
-        const size_t row      = merge_test_row(&merged, i);
+        const size_t row = merge_test_row(&merged, i);
         const double world[3] = {merged.plane[0][i], merged.plane[1][i], merged.plane[2][i]};
-        double       frame[3];
-        size_t       b = 0;
+        double frame[3];
+        size_t b = 0;
         partition_to_frame(&p, world, frame);
         while (b < 2 && !partition_contains(&block[b].box, frame)) b++;
         CHECK((i < merged.lobes) == (row < lobes[b]));
-        CHECK(i == 0 || i == merged.lobes || b * MERGE_TEST_COUNT + row > last); /* in the order of blocks, then rows */
+        /* in the order of blocks, then rows */
+        CHECK(i == 0 || i == merged.lobes || b * MERGE_TEST_COUNT + row > last);
         last = b * MERGE_TEST_COUNT + row;
-        for (int k = OXL_LOG_SCALE; k < OXL_SH + 3; k++) CHECK(merged.plane[k][i] == (float)(row + 10000 * (size_t)k));
+        for (int k = OXL_LOG_SCALE; k < OXL_SH + 3; k++)
+            CHECK(merged.plane[k][i] == (float)(row + 10000 * (size_t)k));
         for (int k = OXL_LOBE; i < merged.lobes && k < OXL_PLANES; k++)
             CHECK(merged.plane[k][i] == (float)(row + 10000 * (size_t)k));
     }

@@ -1,11 +1,12 @@
-/* test_metrics.c - PSNR, SSIM and MS-SSIM against values of independent implementations (torch's conv2d; numpy). */
+/* test_metrics.c - PSNR, SSIM and MS-SSIM against values of independent implementations (torch's conv2d;
+ * numpy). */
 
 enum { METRICS_TEST_W = 37, METRICS_TEST_H = 23, METRICS_TEST_N = 3 * METRICS_TEST_W * METRICS_TEST_H };
 
 static void metrics_noise(uint32_t state, float *out, int count)
 {
     for (int i = 0; i < count; i++) {
-        state  = state * 1664525u + 1013904223u;
+        state = state * 1664525u + 1013904223u;
         out[i] = (float)(state >> 8) / 16777216.0f;
     }
 }
@@ -31,8 +32,8 @@ static void metrics_mask_corner(oxl_image *image)
 TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 {
     const size_t plane = METRICS_TEST_W * METRICS_TEST_H;
-    oxl_image    a, b;
-    double       psnr, cc;
+    oxl_image a, b;
+    double psnr, cc;
     metrics_pair(&a, &b);
     for (size_t i = 0; i < 3 * plane; i++) {
         a.rgb[i] = OXL_CLAMP(a.rgb[i], 0.0f, 0.8f);
@@ -55,7 +56,7 @@ TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 TEST(metrics_of_the_right_half_take_their_gains_from_the_left_one)
 {
     oxl_image a, b;
-    double    square = 0, count = 0;
+    double square = 0, count = 0;
     metrics_pair(&a, &b);
     for (int i = 0; i < 3 * METRICS_TEST_W * METRICS_TEST_H; i++) {
         a.rgb[i] = 0.1f + 0.4f * OXL_CLAMP(a.rgb[i], 0.0f, 1.0f);
@@ -78,7 +79,7 @@ TEST(metrics_of_the_right_half_take_their_gains_from_the_left_one)
 TEST(metrics_agree_with_an_independent_implementation)
 {
     oxl_image a, b;
-    double    psnr, ssim;
+    double psnr, ssim;
     metrics_pair(&a, &b);
     CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
     CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
@@ -93,8 +94,8 @@ static void metrics_smooth(oxl_image *image)
 {
     const int w = image->width, h = image->height;
     for (int i = 0; i < 3 * (h / 8) * (w / 8); i++) {
-        const int at  = i / (w / 8) / (h / 8) * w * h + i / (w / 8) % (h / 8) * 8 * w + i % (w / 8) * 8;
-        double    sum = 0;
+        const int at = i / (w / 8) / (h / 8) * w * h + i / (w / 8) % (h / 8) * 8 * w + i % (w / 8) * 8;
+        double sum = 0;
         for (int k = 0; k < 64; k++) sum += image->rgb[at + k / 8 * w + k % 8];
         for (int k = 0; k < 64; k++) image->rgb[at + k / 8 * w + k % 8] = (float)(sum / 64);
     }
@@ -104,7 +105,7 @@ static void metrics_smooth(oxl_image *image)
 static double metrics_test_ms_ssim(int width, int height, int masked)
 {
     oxl_image a, b;
-    double    value = 0;
+    double value = 0;
     CHECK_OK(oxl_image_create(test_ctx, width, height, &a));
     CHECK_OK(oxl_image_create(test_ctx, width, height, &b));
     metrics_noise(1, a.rgb, 3 * width * height);
@@ -133,7 +134,7 @@ TEST(metrics_ms_ssim_agrees_with_an_independent_implementation_at_any_size)
 TEST(metrics_ms_ssim_of_less_than_a_window_is_ssim_and_of_opposites_zero)
 {
     oxl_image a, b;
-    double    ssim, multi;
+    double ssim, multi;
     CHECK_OK(oxl_image_create(test_ctx, 40, 10, &a));
     CHECK_OK(oxl_image_create(test_ctx, 40, 10, &b));
     metrics_noise(1, a.rgb, 1200);
@@ -159,14 +160,15 @@ TEST(metrics_ms_ssim_of_less_than_a_window_is_ssim_and_of_opposites_zero)
 TEST(metrics_leave_out_masked_pixels_and_the_windows_that_touch_them)
 {
     oxl_image a, b;
-    double    psnr, ssim, psnr_torn, ssim_torn;
+    double psnr, ssim, psnr_torn, ssim_torn;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
     CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
     CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
     CHECK_CLOSE(psnr, 19.809485214640993, 1e-10);
     CHECK_CLOSE(ssim, 0.9313028697397622, 1e-12);
-    for (int c = 0; c < 3; c++) a.rgb[c * METRICS_TEST_W * METRICS_TEST_H + 8] = 1e6f; /* within the mask: no matter */
+    /* within the mask: no matter */
+    for (int c = 0; c < 3; c++) a.rgb[c * METRICS_TEST_W * METRICS_TEST_H + 8] = 1e6f;
     CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr_torn));
     CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim_torn));
     CHECK(psnr_torn == psnr && ssim_torn == ssim);
@@ -181,7 +183,7 @@ TEST(metrics_leave_out_masked_pixels_and_the_windows_that_touch_them)
 TEST(metrics_clamp_and_call_identical_images_100_db)
 {
     oxl_image a, b;
-    double    psnr, ssim;
+    double psnr, ssim;
     metrics_pair(&a, &b);
     memcpy(b.rgb, a.rgb, METRICS_TEST_N * sizeof(float));
     a.rgb[0] = 7, b.rgb[0] = 1;
@@ -202,7 +204,7 @@ TEST(metrics_are_the_same_with_any_number_of_threads)
 {
     const int before = test_ctx->threads;
     oxl_image a, b;
-    double    one, many;
+    double one, many;
     metrics_pair(&a, &b);
     metrics_mask_corner(&b);
     test_ctx->threads = 1;
@@ -215,21 +217,24 @@ TEST(metrics_are_the_same_with_any_number_of_threads)
     oxl_image_free(test_ctx, &b);
 }
 
-/* Two views of one red Gaussian; the images are its own drawings, in 8 bits: at least 20 log10(255 x 2) = 54 dB. */
+/* Two views of one red Gaussian; the images are its own drawings, in 8 bits: at least 20 log10(255 x 2) = 54
+ * dB. */
 static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 {
-    oxl_image  image[2];
-    oxl_scene *scene    = NULL;
-    oxl_point  point[3] = {{.position = {-0.4, 0, -2}}, {.position = {0.9, 0, -1}}, {.position = {0, 0, -0.5}}}; /* z 1, 2, 2.5 */
+    oxl_image image[2];
+    oxl_scene *scene = NULL;
+    /* z 1, 2, 2.5 */
+    oxl_point point[3] = {
+        {.position = {-0.4, 0, -2}}, {.position = {0.9, 0, -1}}, {.position = {0, 0, -0.5}}};
     for (int i = 0; i < 2; i++) {
-        view[i]        = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
-        view[i].camera = (oxl_camera){.width       = 24,
-                                      .height      = 16,
-                                      .fx          = 20,
-                                      .fy          = 20,
-                                      .cx          = 12,
-                                      .cy          = 8,
-                                      .rotation    = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+        view[i] = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
+        view[i].camera = (oxl_camera){.width = 24,
+                                      .height = 16,
+                                      .fx = 20,
+                                      .fy = 20,
+                                      .cx = 12,
+                                      .cy = 8,
+                                      .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
                                       .translation = {0.1 * i, 0, 3}};
         CHECK_OK(oxl_render(test_ctx, model, &view[i].camera, NULL, &image[i], NULL));
     }
@@ -240,15 +245,15 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 
 TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 {
-    oxl_model   model;
-    oxl_view    view[2];
-    oxl_scene  *scene;
+    oxl_model model;
+    oxl_view view[2];
+    oxl_scene *scene;
     oxl_metrics m;
     struct text json = {.ctx = test_ctx};
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -1;
     model.plane[OXL_SH][0] = 1;
-    scene                  = metrics_scene(&model, view);
+    scene = metrics_scene(&model, view);
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &m));
     CHECK(m.count == 1 && strcmp(oxl_scene_view(scene, m.views[0].view)->name, "a \"quoted\"") == 0);
     oxl_metrics_free(test_ctx, &m);
@@ -257,7 +262,8 @@ TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
     CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
     CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
     CHECK(m.depth[0] >= 1 && m.depth[0] <= 2 && m.depth[1] >= 2 && m.depth[1] <= 2.5);
-    CHECK(m.by_depth[2] < m.psnr); /* around the third point, where the Gaussian is, and not in the corners, which are right */
+    /* around the third point, where the Gaussian is, and not in the corners, which are right */
+    CHECK(m.by_depth[2] < m.psnr);
     CHECK_OK(evaluate_write_json(test_ctx, &json, scene, &m));
     CHECK_CLOSE(m.cc_psnr, (m.views[0].cc_psnr + m.views[1].cc_psnr) / 2, 1e-12);
     CHECK_TEXT(json.data, ",\n  \"cc_psnr\": ");
@@ -270,18 +276,25 @@ TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
     oxl_model_free(test_ctx, &model);
 }
 
-/* A model that is wrong around a far point alone, whatever its own depth there: only the far band's PSNR falls. */
+/* A model that is wrong around a far point alone, whatever its own depth there: only the far band's PSNR
+ * falls. */
 TEST(metrics_by_depth_are_of_the_same_pixels_for_every_model)
 {
     static float pixels[3 * 64 * 48];
-    oxl_model    model;
-    oxl_scene   *scene    = NULL;
-    oxl_image    image    = {.width = 64, .height = 48, .rgb = pixels};
-    oxl_point    point[3] = {{.position = {-0.5, 0, 1}}, {.position = {0.5, -0.5, 1.5}}, {.position = {1, 1, 3}}};
-    oxl_view     view     = {.name = "a"};
-    oxl_metrics  m;
-    view.camera =
-        (oxl_camera){.width = 64, .height = 48, .fx = 40, .fy = 40, .cx = 32, .cy = 24, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    oxl_model model;
+    oxl_scene *scene = NULL;
+    oxl_image image = {.width = 64, .height = 48, .rgb = pixels};
+    oxl_point point[3] = {
+        {.position = {-0.5, 0, 1}}, {.position = {0.5, -0.5, 1.5}}, {.position = {1, 1, 3}}};
+    oxl_view view = {.name = "a"};
+    oxl_metrics m;
+    view.camera = (oxl_camera){.width = 64,
+                               .height = 48,
+                               .fx = 40,
+                               .fy = 40,
+                               .cx = 32,
+                               .cy = 24,
+                               .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, point, 3, &scene));
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -5;

@@ -1,6 +1,6 @@
 /* test_model.c - planes of Gaussians: their memory, their start from points, their files. */
 
-/* ---------------------------------------------------------------- helpers */
+/* ---------------- helpers */
 
 static char model_test_warning[1024]; /* what was logged, line behind line */
 
@@ -8,8 +8,8 @@ static void model_test_log(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
     (void)level;
-    snprintf(model_test_warning + strlen(model_test_warning), sizeof model_test_warning - strlen(model_test_warning), "%s\n",
-             text);
+    snprintf(model_test_warning + strlen(model_test_warning),
+             sizeof model_test_warning - strlen(model_test_warning), "%s\n", text);
 }
 
 static void model_test_listen(void)
@@ -58,14 +58,14 @@ static oxl_point *model_test_points(size_t count)
     for (size_t i = 0; i < count; i++) {
         for (uint64_t a = 0; a < 3; a++) {
             p[i].position[a] = (float)(10 * model_test_unit(i, a) * (a == 2 ? 0.1 : 1)); /* a seabed */
-            p[i].rgb[a]      = (uint8_t)(random_bits(3, i, a) >> 56);
+            p[i].rgb[a] = (uint8_t)(random_bits(3, i, a) >> 56);
         }
         if (i % 97 == 0) p[i].position[0] = (float)(p[i].position[0] + 5000); /* outliers */
     }
     return p;
 }
 
-/* ---------------------------------------------------------------- memory */
+/* ---------------- memory */
 
 TEST(model_planes_are_aligned_and_padded_with_identity_rows_to_whole_packs)
 {
@@ -90,7 +90,8 @@ TEST(model_reserve_and_set_degree_keep_rows_and_clear_the_rest)
     CHECK(model_test_same(&m, &old));
     CHECK_OK(model_reserve(test_ctx, &m, 1000));
     CHECK(m.capacity >= 1000 && model_test_same(&m, &old));
-    for (size_t i = 50; i < m.capacity; i++) CHECK(m.plane[OXL_ROTATION][i] == 1 && m.plane[OXL_MEAN][i] == 0);
+    for (size_t i = 50; i < m.capacity; i++)
+        CHECK(m.plane[OXL_ROTATION][i] == 1 && m.plane[OXL_MEAN][i] == 0);
     CHECK_OK(model_set_degree(test_ctx, &m, 3));
     CHECK(m.capacity >= 1000 && oxl_model_planes(&m) == 59 && model_test_same(&m, &old));
     CHECK_OK(model_set_degree(test_ctx, &m, 0));
@@ -108,13 +109,14 @@ TEST(model_sizes_and_degrees_that_cannot_be_are_errors)
     CHECK(oxl_model_create(test_ctx, 1, -1, &m) == OXL_ERR_USAGE && !m.memory);
 }
 
-/* ---------------------------------------------------------------- the second lobe */
+/* ---------------- the second lobe */
 
 static int model_test_same_lobes(const oxl_model *a, const oxl_model *b)
 {
     int same = a->lobes == b->lobes;
     for (int p = OXL_LOBE; same && p < OXL_PLANES; p++)
-        same = a->lobes ? !memcmp(a->plane[p], b->plane[p], a->lobes * sizeof(float)) : !a->plane[p] && !b->plane[p];
+        same = a->lobes ? !memcmp(a->plane[p], b->plane[p], a->lobes * sizeof(float))
+                        : !a->plane[p] && !b->plane[p];
     return same;
 }
 
@@ -132,7 +134,8 @@ TEST(model_lobes_are_held_for_whole_packs_of_their_rows_alone_and_survive_growth
 {
     oxl_model m = model_test_lobed(100, 1, 17), old, none = model_test_random(5, 0);
     CHECK(!none.plane[OXL_LOBE] && none.lobes == 0);
-    CHECK((float *)m.memory + 23 * m.capacity == m.plane[OXL_LOBE] && m.plane[OXL_LOBE + 1] == m.plane[OXL_LOBE] + 32);
+    CHECK((float *)m.memory + 23 * m.capacity == m.plane[OXL_LOBE] &&
+          m.plane[OXL_LOBE + 1] == m.plane[OXL_LOBE] + 32);
     for (int p = OXL_LOBE; p < OXL_PLANES; p++)
         for (int i = 17; i < 32; i++) CHECK((uintptr_t)m.plane[p] % 64 == 0 && m.plane[p][i] == 0);
     CHECK_OK(model_copy(test_ctx, &m, &old));
@@ -154,8 +157,8 @@ TEST(model_lobes_are_held_for_whole_packs_of_their_rows_alone_and_survive_growth
 TEST(model_keep_rows_keeps_order_and_lobes)
 {
     oxl_model m = model_test_lobed(50, 1, 30), old;
-    uint8_t   keep[50];
-    size_t    at = 0, lobes = 0;
+    uint8_t keep[50];
+    size_t at = 0, lobes = 0;
     CHECK_OK(model_copy(test_ctx, &m, &old));
     for (int i = 0; i < 50; i++) keep[i] = (uint8_t)(i % 3 != 1);
     model_keep_rows(&m, keep);
@@ -166,7 +169,8 @@ TEST(model_keep_rows_keeps_order_and_lobes)
         at++;
         lobes += i < 30;
     }
-    CHECK(m.count == at && m.lobes == lobes && m.plane[OXL_LOBE][lobes] == 0 && m.plane[OXL_ROTATION][at] == 1);
+    CHECK(m.count == at && m.lobes == lobes && m.plane[OXL_LOBE][lobes] == 0 &&
+          m.plane[OXL_ROTATION][at] == 1);
     memset(keep, 0, sizeof keep);
     keep[m.lobes] = 1;
     model_keep_rows(&m, keep);
@@ -179,12 +183,12 @@ TEST(model_activation_brings_active_rows_to_the_front_and_keeps_each_rows_number
 {
     enum { N = 70 };
     struct trained_model t;
-    oxl_model            old[3];
-    uint8_t              active[N];
-    size_t               front = 0, back = 0;
+    oxl_model old[3];
+    uint8_t active[N];
+    size_t front = 0, back = 0;
     for (int n = 0; n < 3; n++) {
         oxl_model *m = model_trained_part(&t, n);
-        *m           = model_test_random(N, n % 2 ? 1 : 2);
+        *m = model_test_random(N, n % 2 ? 1 : 2);
         for (size_t i = 0; i < N; i++) m->plane[OXL_MEAN][i] = (float)(1000 * n) + (float)i;
         CHECK_OK(model_copy(test_ctx, m, &old[n]));
     }
@@ -209,7 +213,7 @@ TEST(model_activation_brings_active_rows_to_the_front_and_keeps_each_rows_number
 
 TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
 {
-    oxl_model          m = model_test_lobed(300, 3, 77), same, plain;
+    oxl_model m = model_test_lobed(300, 3, 77), same, plain;
     struct os_file_map a, b;
     m.origin[1] = 0.1;
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
@@ -265,7 +269,8 @@ TEST(model_read_takes_lobes_in_any_order_and_brings_their_rows_to_the_front)
     if (m.lobes == 2) {
         static const float order[4] = {1, 3, 0, 2};
         for (int i = 0; i < 4; i++) CHECK(m.plane[OXL_MEAN][i] == order[i]);
-        for (int k = 0; k < 4; k++) CHECK(m.plane[OXL_LOBE + k][0] == 10 + k && m.plane[OXL_LOBE + k][1] == 40 + k);
+        for (int k = 0; k < 4; k++)
+            CHECK(m.plane[OXL_LOBE + k][0] == 10 + k && m.plane[OXL_LOBE + k][1] == 40 + k);
     }
     oxl_model_free(test_ctx, &m);
     CHECK_OK(oxl_model_read(test_ctx, model_test_lobed_file("float", "0 0 0 0 3\n0 nan 0 0 2"), &m));
@@ -275,20 +280,24 @@ TEST(model_read_takes_lobes_in_any_order_and_brings_their_rows_to_the_front)
 
 TEST(model_read_refuses_lobes_of_vertices_that_are_not_there_or_were_named_before)
 {
-    static const char *const rows[]  = {"0 0 0 0 4\n0 0 0 0 1", "0 0 0 0 1\n0 0 0 0 -1", "0 0 0 0 1\n0 0 0 0 1"};
-    static const char *const words[] = {"row 0: vertex_index is 4, expected a whole number below 4", "row 1: vertex_index is -1",
+    static const char *const rows[] = {"0 0 0 0 4\n0 0 0 0 1", "0 0 0 0 1\n0 0 0 0 -1",
+                                       "0 0 0 0 1\n0 0 0 0 1"};
+    static const char *const words[] = {"row 0: vertex_index is 4, expected a whole number below 4",
+                                        "row 1: vertex_index is -1",
                                         "row 1: vertex_index 1 was there before"};
-    oxl_model                m;
+    oxl_model m;
     for (int i = 0; i < 3; i++) {
-        CHECK(oxl_model_read(test_ctx, model_test_lobed_file("float", rows[i]), &m) == OXL_ERR_INPUT && !m.memory);
+        CHECK(oxl_model_read(test_ctx, model_test_lobed_file("float", rows[i]), &m) == OXL_ERR_INPUT &&
+              !m.memory);
         CHECK_TEXT(oxl_error_text(test_ctx), words[i]);
         CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
     }
-    CHECK(oxl_model_read(test_ctx, model_test_lobed_file("list uchar float", "0 0 0 1 0 1\n0 0 0 1 0 2"), &m) == OXL_ERR_INPUT);
+    CHECK(oxl_model_read(test_ctx, model_test_lobed_file("list uchar float", "0 0 0 1 0 1\n0 0 0 1 0 2"),
+                         &m) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "element dog has no property 'opacity_factor'");
 }
 
-/* ---------------------------------------------------------------- start from points */
+/* ---------------- start from points */
 
 /* Exact, by trying all pairs, in the model's own rows: positions are floats, so nothing was rounded. */
 static double model_test_log_width(const oxl_model *m, size_t row)
@@ -303,8 +312,8 @@ static double model_test_log_width(const oxl_model *m, size_t row)
         for (int k = 0; k < 3 && j != row; k++)
             if (d < nearest[k]) {
                 const double further = nearest[k];
-                nearest[k]           = d;
-                d                    = further;
+                nearest[k] = d;
+                d = further;
             }
     }
     return 0.5 * log((nearest[0] + nearest[1] + nearest[2]) / 3);
@@ -313,14 +322,15 @@ static double model_test_log_width(const oxl_model *m, size_t row)
 TEST(model_from_points_is_as_wide_as_the_mean_distance_to_the_three_nearest)
 {
     oxl_point *points = model_test_points(3000);
-    oxl_model  m;
+    oxl_model m;
     CHECK_OK(oxl_model_from_points(test_ctx, points, 3000, 1, &m));
     CHECK(m.count == 3000 && m.sh_degree == 1);
     for (size_t i = 0; i < m.count; i++) {
         CHECK_CLOSE(m.plane[OXL_LOG_SCALE][i], model_test_log_width(&m, i), 1e-6);
         CHECK(m.plane[OXL_LOG_SCALE][i] == m.plane[OXL_LOG_SCALE + 1][i] &&
               m.plane[OXL_LOG_SCALE][i] == m.plane[OXL_LOG_SCALE + 2][i]);
-        CHECK(m.plane[OXL_ROTATION][i] == 1 && m.plane[OXL_ROTATION + 3][i] == 0 && m.plane[OXL_SH + 3][i] == 0);
+        CHECK(m.plane[OXL_ROTATION][i] == 1 && m.plane[OXL_ROTATION + 3][i] == 0 &&
+              m.plane[OXL_SH + 3][i] == 0);
         CHECK_CLOSE(m.plane[OXL_OPACITY][i], log(0.1 / 0.9), 1e-6);
     }
     oxl_model_free(test_ctx, &m);
@@ -330,10 +340,11 @@ TEST(model_from_points_is_as_wide_as_the_mean_distance_to_the_three_nearest)
 /* Each point is found once, with its own colour. */
 TEST(model_from_points_keeps_every_point_and_its_colour)
 {
-    oxl_point *points    = model_test_points(500);
-    uint8_t    seen[500] = {0};
-    oxl_model  m;
-    for (size_t i = 0; i < 500; i++) points[i].position[0] = (float)((i * 7919) % 500); /* x names the point */
+    oxl_point *points = model_test_points(500);
+    uint8_t seen[500] = {0};
+    oxl_model m;
+    /* x names the point */
+    for (size_t i = 0; i < 500; i++) points[i].position[0] = (float)((i * 7919) % 500);
     CHECK_OK(oxl_model_from_points(test_ctx, points, 500, 0, &m));
     for (size_t row = 0; row < m.count; row++) {
         size_t i = 0;
@@ -353,7 +364,7 @@ TEST(model_from_points_keeps_every_point_and_its_colour)
 TEST(model_from_points_gives_the_same_bytes_with_any_number_of_threads)
 {
     oxl_point *points = model_test_points(20000);
-    oxl_model  one, seven;
+    oxl_model one, seven;
     test_ctx->threads = 1;
     CHECK_OK(oxl_model_from_points(test_ctx, points, 20000, 0, &one));
     test_ctx->threads = 7;
@@ -364,12 +375,13 @@ TEST(model_from_points_gives_the_same_bytes_with_any_number_of_threads)
     oxl_free(test_ctx, points);
 }
 
-/* The eight corners of a cube in any order come out in Z-order, x fastest; of three at the same corner the first one counts. */
+/* The eight corners of a cube in any order come out in Z-order, x fastest; of three at the same corner the
+ * first one counts. */
 TEST(model_from_points_orders_rows_along_the_z_curve_and_takes_the_first_of_those_that_coincide)
 {
     static const int corner[10] = {5, 2, 7, 0, 3, 6, 1, 4, 6, 6};
-    oxl_point        points[10] = {{.error = 0}};
-    oxl_model        m;
+    oxl_point points[10] = {{.error = 0}};
+    oxl_model m;
     for (int i = 0; i < 10; i++) {
         for (int a = 0; a < 3; a++) points[i].position[a] = corner[i] >> a & 1;
         points[i].rgb[0] = (uint8_t)i;
@@ -385,18 +397,20 @@ TEST(model_from_points_orders_rows_along_the_z_curve_and_takes_the_first_of_thos
     oxl_model_free(test_ctx, &m);
 }
 
-/* Half a million points on 50 places, and on one, are as many Gaussians, and as wide as those of the places alone. */
+/* Half a million points on 50 places, and on one, are as many Gaussians, and as wide as those of the places
+ * alone. */
 TEST(model_from_points_on_few_places_has_one_gaussian_a_place)
 {
     enum { N = 500000, PLACES = 50 };
     oxl_point *place = model_test_points(PLACES), *points = oxl_alloc(test_ctx, N, sizeof *points);
-    oxl_model  few, m;
+    oxl_model few, m;
     CHECK_OK(oxl_model_from_points(test_ctx, place, PLACES, 0, &few));
     for (int places = PLACES; places >= 1; places -= PLACES - 1) {
         for (size_t i = 0; i < N; i++) points[i] = place[i % (size_t)places];
         CHECK_OK(oxl_model_from_points(test_ctx, points, N, 0, &m));
         CHECK(m.count == (size_t)places);
-        for (int i = 0; i < places && places == PLACES; i++) CHECK(m.plane[OXL_LOG_SCALE][i] == few.plane[OXL_LOG_SCALE][i]);
+        for (int i = 0; i < places && places == PLACES; i++)
+            CHECK(m.plane[OXL_LOG_SCALE][i] == few.plane[OXL_LOG_SCALE][i]);
         oxl_model_free(test_ctx, &m);
     }
     oxl_model_free(test_ctx, &few);
@@ -408,9 +422,9 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
 {
     enum { N = 4000 };
     oxl_point *points = model_test_points(N);
-    oxl_model  m;
-    double     least = 1e9, median;
-    float      sorted[N];
+    oxl_model m;
+    double least = 1e9, median;
+    float sorted[N];
     for (int i = 0; i < 1500; i++)
         for (int a = 0; a < 3; a++) points[i].position[a] = points[0].position[a] + (a ? 0 : 1e-9 * i);
     CHECK_OK(oxl_model_from_points(test_ctx, points, N, 0, &m));
@@ -429,7 +443,8 @@ TEST(model_from_points_that_almost_coincide_has_a_floor_of_one_percent_of_the_me
 
 TEST(model_from_one_two_three_and_coincident_points_is_finite)
 {
-    oxl_point points[3] = {{.error = 0}, {.position = {3, 0, 0}}, {.position = {0, 4, 0}}}, heap[100] = {{.error = 0}};
+    oxl_point points[3] = {{.error = 0}, {.position = {3, 0, 0}}, {.position = {0, 4, 0}}},
+              heap[100] = {{.error = 0}};
     oxl_model m;
     for (size_t i = 0; i < 100; i++) heap[i].position[1] = -7;
     CHECK_OK(oxl_model_from_points(test_ctx, points, 0, 0, &m));
@@ -457,14 +472,16 @@ TEST(model_from_points_that_are_not_finite_names_the_point)
     CHECK_TEXT(oxl_error_text(test_ctx), "point 1 of 2: coordinate 1 is");
 }
 
-/* ---------------------------------------------------------------- PLY */
+/* ---------------- PLY */
 
 /* "property float " and each of the 62 names, written out by rule. */
 static void model_test_header(struct text *t, size_t rows, const char *origin)
 {
     static const char *const first[] = {"x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"};
-    static const char *const last[]  = {"opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"};
-    text_add(t, "ply\nformat binary_little_endian 1.0\ncomment origin %s\nelement vertex %zu\n", origin, rows);
+    static const char *const last[] = {"opacity", "scale_0", "scale_1", "scale_2",
+                                       "rot_0",   "rot_1",   "rot_2",   "rot_3"};
+    text_add(t, "ply\nformat binary_little_endian 1.0\ncomment origin %s\nelement vertex %zu\n", origin,
+             rows);
     for (size_t i = 0; i < OXL_COUNT(first); i++) text_add(t, "property float %s\n", first[i]);
     for (int i = 0; i < 45; i++) text_add(t, "property float f_rest_%d\n", i);
     for (size_t i = 0; i < OXL_COUNT(last); i++) text_add(t, "property float %s\n", last[i]);
@@ -473,10 +490,10 @@ static void model_test_header(struct text *t, size_t rows, const char *origin)
 
 TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
 {
-    const char        *path = test_path("m.ply");
-    oxl_model          m;
+    const char *path = test_path("m.ply");
+    oxl_model m;
     struct os_file_map file;
-    struct text        header = {.ctx = test_ctx};
+    struct text header = {.ctx = test_ctx};
     CHECK_OK(oxl_model_create(test_ctx, 3, 1, &m));
     m.origin[0] = 500000.25;
     m.origin[1] = -4200000.1;
@@ -490,7 +507,7 @@ TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
         const unsigned char *row = (const unsigned char *)file.data + header.size + 248;
         CHECK(!memcmp(file.data, header.data, header.size));
         for (int c = 0; c < 62; c++) {
-            int      plane = -1;
+            int plane = -1;
             uint32_t bits, wanted = 0;
             if (c < 3) plane = OXL_MEAN + c;
             else if (c >= 6 && c < 9) plane = OXL_SH + c - 6;
@@ -501,7 +518,8 @@ TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
             else if (c >= 55 && c < 58) plane = OXL_LOG_SCALE + c - 55;
             else if (c >= 58) plane = OXL_ROTATION + c - 58;
             if (plane >= 0) memcpy(&wanted, &m.plane[plane][1], sizeof wanted);
-            bits = row[4 * c] | (uint32_t)row[4 * c + 1] << 8 | (uint32_t)row[4 * c + 2] << 16 | (uint32_t)row[4 * c + 3] << 24;
+            bits = row[4 * c] | (uint32_t)row[4 * c + 1] << 8 | (uint32_t)row[4 * c + 2] << 16 |
+                   (uint32_t)row[4 * c + 3] << 24;
             CHECK(bits == wanted);
         }
     }
@@ -514,13 +532,13 @@ TEST(model_read_gives_back_every_bit_that_was_written)
 {
     const char *path = test_path("m.ply");
     for (int degree = 0; degree <= 3; degree++) {
-        oxl_model m   = model_test_random(1000, degree), standard, compact;
+        oxl_model m = model_test_random(1000, degree), standard, compact;
         m.plane[0][0] = -0.0f;
         m.plane[1][0] = FLT_MAX;
         m.plane[2][0] = 1e-45f;
-        m.origin[0]   = 0.1;
-        m.origin[1]   = 1.0 / 3;
-        m.origin[2]   = -123456789.123456789;
+        m.origin[0] = 0.1;
+        m.origin[1] = 1.0 / 3;
+        m.origin[2] = -123456789.123456789;
         CHECK_OK(oxl_model_write(test_ctx, path, &m));
         CHECK_OK(oxl_model_read(test_ctx, path, &standard));
         CHECK(standard.sh_degree == 3 && model_test_same(&standard, &m));
@@ -535,8 +553,8 @@ TEST(model_read_gives_back_every_bit_that_was_written)
 
 TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
 {
-    const char        *path = test_path("m.ply");
-    oxl_model          m    = model_test_random(20, 1);
+    const char *path = test_path("m.ply");
+    oxl_model m = model_test_random(20, 1);
     struct os_file_map file;
     CHECK_OK(os_write_file(test_ctx, path, "old", 3));
     m.plane[OXL_SH + 3 * 2 + 1][7] = NAN; /* coefficient 2 of green: f_rest_4 of a file of degree 1 */
@@ -544,13 +562,13 @@ TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
     CHECK_TEXT(oxl_error_text(test_ctx), "of row 7 is");
     CHECK_TEXT(oxl_error_text(test_ctx), "column f_rest_16");
     m.plane[OXL_SH + 3 * 2 + 1][7] = 0;
-    m.plane[OXL_OPACITY][19]       = -INFINITY;
+    m.plane[OXL_OPACITY][19] = -INFINITY;
     CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(test_ctx), "column opacity of row 19");
     CHECK(oxl_model_write(test_ctx, test_path("m.splat"), &m) == OXL_ERR_FAILED);
     CHECK(!os_is_file(test_path("m.splat")));
     m.plane[OXL_OPACITY][19] = 0;
-    m.origin[1]              = NAN;
+    m.origin[1] = NAN;
     CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
     file = model_test_file(path);
     CHECK(file.size == 3);
@@ -569,16 +587,17 @@ TEST(model_write_wants_a_known_extension)
 TEST(model_read_takes_properties_of_any_order_and_type_and_others_beside_them)
 {
     oxl_model m;
-    CHECK_OK(oxl_model_read(test_ctx,
-                            test_write("m.ply",
-                                       "ply\r\nformat ascii 1.0\r\nelement camera 1\r\nproperty list uchar float view\r\n"
-                                       "element vertex 2\r\nproperty float rot_3\r\nproperty double x\r\nproperty int opacity\r\n"
-                                       "property float z\r\nproperty float y\r\nproperty uchar red\r\nproperty float scale_2\r\n"
-                                       "property float scale_1\r\nproperty float scale_0\r\nproperty float f_dc_2\r\n"
-                                       "property float f_dc_0\r\nproperty float f_dc_1\r\nproperty float rot_0\r\n"
-                                       "property float rot_1\r\nproperty float rot_2\r\nend_header\r\n2 0.5 0.5\r\n"
-                                       "9 1.5 -3 2.5 3.5 255 6 5 4 12 10 11 6.5 7 8\r\n1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\r\n"),
-                            &m));
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write("m.ply",
+                   "ply\r\nformat ascii 1.0\r\nelement camera 1\r\nproperty list uchar float view\r\n"
+                   "element vertex 2\r\nproperty float rot_3\r\nproperty double x\r\nproperty int opacity\r\n"
+                   "property float z\r\nproperty float y\r\nproperty uchar red\r\nproperty float scale_2\r\n"
+                   "property float scale_1\r\nproperty float scale_0\r\nproperty float f_dc_2\r\n"
+                   "property float f_dc_0\r\nproperty float f_dc_1\r\nproperty float rot_0\r\n"
+                   "property float rot_1\r\nproperty float rot_2\r\nend_header\r\n2 0.5 0.5\r\n"
+                   "9 1.5 -3 2.5 3.5 255 6 5 4 12 10 11 6.5 7 8\r\n1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\r\n"),
+        &m));
     CHECK(m.count == 2 && m.sh_degree == 0 && m.origin[0] == 0);
     if (m.count == 2) {
         static const float wanted[14] = {1.5f, 3.5f, 2.5f, 4, 5, 6, 6.5f, 7, 8, 9, -3, 10, 11, 12};
@@ -600,7 +619,8 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
         test_ctx,
         test_write(
             "m.ply",
-            "ply\nformat ascii 1.0\nelement vertex 5\n" MODEL_TEST_REQUIRED "property float opacity\nend_header\n"
+            "ply\nformat ascii 1.0\nelement vertex 5\n" MODEL_TEST_REQUIRED
+            "property float opacity\nend_header\n"
             "4 0 0 0 0 0 0 1e38 0 1 0 0 0 0\nnan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 inf\n"
             "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
         &m));
@@ -613,9 +633,10 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
 static void model_test_refused(const char *header, const char *words, const char *more)
 {
     oxl_model m;
-    char      text[2048];
+    char text[2048];
     snprintf(text, sizeof text, "ply\nformat ascii 1.0\n%send_header\n", header);
-    CHECK(oxl_model_read(test_ctx, test_write("m.ply", text), &m) == OXL_ERR_INPUT && !m.memory && m.count == 0);
+    CHECK(oxl_model_read(test_ctx, test_write("m.ply", text), &m) == OXL_ERR_INPUT && !m.memory &&
+          m.count == 0);
     CHECK_TEXT(oxl_error_text(test_ctx), words);
     CHECK_TEXT(oxl_error_text(test_ctx), more);
 }
@@ -624,10 +645,13 @@ TEST(model_read_explains_files_that_are_no_models)
 {
     oxl_model m;
     model_test_refused("element face 0\n", "no element 'vertex'", "3DGS PLY");
-    model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED, "no property 'opacity'; it has: x y z f_dc_0", "fix: convert");
-    model_test_refused("element vertex 0\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n",
-                       "no property 'f_dc_0'; it has: x y z red", "this is a point cloud");
-    model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED "property float opacity\nproperty float f_rest_0\n",
+    model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED,
+                       "no property 'opacity'; it has: x y z f_dc_0", "fix: convert");
+    model_test_refused(
+        "element vertex 0\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n",
+        "no property 'f_dc_0'; it has: x y z red", "this is a point cloud");
+    model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED
+                       "property float opacity\nproperty float f_rest_0\n",
                        "1 properties f_rest_*, expected 0, 9, 24 or 45", "fix:");
     CHECK(oxl_model_read(test_ctx, test_path("missing.ply"), &m) != OXL_OK && !m.memory);
     CHECK_TEXT(oxl_error_text(test_ctx), "missing.ply");
@@ -637,47 +661,53 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
 {
     oxl_model m;
     model_test_listen();
-    CHECK_OK(oxl_model_read(test_ctx,
-                            test_write("m.ply",
-                                       "ply\nformat ascii 1.0\ncomment origin of species\nelement vertex 0\n" MODEL_TEST_REQUIRED
-                                       "property float opacity\nend_header\n"),
-                            &m));
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write("m.ply",
+                   "ply\nformat ascii 1.0\ncomment origin of species\nelement vertex 0\n" MODEL_TEST_REQUIRED
+                   "property float opacity\nend_header\n"),
+        &m));
     CHECK(m.count == 0 && m.origin[0] == 0 && m.origin[1] == 0 && m.origin[2] == 0);
     CHECK_TEXT(model_test_warning, "origin of species");
     CHECK_TEXT(model_test_warning, "holds no Gaussians");
     oxl_model_free(test_ctx, &m);
-    CHECK_OK(oxl_model_read(test_ctx,
-                            test_write("m.ply",
-                                       "ply\nformat ascii 1.0\ncomment origin 1 2e300 3\nelement vertex 0\n" MODEL_TEST_REQUIRED
-                                       "property float opacity\nend_header\n"),
-                            &m));
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write("m.ply",
+                   "ply\nformat ascii 1.0\ncomment origin 1 2e300 3\nelement vertex 0\n" MODEL_TEST_REQUIRED
+                   "property float opacity\nend_header\n"),
+        &m));
     CHECK(m.origin[0] == 0 && m.origin[1] == 0);
     CHECK_TEXT(model_test_warning, "expected origin X Y Z, each within 1e+15");
     oxl_model_free(test_ctx, &m);
 }
 
-/* ---------------------------------------------------------------- .splat */
+/* ---------------- .splat */
 
 TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
 {
-    static const unsigned char wanted[32] = {0,   0,   0x80, 0x3f, 0, 0, 0,    0xc0, 0, 0, 0x40, 0x40, /* 1 -2 3 */
-                                             0,   0,   0,    0x3f, 0, 0, 0x80, 0x3f, 0, 0, 0,    0x40, /* 0.5 1 2 */
-                                             255, 0,   128,  128,                                      /* rgba */
-                                             128, 205, 128,  26};                                      /* 0 .6 0 -.8 */
-    const char                *path       = test_path("m.splat");
-    struct os_file_map         file;
-    oxl_model                  m;
+    /* 1 -2 3 */
+    static const unsigned char wanted[32] = {0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0x40, 0x40,
+                                             /* 0.5 1 2 */
+                                             0, 0, 0, 0x3f, 0, 0, 0x80, 0x3f, 0, 0, 0, 0x40,
+                                             /* rgba */
+                                             255, 0, 128, 128,
+                                             /* 0 .6 0 -.8 */
+                                             128, 205, 128, 26};
+    const char *path = test_path("m.splat");
+    struct os_file_map file;
+    oxl_model m;
     CHECK_OK(oxl_model_create(test_ctx, 3, 1, &m));
     for (int i = 0; i < 3; i++) {
         const float mean[3] = {1, -2, 3}, rotation[4] = {0, 3, 0, -4}, sh[3] = {9, -9, 0.01f};
-        m.plane[OXL_MEAN + i][1]      = mean[i];
+        m.plane[OXL_MEAN + i][1] = mean[i];
         m.plane[OXL_LOG_SCALE + i][1] = (float)((i - 1) * log(2));
-        m.plane[OXL_SH + i][1]        = sh[i];
-        m.plane[OXL_OPACITY][i]       = 0;
+        m.plane[OXL_SH + i][1] = sh[i];
+        m.plane[OXL_OPACITY][i] = 0;
         for (int q = 0; q < 4; q++) m.plane[OXL_ROTATION + q][1] = rotation[q];
     }
     m.plane[OXL_LOG_SCALE][0] = -1; /* the least volume */
-    m.plane[OXL_OPACITY][2]   = 1;
+    m.plane[OXL_OPACITY][2] = 1;
     CHECK_OK(oxl_model_write(test_ctx, path, &m));
     file = model_test_file(path);
     CHECK(file.size == 96);
@@ -693,19 +723,19 @@ TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
 
 TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
 {
-    const char        *path = test_path("m.splat");
-    unsigned char      bytes[256 * 32];
+    const char *path = test_path("m.splat");
+    unsigned char bytes[256 * 32];
     struct os_file_map file;
-    oxl_model          m;
+    oxl_model m;
     memset(bytes, 0, sizeof bytes);
     for (int i = 0; i < 256; i++) {
         unsigned char *p = bytes + 32 * i;
-        p[2]             = (unsigned char)i; /* a position */
-        p[15] = p[19] = p[23] = 0x3f;        /* scales of 0.5, */
-        p[24]                 = (unsigned char)i;
-        p[25]                 = (unsigned char)(255 - i);
-        p[27]                 = (unsigned char)(255 - i); /* falling, so that the order is kept */
-        p[28]                 = 255;
+        p[2] = (unsigned char)i;      /* a position */
+        p[15] = p[19] = p[23] = 0x3f; /* scales of 0.5, */
+        p[24] = (unsigned char)i;
+        p[25] = (unsigned char)(255 - i);
+        p[27] = (unsigned char)(255 - i); /* falling, so that the order is kept */
+        p[28] = 255;
         p[29] = p[30] = p[31] = 128;
     }
     CHECK_OK(os_write_file(test_ctx, path, bytes, sizeof bytes));
@@ -721,8 +751,8 @@ TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
 TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_file_refused)
 {
     unsigned char bytes[64] = {0};
-    const char   *path      = test_path("m.splat");
-    oxl_model     m;
+    const char *path = test_path("m.splat");
+    oxl_model m;
     model_test_listen();
     memset(bytes + 28, 128, 4);
     bytes[32 + 15] = 0xbf; /* a scale of -0.5 */
@@ -740,17 +770,18 @@ TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_fi
 
 TEST(model_read_refuses_more_lobes_than_vertices_before_any_memory_is_taken)
 {
-    static const char text[] = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-                               "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n"
-                               "property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\n"
-                               "property float rot_1\nproperty float rot_2\nproperty float rot_3\nelement dog 1000000000000\n"
-                               "end_header\n0 0 0 0 0 0 0 0 0 0 1 0 0 0\n";
-    oxl_model         m;
+    static const char text[] =
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n"
+        "property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\n"
+        "property float rot_1\nproperty float rot_2\nproperty float rot_3\nelement dog 1000000000000\n"
+        "end_header\n0 0 0 0 0 0 0 0 0 0 1 0 0 0\n";
+    oxl_model m;
     CHECK(oxl_model_read(test_ctx, test_write("m.ply", text), &m) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "element dog announces 1000000000000 rows for 1 vertices");
 }
 
-/* ---------------------------------------------------------------- memory that runs out */
+/* ---------------- memory that runs out */
 
 static long model_test_left; /* allocations until the allocator says no */
 static void *(*model_test_reallocate)(void *user, void *old, size_t size);
@@ -764,10 +795,10 @@ static void *model_test_failing(void *user, void *old, size_t size)
 /* One of four jobs, with the n-th allocation and all after it refused. */
 static oxl_result model_test_job(int job, long n, const oxl_point *points, const oxl_model *model)
 {
-    oxl_model  out               = {0};
-    oxl_result rc                = OXL_OK;
+    oxl_model out = {0};
+    oxl_result rc = OXL_OK;
     test_ctx->options.reallocate = model_test_failing;
-    model_test_left              = n;
+    model_test_left = n;
     if (job == 0) rc = oxl_model_from_points(test_ctx, points, 100, 1, &out);
     if (job == 1) rc = oxl_model_write(test_ctx, test_path("n.ply"), model);
     if (job == 2) rc = oxl_model_read(test_ctx, test_path("m.ply"), &out);
@@ -781,7 +812,7 @@ static oxl_result model_test_job(int job, long n, const oxl_point *points, const
 TEST(model_is_in_the_same_place_relative_to_another_origin)
 {
     const double origin[3] = {5e5, -2, 0.25};
-    oxl_model    m;
+    oxl_model m;
     CHECK_OK(oxl_model_create(test_ctx, 20, 0, &m));
     for (size_t i = 0; i < 20; i++) m.plane[OXL_MEAN][i] = (float)i;
     m.origin[0] = 5e5 + 8, m.origin[1] = -2;
@@ -793,8 +824,8 @@ TEST(model_is_in_the_same_place_relative_to_another_origin)
 
 TEST(model_functions_report_any_refused_allocation)
 {
-    oxl_point *points     = model_test_points(100);
-    oxl_model  m          = model_test_random(300, 2);
+    oxl_point *points = model_test_points(100);
+    oxl_model m = model_test_random(300, 2);
     model_test_reallocate = test_ctx->options.reallocate;
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
     for (int job = 0; job < 4; job++) {

@@ -8,18 +8,19 @@ static oxl_model formats_test_model(size_t count, int degree)
     for (int p = 0; p < oxl_model_planes(&m); p++)
         for (size_t i = 0; i < count; i++) {
             const double x = 2 * random_unit(random_bits(7, i, (uint64_t)p)) - 1;
-            m.plane[p][i]  = (float)(p < OXL_LOG_SCALE  ? 90 * x
-                                     : p < OXL_ROTATION ? 5 * x - 4
-                                     : p < OXL_OPACITY  ? x
-                                     : p == OXL_OPACITY ? 5 * x
-                                     : p < OXL_SH + 3   ? 2 * x
-                                                        : 0.9 * x);
+            m.plane[p][i] = (float)(p < OXL_LOG_SCALE  ? 90 * x
+                                    : p < OXL_ROTATION ? 5 * x - 4
+                                    : p < OXL_OPACITY  ? x
+                                    : p == OXL_OPACITY ? 5 * x
+                                    : p < OXL_SH + 3   ? 2 * x
+                                                       : 0.9 * x);
         }
     m.origin[0] = 500000.125, m.origin[1] = -4200000.25, m.origin[2] = 12.5;
     return m;
 }
 
-/* The largest difference of the rendered values: places, log scales, opacities, colours, harmonics; 1 - |q.q'| of rotations. */
+/* The largest difference of the rendered values: places, log scales, opacities, colours, harmonics; 1 -
+ * |q.q'| of rotations. */
 static void formats_test_compare(const oxl_model *a, const oxl_model *b, double worst[6])
 {
     memset(worst, 0, 6 * sizeof *worst);
@@ -27,13 +28,13 @@ static void formats_test_compare(const oxl_model *a, const oxl_model *b, double 
         double dot = 0, na = 0, nb = 0;
         for (int p = 0; p < oxl_model_planes(a); p++) {
             const double x = a->plane[p][i], y = b->plane[p][i];
-            const int    kind = p < OXL_LOG_SCALE  ? 0
-                                : p < OXL_ROTATION ? 1
-                                : p < OXL_OPACITY  ? 5
-                                : p == OXL_OPACITY ? 2
-                                : p < OXL_SH + 3   ? 3
-                                                   : 4;
-            const double off  = kind == 2 ? vecmath_sigmoid(x) - vecmath_sigmoid(y) : x - y;
+            const int kind = p < OXL_LOG_SCALE  ? 0
+                             : p < OXL_ROTATION ? 1
+                             : p < OXL_OPACITY  ? 5
+                             : p == OXL_OPACITY ? 2
+                             : p < OXL_SH + 3   ? 3
+                                                : 4;
+            const double off = kind == 2 ? vecmath_sigmoid(x) - vecmath_sigmoid(y) : x - y;
             if (kind == 5) dot += x * y, na += x * x, nb += y * y;
             else worst[kind] = OXL_MAX(worst[kind], fabs(off));
         }
@@ -45,7 +46,7 @@ TEST(spz_gives_back_what_was_written_to_its_steps)
 {
     for (int degree = 0; degree <= 3; degree++) {
         oxl_model m = formats_test_model(300, degree), back;
-        double    worst[6];
+        double worst[6];
         CHECK_OK(oxl_model_write(test_ctx, test_path("m.spz"), &m));
         CHECK_OK(oxl_model_read(test_ctx, test_path("m.spz"), &back));
         CHECK(back.count == m.count && back.sh_degree == degree && back.lobes == 0);
@@ -61,14 +62,15 @@ TEST(spz_gives_back_what_was_written_to_its_steps)
 TEST(spz_and_ply_give_back_origin_and_scale_and_gltf_holds_them)
 {
     static const char *const names[] = {"m.spz", "m.ply"};
-    oxl_model                m       = formats_test_model(20, 0), back;
-    struct os_file_map       file;
+    oxl_model m = formats_test_model(20, 0), back;
+    struct os_file_map file;
     oxl_model_rescale(&m, 0.4051);
     CHECK(m.scale == 0.4051 && fabs(m.origin[0] - 0.4051 * 500000.125) < 1e-6);
     for (int i = 0; i < 2; i++) {
         CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &m));
         CHECK_OK(oxl_model_read(test_ctx, test_path(names[i]), &back));
-        CHECK(back.count == 20 && back.scale == m.scale && memcmp(back.origin, m.origin, sizeof m.origin) == 0);
+        CHECK(back.count == 20 && back.scale == m.scale &&
+              memcmp(back.origin, m.origin, sizeof m.origin) == 0);
         oxl_model_free(test_ctx, &back);
     }
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
@@ -82,7 +84,7 @@ TEST(spz_and_ply_give_back_origin_and_scale_and_gltf_holds_them)
 
 TEST(spz_written_again_is_the_same_bytes)
 {
-    oxl_model          m = formats_test_model(50, 3), back;
+    oxl_model m = formats_test_model(50, 3), back;
     struct os_file_map a, b;
     CHECK_OK(oxl_model_write(test_ctx, test_path("a.spz"), &m));
     CHECK_OK(oxl_model_read(test_ctx, test_path("a.spz"), &back));
@@ -99,18 +101,19 @@ TEST(spz_written_again_is_the_same_bytes)
     oxl_model_free(test_ctx, &m);
 }
 
-/* One Gaussian, by hand: 1/4096 units, an alpha of 128, colours of 0, 127 and 255; turned by a quarter about x. Stored, not deflated. */
-static const unsigned char spz_test_one[] = {0x1f, 0x8b, 8,   0, 0, 0, 0,   0, 0,   255, 1,   36,  0,   219, 255, 'N', 'G',
-                                             'S',  'P',  3,   0, 0, 0, 1,   0, 0,   0,   0,   12,  0,   0,   0,   16,  0,
-                                             0,    240,  255, 1, 0, 0, 128, 0, 127, 255, 160, 144, 176, 0,   0,   0,   0};
+/* One Gaussian, by hand: 1/4096 units, an alpha of 128, colours of 0, 127 and 255; turned by a quarter about
+ * x. Stored, not deflated. */
+static const unsigned char spz_test_one[] = {
+    0x1f, 0x8b, 8,  0, 0, 0, 0,  0, 0, 255, 1,   36, 0, 219, 255, 'N', 'G', 'S', 'P', 3,   0,   0, 0, 1, 0, 0,
+    0,    0,    12, 0, 0, 0, 16, 0, 0, 240, 255, 1,  0, 0,   128, 0,   127, 255, 160, 144, 176, 0, 0, 0, 0};
 
 TEST(spz_frame_is_turned_by_half_a_turn_about_x)
 {
-    const double  half = sqrt(0.5);
+    const double half = sqrt(0.5);
     unsigned char all[sizeof spz_test_one + 8];
-    const size_t  data = sizeof spz_test_one - 15;
-    oxl_model     m;
-    FILE         *file;
+    const size_t data = sizeof spz_test_one - 15;
+    oxl_model m;
+    FILE *file;
     memcpy(all, spz_test_one, sizeof spz_test_one);
     bytes_put(all + sizeof spz_test_one - 4, (uint32_t)3 << 30 | 511, 4); /* x y z w = 0 0 .7 .7 there */
     bytes_put(all + sizeof spz_test_one, spz_crc(all + 15, data), 4);
@@ -118,7 +121,8 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     file = fopen(test_path("one.spz"), "wb");
     CHECK(file && fwrite(all, 1, sizeof all, file) == sizeof all && fclose(file) == 0);
     CHECK_OK(oxl_model_read(test_ctx, test_path("one.spz"), &m));
-    CHECK(m.count == 1 && m.plane[OXL_MEAN][0] == 1 && m.plane[OXL_MEAN + 1][0] == 1 && m.plane[OXL_MEAN + 2][0] == -1.0f / 4096);
+    CHECK(m.count == 1 && m.plane[OXL_MEAN][0] == 1 && m.plane[OXL_MEAN + 1][0] == 1 &&
+          m.plane[OXL_MEAN + 2][0] == -1.0f / 4096);
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], 0, 0);
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE + 1][0], -1, 0);
     CHECK_CLOSE(m.plane[OXL_LOG_SCALE + 2][0], 1, 0);
@@ -128,18 +132,20 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     oxl_model_free(test_ctx, &m);
 }
 
-/* A model and its turned copy look the same from turned cameras: so signs of places, rotations and harmonics fit together. */
+/* A model and its turned copy look the same from turned cameras: so signs of places, rotations and harmonics
+ * fit together. */
 TEST(spz_and_gltf_signs_are_those_of_a_turned_scene)
 {
-    oxl_model  m      = formats_test_model(40, 3), turned;
+    oxl_model m = formats_test_model(40, 3), turned;
     oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 6}};
-    oxl_image  a, b;
-    double     psnr;
+    oxl_image a, b;
+    double psnr;
     for (int p = 0; p < 3; p++)
         for (size_t i = 0; i < m.count; i++) m.plane[p][i] *= 0.02f, m.plane[OXL_LOG_SCALE + p][i] *= 0.3f;
     CHECK_OK(model_copy(test_ctx, &m, &turned));
     for (size_t i = 0; i < m.count; i++) {
-        for (int k = 1; k < 3; k++) turned.plane[OXL_MEAN + k][i] *= -1, turned.plane[OXL_ROTATION + 1 + k][i] *= -1;
+        for (int k = 1; k < 3; k++)
+            turned.plane[OXL_MEAN + k][i] *= -1, turned.plane[OXL_ROTATION + 1 + k][i] *= -1;
         for (int k = 0; k < 15; k++)
             for (int c = 0; c < 3; c++) turned.plane[OXL_SH + 3 * (k + 1) + c][i] *= (float)frame_flip_sh[k];
     }
@@ -157,9 +163,9 @@ TEST(spz_and_gltf_signs_are_those_of_a_turned_scene)
 
 TEST(spz_that_is_cut_or_damaged_is_refused_with_a_fix)
 {
-    oxl_model          m = formats_test_model(30, 1), back;
+    oxl_model m = formats_test_model(30, 1), back;
     struct os_file_map map;
-    unsigned char     *copy;
+    unsigned char *copy;
     memset(m.origin, 0, sizeof m.origin); /* no comment: the checksum is of the data alone */
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.spz"), &m));
     CHECK_OK(os_read_file(test_ctx, test_path("m.spz"), &map));
@@ -187,16 +193,17 @@ TEST(spz_that_is_cut_or_damaged_is_refused_with_a_fix)
 
 TEST(gltf_holds_the_arrays_it_announces_and_the_origin_in_full)
 {
-    oxl_model            m = formats_test_model(33, 2);
-    struct os_file_map   map;
+    oxl_model m = formats_test_model(33, 2);
+    struct os_file_map map;
     const unsigned char *p;
-    uint32_t             text;
-    float                y;
+    uint32_t text;
+    float y;
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
     CHECK_OK(os_read_file(test_ctx, test_path("m.glb"), &map));
-    p    = (const unsigned char *)map.data;
+    p = (const unsigned char *)map.data;
     text = bytes_u32(p + 12);
-    CHECK(memcmp(p, "glTF", 4) == 0 && bytes_u32(p + 4) == 2 && bytes_u32(p + 8) == map.size && memcmp(p + 16, "JSON", 4) == 0);
+    CHECK(memcmp(p, "glTF", 4) == 0 && bytes_u32(p + 4) == 2 && bytes_u32(p + 8) == map.size &&
+          memcmp(p + 16, "JSON", 4) == 0);
     CHECK(text % 4 == 0 && memcmp(p + 20 + text + 4, "BIN\0", 4) == 0 &&
           bytes_u32(p + 20 + text) == 33 * 4 * (3 + 4 + 3 + 1 + 27));
     CHECK(map.size == 28 + text + bytes_u32(p + 20 + text));

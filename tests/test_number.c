@@ -1,12 +1,13 @@
-/* test_number.c - parse_double against strtod in the "C" locale, bit for bit; integers; the way back to text. */
+/* test_number.c - parse_double against strtod in the "C" locale, bit for bit; integers; the way back to
+ * text. */
 #include <locale.h>
 
 /* Whole text must be taken; then the bits of both are the same, or both are not-a-number. */
 static int number_agrees(const char *text)
 {
-    const char  *cursor = text, *end = text + strlen(text);
+    const char *cursor = text, *end = text + strlen(text);
     const double wanted = strtod(text, NULL);
-    double       seen   = 0;
+    double seen = 0;
     if (parse_double(&cursor, end, &seen) && cursor == end &&
         (memcmp(&seen, &wanted, sizeof seen) == 0 || (seen != seen && wanted != wanted)))
         return 1;
@@ -47,8 +48,8 @@ TEST(number_any_double_printed_with_17_digits_reads_back_exactly)
     char text[64];
     for (uint64_t i = 0; i < 200000; i++) {
         const double wanted = number_of_bits(random_bits(3, i, 0));
-        double       seen   = 0;
-        const char  *cursor = text;
+        double seen = 0;
+        const char *cursor = text;
         if (!(fabs(wanted) <= DBL_MAX)) continue;
         snprintf(text, sizeof text, "%.17g", wanted);
         CHECK(parse_double(&cursor, text + strlen(text), &seen) && !*cursor);
@@ -90,13 +91,14 @@ TEST(number_subnormals_and_huge_exponents_are_read_as_strtod_does)
                                        "1e28",
                                        "1e-28",
                                        "7.2057594037927933e16"};
-    char                     buffer[64];
+    char buffer[64];
     for (size_t i = 0; i < OXL_COUNT(text); i++) CHECK(number_agrees(text[i]));
     for (uint64_t i = 0; i < 20000; i++) { /* subnormals */
         snprintf(buffer, sizeof buffer, "%.17g", number_of_bits(random_bits(4, i, 0) >> (12 + i % 52)));
         CHECK(number_agrees(buffer));
     }
-    for (uint64_t i = 0; i < 100000; i++) { /* any mantissa, any exponent: the joints between the three ways */
+    /* any mantissa, any exponent: the joints between the three ways */
+    for (uint64_t i = 0; i < 100000; i++) {
         snprintf(buffer, sizeof buffer, "%llue%d", (unsigned long long)(random_bits(5, i, 0) >> (i % 64)),
                  (int)(random_bits(6, i, 0) % 81) - 40);
         CHECK(number_agrees(buffer));
@@ -107,7 +109,8 @@ TEST(number_subnormals_and_huge_exponents_are_read_as_strtod_does)
 TEST(number_ties_are_broken_by_the_last_of_a_thousand_digits)
 {
     char text[1200];
-    int  size = snprintf(text, sizeof text, "1.00000000000000011102230246251565404236316680908203125"); /* 1 + 2^-53 */
+    int size = snprintf(text, sizeof text,
+                        "1.00000000000000011102230246251565404236316680908203125"); /* 1 + 2^-53 */
     CHECK(number_agrees(text));
     memset(text + size, '0', 1000);
     text[size + 1000] = 0;
@@ -122,29 +125,34 @@ TEST(number_ties_are_broken_by_the_last_of_a_thousand_digits)
 
 TEST(number_all_spellings_of_a_number_are_taken)
 {
-    static const char *const text[] = {
-        "0",   "-0",     "+1",       ".5",    "-.5", "5.",     "1e5",
-        "1E5", "1e+005", "1.5e-002", "00012", "0.0", "-0.0e7", "0000000000000000000000000.10000000000000000000000000"};
+    static const char *const text[] = {"0",      "-0",
+                                       "+1",     ".5",
+                                       "-.5",    "5.",
+                                       "1e5",    "1E5",
+                                       "1e+005", "1.5e-002",
+                                       "00012",  "0.0",
+                                       "-0.0e7", "0000000000000000000000000.10000000000000000000000000"};
     for (size_t i = 0; i < OXL_COUNT(text); i++) CHECK(number_agrees(text[i]));
 }
 
 TEST(number_nan_and_infinity_are_taken_in_every_spelling)
 {
-    static const char *const nan_text[] = {"nan", "-nan", "NaN", "-nan(ind)", "nan(snan)", "1.#QNAN", "-1.#IND", "-1.#IND00"};
+    static const char *const nan_text[] = {"nan",       "-nan",    "NaN",     "-nan(ind)",
+                                           "nan(snan)", "1.#QNAN", "-1.#IND", "-1.#IND00"};
     static const char *const inf_text[] = {"inf", "INF", "Infinity", "1.#INF", "1.#INF00"};
     for (size_t i = 0; i < OXL_COUNT(nan_text); i++) {
         const char *cursor = nan_text[i];
-        double      value  = 0;
+        double value = 0;
         CHECK(parse_double(&cursor, cursor + strlen(cursor), &value) && !*cursor && value != value);
     }
     for (size_t i = 0; i < OXL_COUNT(inf_text); i++) {
         const char *cursor = inf_text[i];
-        double      value  = 0;
+        double value = 0;
         CHECK(parse_double(&cursor, cursor + strlen(cursor), &value) && !*cursor && value > DBL_MAX);
     }
     {
         const char *cursor = "-inf";
-        double      value  = 0;
+        double value = 0;
         CHECK(parse_double(&cursor, cursor + 4, &value) && value < -DBL_MAX);
     }
 }
@@ -154,8 +162,8 @@ TEST(number_other_text_is_refused_and_the_cursor_does_not_move)
     static const char *const text[] = {"", "-", "+", ".", "e5", "-e5", "x1", ",5", "--1", "na", "i", " 1"};
     for (size_t i = 0; i < OXL_COUNT(text); i++) {
         const char *cursor = text[i];
-        double      value  = 0;
-        int64_t     whole  = 0;
+        double value = 0;
+        int64_t whole = 0;
         CHECK(!parse_double(&cursor, cursor + strlen(cursor), &value) && cursor == text[i]);
         CHECK(!parse_int64(&cursor, cursor + strlen(cursor), &whole) && cursor == text[i]);
     }
@@ -165,13 +173,13 @@ TEST(number_parsing_stops_where_the_number_ends_and_never_past_the_end)
 {
     static const struct {
         const char *text;
-        int         length, taken;
-        double      value;
+        int length, taken;
+        double value;
     } row[] = {{"1.5 2", 5, 3, 1.5},  {"1,5", 3, 1, 1},    {"1e", 2, 1, 1},     {"1e+x", 4, 1, 1},
                {"123456", 3, 3, 123}, {"1.25", 3, 3, 1.2}, {"1e55", 3, 3, 1e5}, {"0x10", 4, 1, 0}};
     for (size_t i = 0; i < OXL_COUNT(row); i++) {
         const char *cursor = row[i].text;
-        double      value  = -1;
+        double value = -1;
         CHECK(parse_double(&cursor, cursor + row[i].length, &value));
         CHECK_CLOSE(value, row[i].value, 0);
         CHECK(cursor - row[i].text == row[i].taken);
@@ -182,10 +190,10 @@ TEST(number_integers_are_taken_up_to_their_limits_and_refused_beyond)
 {
     static const char *const good[] = {
         "0", "-1", "+7", "9223372036854775807", "-9223372036854775808", "000000000000000000000012"};
-    static const int64_t     value[] = {0, -1, 7, INT64_MAX, INT64_MIN, 12};
-    static const char *const bad[]   = {"9223372036854775808", "-9223372036854775809", "18446744073709551615",
-                                        "99999999999999999999999999"};
-    int64_t                  seen    = 0;
+    static const int64_t value[] = {0, -1, 7, INT64_MAX, INT64_MIN, 12};
+    static const char *const bad[] = {"9223372036854775808", "-9223372036854775809", "18446744073709551615",
+                                      "99999999999999999999999999"};
+    int64_t seen = 0;
     for (size_t i = 0; i < OXL_COUNT(good); i++) {
         const char *cursor = good[i];
         CHECK(parse_int64(&cursor, cursor + strlen(cursor), &seen) && !*cursor && seen == value[i]);
@@ -201,8 +209,8 @@ TEST(number_text_of_a_double_reads_back_exactly)
     char text[NUMBER_TEXT_MAX];
     for (uint64_t i = 0; i < 20000; i++) {
         const double wanted = number_of_bits(random_bits(7, i, 0));
-        const char  *cursor = text;
-        double       seen   = 0;
+        const char *cursor = text;
+        double seen = 0;
         if (!(fabs(wanted) <= DBL_MAX)) continue;
         CHECK(format_double(text, wanted) == strlen(text));
         CHECK(parse_double(&cursor, text + strlen(text), &seen) && memcmp(&seen, &wanted, sizeof seen) == 0);
@@ -212,16 +220,18 @@ TEST(number_text_of_a_double_reads_back_exactly)
 /* Of the locales with a decimal comma, any that this machine has. */
 TEST(number_a_locale_with_decimal_commas_changes_nothing)
 {
-    static const char *const name[]  = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "fr_FR.utf8", "de_DE", "German"};
-    static const char *const text[]  = {"1.5", "0.12345678901234567890123", "1.7976931348623157e308", "1.5e-310"};
-    static const double      value[] = {1.5, 0.12345678901234567890123, 1.7976931348623157e308, 1.5e-310};
-    const char              *set     = NULL;
-    char                     written[NUMBER_TEXT_MAX];
+    static const char *const name[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8",
+                                       "fr_FR.utf8",  "de_DE",      "German"};
+    static const char *const text[] = {"1.5", "0.12345678901234567890123", "1.7976931348623157e308",
+                                       "1.5e-310"};
+    static const double value[] = {1.5, 0.12345678901234567890123, 1.7976931348623157e308, 1.5e-310};
+    const char *set = NULL;
+    char written[NUMBER_TEXT_MAX];
     for (size_t i = 0; i < OXL_COUNT(name) && !set; i++) set = setlocale(LC_NUMERIC, name[i]);
     if (!set) SKIP("no locale with a decimal comma is installed");
     for (size_t i = 0; i < OXL_COUNT(text); i++) {
         const char *cursor = text[i];
-        double      seen   = 0;
+        double seen = 0;
         CHECK(parse_double(&cursor, cursor + strlen(cursor), &seen) && !*cursor);
         CHECK_CLOSE(seen, value[i], 0);
     }
@@ -235,9 +245,9 @@ TEST(number_is_written_as_printf_writes_it)
 {
     for (uint64_t i = 0; i < 200000; i++) {
         const uint64_t r = random_bits(3, i, 0);
-        char           wanted[64], written[NUMBER_TEXT_MAX];
-        double         v;
-        uint64_t       bits;
+        char wanted[64], written[NUMBER_TEXT_MAX];
+        double v;
+        uint64_t bits;
         if (i % 5 == 0) v = 4200000 + 1000 * random_unit(r);
         else if (i % 5 == 1) v = (double)(int64_t)(r % 2000000000) * 1e-6;
         else if (i % 5 == 2) v = 20 * (random_unit(r) - 0.5);

@@ -1,4 +1,5 @@
-/* test_options.c - the table of options: what it promises of defaults, texts, ranges, former names and run.json. */
+/* test_options.c - the table of options: what it promises of defaults, texts, ranges, former names and
+ * run.json. */
 
 TEST(options_have_names_of_their_own_and_one_place_each_in_run_json)
 {
@@ -21,9 +22,9 @@ TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
         CHECK_OK(oxl_job_options_check(test_ctx, &o));
         CHECK(strcmp(o.preset, oxl_option_at(0)->preset[preset]) == 0);
         for (int i = 1; i < oxl_option_count(); i++) {
-            const oxl_option *row  = oxl_option_at(i);
-            oxl_job_options   read = {0};
-            char              text[128], again[128];
+            const oxl_option *row = oxl_option_at(i);
+            oxl_job_options read = {0};
+            char text[128], again[128];
             if (row->kind == OXL_OPTION_TEXT) continue;
             CHECK(row->preset[preset] != NULL);
             CHECK(oxl_option_set(row, &read, oxl_option_get(row, &o, text, sizeof text), NULL, 0) == OXL_OK);
@@ -32,11 +33,13 @@ TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
     }
 }
 
-/* The values that the paper states (sec. 4: iterations, UCD, keep) and Kerbl 2023's code (degree, rates, alpha_min, gradient). */
+/* The values that the paper states (sec. 4: iterations, UCD, keep) and Kerbl 2023's code (degree, rates,
+ * alpha_min, gradient). */
 TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.lr_position == 1.6e-4f && o.lr_position_final == 1.6e-6f);
+    CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.lr_position == 1.6e-4f &&
+          o.lr_position_final == 1.6e-6f);
     CHECK(o.lr_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.densify_gradient == 2e-4f);
     CHECK(o.ucd.mode == OXL_UCD_ON && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1);
     CHECK(o.keep.kind == OXL_KEEP_FRACTION && o.keep.value == 0.5 && o.dog == OXL_DOG_SELECTIVE);
@@ -44,16 +47,17 @@ TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 
 TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
 {
-    oxl_job_options   a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
+    oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
     const oxl_option *row = oxl_option_find("cooldown"), *limit = oxl_option_find("dog-threshold");
-    char              text[64];
+    char text[64];
     a.train.cooldown = 0.1f;
     CHECK(strcmp(oxl_option_get(row, &a, text, sizeof text), "0.1") == 0);
     for (uint64_t i = 0; i < 3000; i++) {
-        const float v         = (float)((double)(random_bits(3, i, 0) >> 11) * 0x1p-53) * (i % 3 ? 1 : 1e-6f);
-        a.train.cooldown      = v;
+        const float v = (float)((double)(random_bits(3, i, 0) >> 11) * 0x1p-53) * (i % 3 ? 1 : 1e-6f);
+        a.train.cooldown = v;
         a.train.dog_threshold = i % 2 ? -v : v + 1e-8f;
-        CHECK(oxl_option_set(row, &b, oxl_option_get(row, &a, text, sizeof text), NULL, 0) == OXL_OK && b.train.cooldown == v);
+        CHECK(oxl_option_set(row, &b, oxl_option_get(row, &a, text, sizeof text), NULL, 0) == OXL_OK &&
+              b.train.cooldown == v);
         CHECK(oxl_option_set(limit, &b, oxl_option_get(limit, &a, text, sizeof text), NULL, 0) == OXL_OK);
         CHECK(b.train.dog_threshold == a.train.dog_threshold);
     }
@@ -64,7 +68,7 @@ TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
 static void options_test_refusal(const char *name, const char *text, const char *words)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
-    char            before[64], after[64], error[400] = "", start[64];
+    char before[64], after[64], error[400] = "", start[64];
     oxl_option_get(oxl_option_find(name), &o, before, sizeof before);
     CHECK(oxl_option_set(oxl_option_find(name), &o, text, error, sizeof error) == OXL_ERR_USAGE);
     CHECK(strcmp(oxl_option_get(oxl_option_find(name), &o, after, sizeof after), before) == 0);
@@ -98,12 +102,12 @@ TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fi
 
 TEST(options_check_names_the_one_that_is_out_of_range)
 {
-    oxl_job_options o  = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.iterations = 0;
     CHECK(oxl_job_options_check(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "option --iterations: found '0'");
     CHECK(!strstr(oxl_error_text(test_ctx), "degree"));
-    o                = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o = oxl_job_options_default(OXL_PRESET_DRAFT);
     o.train.cooldown = NAN;
     CHECK(oxl_train_options_check(test_ctx, &o.train) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "option --cooldown: found 'nan'");
@@ -119,14 +123,14 @@ TEST(options_read_their_former_names)
 /* Another value than the default's for every option of the result. */
 static oxl_job_options options_test_others(void)
 {
-    static const char *const texts[] = {"1.25,3,fixed", "12345678B", "85%",         "true",  "2",        "0.04",
-                                        "0.0003",       "0.2",       "4G",          "paper", "midpoint", "3d",
-                                        "quantiles",    "selective", "0.1,0.2,0.3", "on",    "off"};
-    oxl_job_options          o       = oxl_job_options_default(OXL_PRESET_DRAFT);
-    const oxl_job_options    plain   = o;
+    static const char *const texts[] = {
+        "1.25,3,fixed", "12345678B", "85%", "true",      "2",         "0.04",        "0.0003", "0.2", "4G",
+        "paper",        "midpoint",  "3d",  "quantiles", "selective", "0.1,0.2,0.3", "on",     "off"};
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    const oxl_job_options plain = o;
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *row = oxl_option_at(i);
-        char              was[128], now[128];
+        char was[128], now[128];
         if (!(row->use & OXL_OPTION_OF_RESULT)) continue;
         oxl_option_get(row, &plain, was, sizeof was);
         for (size_t k = 0; k < OXL_COUNT(texts); k++) {
@@ -142,16 +146,18 @@ static oxl_job_options options_test_others(void)
 TEST(options_that_a_refinement_must_not_have_are_off_in_it_and_others_stay)
 {
     oxl_job_options others = options_test_others(), used;
-    others.train.medium    = OXL_OFF;
-    used                   = others;
-    used.train             = block_refinement(&others.train, others.train.sh_degree, others.train.iterations);
-    CHECK(used.train.dog == OXL_DOG_OFF && used.train.keep.kind == OXL_KEEP_ALL && used.train.densify_until == 0);
+    others.train.medium = OXL_OFF;
+    used = others;
+    used.train = block_refinement(&others.train, others.train.sh_degree, others.train.iterations);
+    CHECK(used.train.dog == OXL_DOG_OFF && used.train.keep.kind == OXL_KEEP_ALL &&
+          used.train.densify_until == 0);
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *row = oxl_option_at(i);
-        char              was[128], now[128];
+        char was[128], now[128];
         oxl_option_get(row, &others, was, sizeof was);
         oxl_option_get(row, &used, now, sizeof now);
-        if (row->use & OXL_OPTION_NOT_REFINED) CHECK(!strcmp(now, "off") || !strcmp(now, "all") || !strcmp(now, "0"));
+        if (row->use & OXL_OPTION_NOT_REFINED)
+            CHECK(!strcmp(now, "off") || !strcmp(now, "all") || !strcmp(now, "0"));
         else CHECK(!strncmp(row->name, "lr-", 3) || !strcmp(now, was));
     }
 }
@@ -159,9 +165,9 @@ TEST(options_that_a_refinement_must_not_have_are_off_in_it_and_others_stay)
 TEST(options_in_run_json_are_read_back_every_one)
 {
     const oxl_job_options others = options_test_others();
-    oxl_job_options       read   = oxl_job_options_default(OXL_PRESET_PAPER);
-    struct text           line = {.ctx = test_ctx}, again = line, file = line;
-    struct oxl_manifest   run;
+    oxl_job_options read = oxl_job_options_default(OXL_PRESET_PAPER);
+    struct text line = {.ctx = test_ctx}, again = line, file = line;
+    struct oxl_manifest run;
     manifest_describe(&line, "a survey, \"quoted\"", &others);
     text_add(&file, "{\n  %s,\n  \"found\": {\"images\": 1}\n}\n", line.data);
     test_write("run.json", file.data);
@@ -180,15 +186,16 @@ TEST(options_in_run_json_are_read_back_every_one)
 TEST(options_that_differ_between_two_runs_are_named_with_both_values)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
-    struct text     there = {.ctx = test_ctx}, here = there, t = there;
-    b.train.keep            = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
-    b.scene.images          = "here";
+    struct text there = {.ctx = test_ctx}, here = there, t = there;
+    b.train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+    b.scene.images = "here";
     a.train.mask_transients = 1;
     manifest_describe(&there, "one", &a);
     manifest_describe(&here, "two", &b);
     CHECK_OK(manifest_differences(&t, there.data, here.data));
-    CHECK(strcmp(t.data, "  --images: not given there, here here\n  --keep: all there, 0.5 here\n"
-                         "  --mask-transients: true there, false here\n  survey: one there, two here\n") == 0);
+    CHECK(strcmp(t.data,
+                 "  --images: not given there, here here\n  --keep: all there, 0.5 here\n"
+                 "  --mask-transients: true there, false here\n  survey: one there, two here\n") == 0);
     text_free(&there);
     text_free(&here);
     text_free(&t);

@@ -1,40 +1,43 @@
-/* test_oracle.c - reference/splat.c and the float kernels against a third implementation, in PyTorch with automatic differentiation:
+/* test_oracle.c - reference/splat.c and the float kernels against a third implementation, in PyTorch with
+ * automatic differentiation:
  * tests/data/oracle (its README.md has the format).
  *
- * The oracle's second lobes have an opacity and scales of their own, ours are factors of the Gaussian's: o' = o sigmoid(a), s' = s exp(b).
+ * The oracle's second lobes have an opacity and scales of their own, ours are factors of the Gaussian's: o' =
+ * o sigmoid(a), s' = s exp(b).
  * Scenes and expected gradients are converted by the chain rule when they are read.
  */
 #include "wide.h"
 #include <ctype.h>
 
 struct oracle_scene {
-    int         width, height, sh_degree, count, seed;
-    double      k[4], pose[7], background[3], near_plane;
-    char        loss[16];
-    double     *rows; /* (count, 16 + 3 (degree + 1)^2) as in the file, but for the mean: */
-    double      origin[3];
-    int        *order; /* (count) scene's row of each of ours: those with a lobe first */
+    int width, height, sh_degree, count, seed;
+    double k[4], pose[7], background[3], near_plane;
+    char loss[16];
+    double *rows; /* (count, 16 + 3 (degree + 1)^2) as in the file, but for the mean: */
+    double origin[3];
+    int *order; /* (count) scene's row of each of ours: those with a lobe first */
     struct wide w;
-    double     *expected_image, *fragile; /* (H,W,3), (H,W) */
-    double     *gradient[OXL_PLANES];     /* (count) expected, in our order and terms */
-    double      expected_loss;
+    double *expected_image, *fragile; /* (H,W,3), (H,W) */
+    double *gradient[OXL_PLANES];     /* (count) expected, in our order and terms */
+    double expected_loss;
 };
 
+/* columns of a row */
 enum {
-    ORACLE_ROTATION  = 3,
+    ORACLE_ROTATION = 3,
     ORACLE_LOG_SCALE = 7,
-    ORACLE_LOGIT     = 10,
+    ORACLE_LOGIT = 10,
     ORACLE_LOBED,
     ORACLE_LOBE,
     ORACLE_SH = 16
-}; /* columns of a row */
+};
 
-/* ---------------------------------------------------------------- reading */
+/* ---------------- reading */
 
 static int oracle_token(FILE *f, char *out, size_t size)
 {
     size_t n = 0;
-    int    c = fgetc(f);
+    int c = fgetc(f);
     while (c == '#' || isspace(c)) {
         while (c == '#' && c != EOF)
             for (c = fgetc(f); c != '\n' && c != EOF;) c = fgetc(f);
@@ -65,7 +68,7 @@ static int oracle_columns(const struct oracle_scene *s)
 static void oracle_read_scene(const char *path, struct oracle_scene *s)
 {
     FILE *f = fopen(path, "rb");
-    char  key[64];
+    char key[64];
     if (!f) abort();
     while (oracle_token(f, key, sizeof key)) {
         if (!strcmp(key, "image")) s->width = (int)oracle_number(f), s->height = (int)oracle_number(f);
@@ -75,10 +78,11 @@ static void oracle_read_scene(const char *path, struct oracle_scene *s)
         else if (!strcmp(key, "sh_degree")) s->sh_degree = (int)oracle_number(f);
         else if (!strcmp(key, "near")) s->near_plane = oracle_number(f);
         else if (!strcmp(key, "clamp_grad") || !strcmp(key, "dog_alpha")) oracle_token(f, key, sizeof key);
-        else if (!strcmp(key, "loss")) oracle_token(f, s->loss, sizeof s->loss), s->seed = (int)oracle_number(f);
+        else if (!strcmp(key, "loss"))
+            oracle_token(f, s->loss, sizeof s->loss), s->seed = (int)oracle_number(f);
         else if (!strcmp(key, "gaussians")) {
             s->count = (int)oracle_number(f);
-            s->rows  = wide_array((size_t)(s->count * oracle_columns(s)));
+            s->rows = wide_array((size_t)(s->count * oracle_columns(s)));
             oracle_numbers(f, s->rows, s->count * oracle_columns(s));
         } else CHECK(!"a key of the format");
     }
@@ -88,10 +92,10 @@ static void oracle_read_scene(const char *path, struct oracle_scene *s)
 /* "@name rows columns", then the numbers; of fragile a row is one word. */
 static double *oracle_section(const char *path, const char *name, int count)
 {
-    FILE   *f = fopen(path, "rb");
-    char    token[128];
-    double *out   = wide_array((size_t)count);
-    int     found = 0;
+    FILE *f = fopen(path, "rb");
+    char token[128];
+    double *out = wide_array((size_t)count);
+    int found = 0;
     if (!f) abort();
     while (!found && oracle_token(f, token, sizeof token)) {
         int rows, columns;
@@ -109,7 +113,7 @@ static double *oracle_section(const char *path, const char *name, int count)
     return out;
 }
 
-/* ---------------------------------------------------------------- into our terms */
+/* ---------------- into our terms */
 
 static const double *oracle_row(const struct oracle_scene *s, int i)
 {
@@ -138,7 +142,8 @@ static double oracle_plane(const struct oracle_scene *s, int i, int k)
 /* The mean of the positions becomes the origin, in double, as for every survey that the library reads. */
 static oxl_camera oracle_camera(const struct oracle_scene *s)
 {
-    oxl_camera c = {.width = s->width, .height = s->height, .fx = s->k[0], .fy = s->k[1], .cx = s->k[2], .cy = s->k[3]};
+    oxl_camera c = {
+        .width = s->width, .height = s->height, .fx = s->k[0], .fy = s->k[1], .cx = s->k[2], .cy = s->k[3]};
     camera_rotation_from_quaternion(s->pose, c.rotation);
     for (int r = 0; r < 3; r++) {
         c.translation[r] = s->pose[4 + r];
@@ -147,27 +152,30 @@ static oxl_camera oracle_camera(const struct oracle_scene *s)
     return c;
 }
 
-/* What pulls at log o' = log o + log sigmoid(a) is dL/d(logit o') / (1 - o'); it pulls at logit o with 1 - o, and at a with 1 - sigmoid(a).
+/* What pulls at log o' = log o + log sigmoid(a) is dL/d(logit o') / (1 - o'); it pulls at logit o with 1 - o,
+ * and at a with 1 - sigmoid(a).
  * What pulls at log s' = log s + b pulls at both. */
 static void oracle_expect(const char *path, struct oracle_scene *s)
 {
     static const struct {
         const char *name;
-        int         plane, columns;
+        int plane, columns;
     } part[] = {{"grad_mean", OXL_MEAN, 3},     {"grad_log_scale", OXL_LOG_SCALE, 3},
                 {"grad_quat", OXL_ROTATION, 4}, {"grad_logit_o", OXL_OPACITY, 1},
                 {"grad_sh", OXL_SH, 0},         {"grad_dog", OXL_LOBE, 4}};
     for (size_t n = 0; n < OXL_COUNT(part); n++) {
         const int columns = part[n].columns ? part[n].columns : oracle_columns(s) - ORACLE_SH;
-        double   *e       = oracle_section(path, part[n].name, s->count * columns);
+        double *e = oracle_section(path, part[n].name, s->count * columns);
         for (int c = 0; c < columns; c++) {
             s->gradient[part[n].plane + c] = wide_array((size_t)s->count);
-            for (int i = 0; i < s->count; i++) s->gradient[part[n].plane + c][i] = e[s->order[i] * columns + c];
+            for (int i = 0; i < s->count; i++)
+                s->gradient[part[n].plane + c][i] = e[s->order[i] * columns + c];
         }
         free(e);
     }
     for (int i = 0; i < (int)s->w.lobes; i++) {
-        const double x = oracle_row(s, i)[ORACLE_LOGIT], y = oracle_row(s, i)[ORACLE_LOBE], pull = s->gradient[OXL_LOBE][i];
+        const double x = oracle_row(s, i)[ORACLE_LOGIT], y = oracle_row(s, i)[ORACLE_LOBE],
+                     pull = s->gradient[OXL_LOBE][i];
         s->gradient[OXL_OPACITY][i] += pull * vecmath_sigmoid(-x) / vecmath_sigmoid(-y);
         s->gradient[OXL_LOBE][i] = pull * (1 - exp(y - x));
         for (int a = 0; a < 3; a++) s->gradient[OXL_LOG_SCALE + a][i] += s->gradient[OXL_LOBE + 1 + a][i];
@@ -176,8 +184,8 @@ static void oracle_expect(const char *path, struct oracle_scene *s)
 
 static void oracle_open(const char *name, struct oracle_scene *s)
 {
-    char       path[256];
-    int        n = 0, lobes = 0;
+    char path[256];
+    int n = 0, lobes = 0;
     oxl_camera camera;
     *s = (struct oracle_scene){.near_plane = 0.2};
     snprintf(path, sizeof path, "tests/data/oracle/scenes/%s.txt", name);
@@ -185,7 +193,8 @@ static void oracle_open(const char *name, struct oracle_scene *s)
     s->order = wide_array((size_t)s->count);
     for (int lobed = 1; lobed >= 0; lobed--)
         for (int i = 0; i < s->count; i++)
-            if ((s->rows[i * oracle_columns(s) + ORACLE_LOBED] != 0) == lobed) s->order[n++] = i, lobes += lobed;
+            if ((s->rows[i * oracle_columns(s) + ORACLE_LOBED] != 0) == lobed)
+                s->order[n++] = i, lobes += lobed;
     for (int i = 0; i < s->count; i++)
         for (int a = 0; a < 3; a++) s->origin[a] += s->rows[i * oracle_columns(s) + a] / s->count;
     camera = oracle_camera(s);
@@ -193,13 +202,14 @@ static void oracle_open(const char *name, struct oracle_scene *s)
     s->w.near_plane = s->near_plane;
     memcpy(s->w.background, s->background, sizeof s->background);
     for (int k = 0; k < OXL_PLANES; k++)
-        for (int i = 0; s->w.plane[k] && i < (k < OXL_LOBE ? s->count : lobes); i++) s->w.plane[k][i] = oracle_plane(s, i, k);
+        for (int i = 0; s->w.plane[k] && i < (k < OXL_LOBE ? s->count : lobes); i++)
+            s->w.plane[k][i] = oracle_plane(s, i, k);
     snprintf(path, sizeof path, "tests/data/oracle/expected/%s.txt", name);
     s->expected_image = oracle_section(path, "image", 3 * s->width * s->height);
-    s->fragile        = oracle_section(path, "fragile", s->width * s->height);
+    s->fragile = oracle_section(path, "fragile", s->width * s->height);
     oracle_expect(path, s);
     {
-        double *loss     = oracle_section(path, "loss", 1);
+        double *loss = oracle_section(path, "loss", 1);
         s->expected_loss = loss[0];
         free(loss);
     }
@@ -212,7 +222,7 @@ static void oracle_close(struct oracle_scene *s)
     for (int k = 0; k < OXL_PLANES; k++) free(s->gradient[k]);
 }
 
-/* ---------------------------------------------------------------- the oracle's losses */
+/* ---------------- the oracle's losses */
 
 static double oracle_noise(int seed, uint32_t i) /* in [0,1): lowbias32 hash, top 24 bits */
 {
@@ -229,9 +239,10 @@ static double oracle_noise(int seed, uint32_t i) /* in [0,1): lowbias32 hash, to
 static double oracle_loss(const struct oracle_scene *s, double *drgb)
 {
     const size_t pixels = (size_t)s->width * (size_t)s->height;
-    double      *target = wide_array(3 * pixels), sum = 0;
+    double *target = wide_array(3 * pixels), sum = 0;
     const double n = 3.0 * (double)pixels;
-    for (size_t i = 0; i < 3 * pixels; i++) target[i % 3 * pixels + i / 3] = oracle_noise(s->seed, (uint32_t)i);
+    for (size_t i = 0; i < 3 * pixels; i++)
+        target[i % 3 * pixels + i / 3] = oracle_noise(s->seed, (uint32_t)i);
     if (!strcmp(s->loss, "l1dssim")) sum = splat_loss(s->width, s->height, 0.2, s->w.rgb, target, drgb);
     for (size_t i = 0; i < 3 * pixels && strcmp(s->loss, "l1dssim"); i++) {
         const double ok = !(s->fragile[i % pixels] > 0), x = s->w.rgb[i], d = x - target[i];
@@ -243,7 +254,7 @@ static double oracle_loss(const struct oracle_scene *s, double *drgb)
     return sum;
 }
 
-/* ---------------------------------------------------------------- comparisons */
+/* ---------------- comparisons */
 
 /* As shares of the largest value of planes first..end-1. */
 static double oracle_error(const struct oracle_scene *s, int first, int end)
@@ -251,17 +262,18 @@ static double oracle_error(const struct oracle_scene *s, int first, int end)
     double worst = 0, largest = 1e-30;
     for (int k = first; k < end; k++)
         for (int i = 0; s->w.plane[k] && i < (k < OXL_LOBE ? s->count : (int)s->w.lobes); i++) {
-            worst   = OXL_MAX(worst, fabs(s->gradient[k][i] - s->w.gradient[k][i]));
+            worst = OXL_MAX(worst, fabs(s->gradient[k][i] - s->w.gradient[k][i]));
             largest = OXL_MAX(largest, fabs(s->gradient[k][i]));
         }
     return worst / largest;
 }
 
-/* ste: the scene lets the gradient pass the clamp of alpha at 0.99, as CUDA codes do; ours stops there. Then only that of colour can agree. */
+/* ste: the scene lets the gradient pass the clamp of alpha at 0.99, as CUDA codes do; ours stops there. Then
+ * only that of colour can agree. */
 static void oracle_compare(const struct oracle_scene *s, double loss, int ste, double tolerance)
 {
     const int pixels = s->width * s->height;
-    double    worst  = 0;
+    double worst = 0;
     for (int i = 0; i < 3 * pixels; i++)
         if (!(s->fragile[i / 3] > 0))
             worst = OXL_MAX(worst, fabs(1e-7 * s->expected_image[i] - s->w.rgb[i % 3 * pixels + i / 3]));
@@ -280,12 +292,12 @@ static void oracle_compare(const struct oracle_scene *s, double loss, int ste, d
 /* What the float kernels draw and derive, into s->w. */
 static double oracle_run_float(struct oracle_scene *s, double *drgb)
 {
-    const size_t       values  = 3 * (size_t)s->width * (size_t)s->height;
+    const size_t values = 3 * (size_t)s->width * (size_t)s->height;
     oxl_render_options options = oxl_render_options_default();
-    oxl_model          m, gradient;
-    oxl_image          image;
-    float             *narrow = malloc(values * sizeof *narrow);
-    double             loss;
+    oxl_model m, gradient;
+    oxl_image image;
+    float *narrow = malloc(values * sizeof *narrow);
+    double loss;
     if (!narrow) abort();
     CHECK_OK(oxl_model_create(test_ctx, s->w.count, s->sh_degree, &m));
     CHECK_OK(model_set_lobes(test_ctx, &m, s->w.lobes));
@@ -309,15 +321,16 @@ static double oracle_run_float(struct oracle_scene *s, double *drgb)
     return loss;
 }
 
-static const char *const ORACLE_SCENES[] = {"s1_mixed",       "s2_tiny_huge", "s3_near_plane", "s4_far_origin", "s5_opacity",
-                                            "s6_anisotropic", "s7_dog_ste",   "s8_single",     "s9_dog_ring"};
+static const char *const ORACLE_SCENES[] = {"s1_mixed",      "s2_tiny_huge", "s3_near_plane",
+                                            "s4_far_origin", "s5_opacity",   "s6_anisotropic",
+                                            "s7_dog_ste",    "s8_single",    "s9_dog_ring"};
 
 static void oracle_check(int in_float, double tolerance)
 {
     for (size_t n = 0; n < OXL_COUNT(ORACLE_SCENES); n++) {
         struct oracle_scene s;
-        double             *drgb, loss;
-        const int           failed = test_failed;
+        double *drgb, loss;
+        const int failed = test_failed;
         oracle_open(ORACLE_SCENES[n], &s);
         drgb = wide_array(3 * (size_t)s.width * (size_t)s.height);
         if (in_float) loss = oracle_run_float(&s, drgb);

@@ -5,24 +5,26 @@
 #include "../cli/scale_bar.c"
 #include "../cli/report_state.h"
 
-/* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second turned ahead by an angle. */
+/* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second
+ * turned ahead by an angle. */
 static oxl_scene *ortho_test_turned(double angle)
 {
     static const double eyes[2][3] = {{3, 2, 5}, {7, 2, 5}};
-    oxl_view            view[2];
-    oxl_image           image[2] = {{0}, {0}};
-    oxl_point           points[30];
-    oxl_scene          *scene = NULL;
+    oxl_view view[2];
+    oxl_image image[2] = {{0}, {0}};
+    oxl_point points[30];
+    oxl_scene *scene = NULL;
     for (int i = 0; i < 30; i++) points[i] = (oxl_point){{i % 6 * 2., i / 6, 0.01 * (i % 3)}, 1, {9, 9, 9}};
     for (int i = 0; i < 2; i++) {
-        view[i] =
-            (oxl_view){.name = i ? "b.png" : "a.png", .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
+        view[i] = (oxl_view){.name = i ? "b.png" : "a.png",
+                             .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
         if (i == 1) {
             double *r = view[i].camera.rotation;
             r[4] = -cos(angle), r[5] = -sin(angle), r[7] = sin(angle), r[8] = -cos(angle);
         }
         for (int k = 0; k < 3; k++)
-            for (int j = 0; j < 3; j++) view[i].camera.translation[k] -= view[i].camera.rotation[3 * k + j] * eyes[i][j];
+            for (int j = 0; j < 3; j++)
+                view[i].camera.translation[k] -= view[i].camera.rotation[3 * k + j] * eyes[i][j];
         CHECK_OK(oxl_image_create(test_ctx, 40, 30, &image[i]));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, points, 30, &scene));
@@ -38,9 +40,9 @@ static oxl_scene *ortho_test_scene(void)
 /* Right, up and above must be right-handed, and above is where the cameras are. */
 TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
 {
-    oxl_scene   *scene = ortho_test_scene();
+    oxl_scene *scene = ortho_test_scene();
     struct frame f;
-    double       eye[3], cross[3], low[2], high[2];
+    double eye[3], cross[3], low[2], high[2];
     frame_of(scene, &f);
     frame_eye(oxl_scene_view(scene, 0), eye);
     CHECK(f.is_world && frame_along(&f, eye, 2) > 4.9);
@@ -56,18 +58,19 @@ TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* An eigenvector has two directions: right is the one whose largest element is positive, whichever way the survey is turned. */
+/* An eigenvector has two directions: right is the one whose largest element is positive, whichever way the
+ * survey is turned. */
 TEST(frame_right_has_a_direction_of_its_own)
 {
     int negative = 0;
     for (int turn = 0; turn < 64; turn++) {
         const double a = 0.4 * turn, b = 1.3 * turn;
-        oxl_scene   *scene = ortho_test_scene();
-        oxl_point   *point = (oxl_point *)oxl_scene_points(scene);
-        struct frame f     = {{0}, {{0}}, 0};
-        double       least, most;
+        oxl_scene *scene = ortho_test_scene();
+        oxl_point *point = (oxl_point *)oxl_scene_points(scene);
+        struct frame f = {{0}, {{0}}, 0};
+        double least, most;
         for (int i = 0; i < 30; i++) {
-            double      *p = point[i].position;
+            double *p = point[i].position;
             const double x = cos(a) * p[0] - sin(a) * p[1], y = sin(a) * p[0] + cos(a) * p[1], z = p[2];
             p[0] = x;
             p[1] = cos(b) * y - sin(b) * z;
@@ -75,33 +78,34 @@ TEST(frame_right_has_a_direction_of_its_own)
         }
         frame_axes(&f, scene);
         least = fmin(f.axis[0][0], fmin(f.axis[0][1], f.axis[0][2]));
-        most  = fmax(f.axis[0][0], fmax(f.axis[0][1], f.axis[0][2]));
+        most = fmax(f.axis[0][0], fmax(f.axis[0][1], f.axis[0][2]));
         negative += most < -least;
         oxl_scene_free(test_ctx, scene);
     }
     CHECK(negative == 0);
 }
 
-/* A white speck at a known place of the world: the world file must say that place of the brightest pixel, the height model its height. */
+/* A white speck at a known place of the world: the world file must say that place of the brightest pixel, the
+ * height model its height. */
 TEST(ortho_places_a_speck_where_its_world_file_says)
 {
-    oxl_scene          *scene     = ortho_test_scene();
-    oxl_model           model     = {0};
-    oxl_image           image     = {0};
-    struct arguments    options   = {.out = test_path("ortho"), .pixel = 0.05, .depth = 1};
-    double              line[6]   = {0};
-    const double        at[3]     = {103.3, -48.8, 7.5};
-    size_t              brightest = 0, pixels;
-    char               *text;
+    oxl_scene *scene = ortho_test_scene();
+    oxl_model model = {0};
+    oxl_image image = {0};
+    struct arguments options = {.out = test_path("ortho"), .pixel = 0.05, .depth = 1};
+    double line[6] = {0};
+    const double at[3] = {103.3, -48.8, 7.5};
+    size_t brightest = 0, pixels;
+    char *text;
     const struct report r = {.out = test_path("ortho")};
-    const char         *cursor;
-    FILE               *to = fopen(test_path("said"), "wb");
+    const char *cursor;
+    FILE *to = fopen(test_path("said"), "wb");
     for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){100, -50, 7}[k];
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) {
-        model.plane[OXL_MEAN + k][0]      = (float)(at[k] - oxl_scene_origin(scene)[k]);
+        model.plane[OXL_MEAN + k][0] = (float)(at[k] - oxl_scene_origin(scene)[k]);
         model.plane[OXL_LOG_SCALE + k][0] = logf(0.04f);
-        model.plane[OXL_SH + k][0]        = 1.7f;
+        model.plane[OXL_SH + k][0] = 1.7f;
     }
     model.plane[OXL_OPACITY][0] = 6;
     CHECK_OK(ortho_write(test_ctx, &model, scene, &options, to));
@@ -109,7 +113,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < pixels; i++)
         if (image.rgb[i] > image.rgb[brightest]) brightest = i;
-    text   = output_read(r.out, "ortho.pgw", NULL);
+    text = output_read(r.out, "ortho.pgw", NULL);
     cursor = text ? text : "";
     for (int i = 0; i < 6; i++) {
         line[i] = oxl_json_number_at(&cursor);
@@ -123,9 +127,12 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     text = output_read(r.out, "ortho.height.pfm", &pixels);
     CHECK(text != NULL);
     if (text) {
-        float        height;
-        const size_t row = (size_t)image.height - 1 - brightest / (size_t)image.width, column = brightest % (size_t)image.width;
-        memcpy(&height, text + pixels - 4 * (size_t)image.width * (size_t)image.height + 4 * (row * (size_t)image.width + column),
+        float height;
+        const size_t row = (size_t)image.height - 1 - brightest / (size_t)image.width,
+                     column = brightest % (size_t)image.width;
+        memcpy(&height,
+               text + pixels - 4 * (size_t)image.width * (size_t)image.height +
+                   4 * (row * (size_t)image.width + column),
                4);
         CHECK_CLOSE(height, at[2], 0.02);
     }
@@ -142,7 +149,7 @@ TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
 {
     oxl_scene *scene = ortho_test_turned(0.5);
     for (int end = 0; end < 2; end++) {
-        oxl_camera        c      = oxl_scene_view(scene, 0)->camera;
+        oxl_camera c = oxl_scene_view(scene, 0)->camera;
         const oxl_camera *wanted = &oxl_scene_view(scene, end)->camera;
         flight_survey(scene, end, &c);
         for (int k = 0; k < 9; k++) CHECK_CLOSE(c.rotation[k], wanted->rotation[k], 1e-12);
@@ -151,35 +158,37 @@ TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* A quarter of the way in time: Catmull-Rom's place with its ends doubled, (t + 3 t^2 - 2 t^3) / 2, and a view eased by t^2 (3 - 2 t). */
+/* A quarter of the way in time: Catmull-Rom's place with its ends doubled, (t + 3 t^2 - 2 t^3) / 2, and a
+ * view eased by t^2 (3 - 2 t). */
 TEST(flight_between_cameras_accelerates_smoothly_and_interpolates_rotation)
 {
     const double angle = 0.5, t = 0.25, ease = 0.15625, way = 0.203125;
-    oxl_scene   *scene = ortho_test_turned(angle);
-    oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
-    double       a[3], b[3], eye[3] = {0, 0, 0};
+    oxl_scene *scene = ortho_test_turned(angle);
+    oxl_camera c = oxl_scene_view(scene, 0)->camera;
+    double a[3], b[3], eye[3] = {0, 0, 0};
     flight_survey(scene, t, &c);
     for (int k = 0; k < 3; k++)
         for (int j = 0; j < 3; j++) eye[k] -= c.rotation[3 * j + k] * c.translation[j];
     frame_eye(oxl_scene_view(scene, 0), a);
     frame_eye(oxl_scene_view(scene, 1), b);
     for (int k = 0; k < 3; k++) CHECK_CLOSE(eye[k], a[k] + way * (b[k] - a[k]), 1e-9);
-    CHECK_CLOSE(atan2(c.rotation[7], -c.rotation[8]), atan2(ease * sin(angle), 1 - ease + ease * cos(angle)), 1e-12);
+    CHECK_CLOSE(atan2(c.rotation[7], -c.rotation[8]), atan2(ease * sin(angle), 1 - ease + ease * cos(angle)),
+                1e-12);
     oxl_scene_free(test_ctx, scene);
 }
 
 TEST(flight_around_the_centre_faces_it_upright)
 {
-    oxl_scene   *scene = ortho_test_scene();
+    oxl_scene *scene = ortho_test_scene();
     struct frame f;
     frame_of(scene, &f);
     for (int i = 0; i < 7; i++) {
         oxl_camera c = oxl_scene_view(scene, 0)->camera;
-        double     p[3], cross[3];
+        double p[3], cross[3];
         CHECK(flight_orbit(scene, i / 7., &c));
         for (int k = 0; k < 3; k++)
-            p[k] = c.rotation[3 * k] * f.centre[0] + c.rotation[3 * k + 1] * f.centre[1] + c.rotation[3 * k + 2] * f.centre[2] +
-                   c.translation[k];
+            p[k] = c.rotation[3 * k] * f.centre[0] + c.rotation[3 * k + 1] * f.centre[1] +
+                   c.rotation[3 * k + 2] * f.centre[2] + c.translation[k];
         CHECK_CLOSE(p[0], 0, 1e-9);
         CHECK_CLOSE(p[1], 0, 1e-9);
         CHECK(p[2] > 1 && c.rotation[5] < 0);
@@ -195,24 +204,26 @@ static void ortho_test_pixels(const oxl_scene *scene, const double place[3], cha
     size_t used = 0;
     for (int i = 0; i < 2; i++) {
         const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
-        double            p[3];
+        double p[3];
         for (int k = 0; k < 3; k++) {
             p[k] = c->translation[k];
-            for (int j = 0; j < 3; j++) p[k] += c->rotation[3 * k + j] * (place[j] - oxl_scene_origin(scene)[j]);
+            for (int j = 0; j < 3; j++)
+                p[k] += c->rotation[3 * k + j] * (place[j] - oxl_scene_origin(scene)[j]);
         }
-        used += (size_t)snprintf(out + used, 200 - used, "%s%s,%.9f,%.9f", i ? "," : "", i ? "b.png" : "a.png",
-                                 c->fx * p[0] / p[2] + c->cx, c->fy * p[1] / p[2] + c->cy);
+        used +=
+            (size_t)snprintf(out + used, 200 - used, "%s%s,%.9f,%.9f", i ? "," : "", i ? "b.png" : "a.png",
+                             c->fx * p[0] / p[2] + c->cx, c->fy * p[1] / p[2] + c->cy);
     }
 }
 
 TEST(scale_bar_has_its_true_length)
 {
-    oxl_scene          *scene     = ortho_test_scene();
-    const double        end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
-    char                pixels[2][200], bar[420];
-    FILE               *to = fopen(test_path("said"), "wb+");
-    const struct report r  = {.out = test_folder()};
-    char               *text;
+    oxl_scene *scene = ortho_test_scene();
+    const double end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
+    char pixels[2][200], bar[420];
+    FILE *to = fopen(test_path("said"), "wb+");
+    const struct report r = {.out = test_folder()};
+    char *text;
     for (int i = 0; i < 2; i++) ortho_test_pixels(scene, end[i], pixels[i]);
     snprintf(bar, sizeof bar, "%s:%s", pixels[0], pixels[1]);
     CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to));
@@ -248,13 +259,14 @@ TEST(scale_rays_undo_the_distortion)
     static const char *const cameras[] = {"1 OPENCV 200 150 120 118 101 74 -0.12 0.03 0.001 -0.002\n",
                                           "1 OPENCV_FISHEYE 200 150 90 90 100 75 0.02 0.01 0 0\n"};
     for (int m = 0; m < 2; m++) {
-        oxl_scene_options o     = oxl_scene_options_default();
-        oxl_scene        *scene = NULL;
-        double            start[3], way[3], pixel[2];
+        oxl_scene_options o = oxl_scene_options_default();
+        oxl_scene *scene = NULL;
+        double start[3], way[3], pixel[2];
         o.read_images = 0;
         test_write("survey/cameras.txt", cameras[m]);
         test_write("survey/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n");
-        test_write("survey/points3D.txt", "1 0 0 5 9 9 9 0.5 1 0 2 0\n2 1 0 5 9 9 9 0.5 1 0 2 0\n3 0 1 6 9 9 9 0.5 1 0 2 0\n");
+        test_write("survey/points3D.txt",
+                   "1 0 0 5 9 9 9 0.5 1 0 2 0\n2 1 0 5 9 9 9 0.5 1 0 2 0\n3 0 1 6 9 9 9 0.5 1 0 2 0\n");
         CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
         if (!scene) continue;
         for (int i = 0; i < 12; i++) {

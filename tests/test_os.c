@@ -22,7 +22,7 @@ static int os_entries(const char *name)
 static int os_file_holds(const char *path, const char *text)
 {
     struct os_file_map file;
-    int                same;
+    int same;
     CHECK_OK(os_read_file(test_ctx, path, &file));
     same = file.data && file.size == strlen(text) && memcmp(file.data, text, file.size + 1) == 0;
     os_release_file(test_ctx, &file);
@@ -35,7 +35,8 @@ TEST(os_sweep_removes_half_written_files_alone)
     CHECK_OK(os_write_file(test_ctx, test_path("run.json.123.tmp"), "2", 1));
     CHECK_OK(os_write_file(test_ctx, test_path(".tmp"), "3", 1));
     CHECK_OK(os_remove_temporaries(test_ctx, test_folder()));
-    CHECK(os_is_file(test_path("kept.txt")) && os_is_file(test_path(".tmp")) && !os_is_file(test_path("run.json.123.tmp")));
+    CHECK(os_is_file(test_path("kept.txt")) && os_is_file(test_path(".tmp")) &&
+          !os_is_file(test_path("run.json.123.tmp")));
     CHECK_OK(os_remove_temporaries(test_ctx, test_path("nowhere")));
 }
 
@@ -54,15 +55,16 @@ TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
 
 TEST(os_of_a_file_that_begins_otherwise_a_few_bytes_are_read)
 {
-    static char        bytes[5000] = "plywood";
-    const char        *path        = test_path("long");
+    static char bytes[5000] = "plywood";
+    const char *path = test_path("long");
     struct os_file_map file;
     CHECK_OK(os_write_file(test_ctx, path, bytes, sizeof bytes));
     CHECK_OK(os_read_file_like(test_ctx, path, "ply", &file));
     CHECK(file.size == sizeof bytes);
     os_release_file(test_ctx, &file);
     CHECK_OK(os_read_file_like(test_ctx, path, "plywork", &file));
-    CHECK(file.size < 100 && file.size > 7 && memcmp(file.data, "plywood", 8) == 0 && file.data[file.size] == 0);
+    CHECK(file.size < 100 && file.size > 7 && memcmp(file.data, "plywood", 8) == 0 &&
+          file.data[file.size] == 0);
     os_release_file(test_ctx, &file);
 }
 
@@ -85,7 +87,7 @@ TEST(os_writing_replaces_what_was_there_and_leaves_nothing_else)
 
 TEST(os_a_discarded_writer_leaves_the_old_file)
 {
-    const char      *path = test_write("a", "old");
+    const char *path = test_write("a", "old");
     struct os_writer writer;
     CHECK_OK(os_writer_open(test_ctx, path, &writer));
     fputs("new", writer.file);
@@ -96,7 +98,7 @@ TEST(os_a_discarded_writer_leaves_the_old_file)
 
 TEST(os_the_new_file_is_not_seen_before_it_is_whole)
 {
-    const char      *path = test_write("a", "old");
+    const char *path = test_write("a", "old");
     struct os_writer writer;
     CHECK_OK(os_writer_open(test_ctx, path, &writer));
     fputs("new", writer.file);
@@ -119,10 +121,10 @@ static void os_limit_file_size(rlim_t size, struct rlimit *old)
 
 TEST(os_a_full_disk_is_noticed_and_the_old_file_stays)
 {
-    static char      data[100000];
-    const char      *path = test_write("a", "old");
-    struct rlimit    old;
-    oxl_result       rc;
+    static char data[100000];
+    const char *path = test_write("a", "old");
+    struct rlimit old;
+    oxl_result rc;
     struct os_writer writer;
     os_limit_file_size(4096, &old);
     rc = os_write_file(test_ctx, path, data, sizeof data); /* fails in fwrite */
@@ -196,9 +198,9 @@ TEST(os_a_listing_names_every_entry_but_the_folder_itself)
 TEST(os_the_clock_goes_forward_and_memory_use_is_seen)
 {
     const double before = os_seconds();
-    const size_t rss    = os_peak_rss();
-    const size_t size   = rss + ((size_t)32 << 20);
-    char        *memory = oxl_alloc(test_ctx, size, 1);
+    const size_t rss = os_peak_rss();
+    const size_t size = rss + ((size_t)32 << 20);
+    char *memory = oxl_alloc(test_ctx, size, 1);
     CHECK(memory != NULL);
     if (memory) memset(memory, 1, size);
     CHECK(os_peak_rss() == 0 || os_peak_rss() >= rss + ((size_t)24 << 20));
@@ -213,7 +215,8 @@ TEST(os_path_has_one_slash_between_its_parts_and_none_before_an_empty_folder_and
     CHECK(strcmp(PATH("out", "blocks/%03d", 7), "out/blocks/007") == 0);
     CHECK(strcmp(PATH("out/", "%s", "run.json"), "out/run.json") == 0);
     CHECK(strcmp(PATH("", "%s", "run.json"), "run.json") == 0);
-    CHECK(!os_is_file(PATH("out", "%s", long_name)) && os_write_file(test_ctx, PATH("out", "%s", long_name), "x", 1) != OXL_OK);
+    CHECK(!os_is_file(PATH("out", "%s", long_name)) &&
+          os_write_file(test_ctx, PATH("out", "%s", long_name), "x", 1) != OXL_OK);
     CHECK(os_write_file(test_ctx, PATH(long_name, "x"), "x", 1) != OXL_OK);
     long_name[PATH_LENGTH - 2] = 0;
     CHECK(strlen(PATH("o", "%s", long_name)) < PATH_LENGTH - 3); /* one more than fits */

@@ -1,11 +1,11 @@
 /* test_partition.c - blocks of a survey: homes, balance, frames, views, guards, files. */
 
-/* A survey of n points and views x views cameras on a grid above their middle 98 %, each of which looks down and sees what lies
- * within `reach` of it. Text files alone. */
+/* A survey of n points and views x views cameras on a grid above their middle 98 %, each of which looks down
+ * and sees what lies within `reach` of it. Text files alone. */
 struct partition_test {
     double *p; /* (n,3) world */
-    int     n, views;
-    double  low[2], high[2], reach;
+    int n, views;
+    double low[2], high[2], reach;
 };
 
 static char partition_test_log[4096];
@@ -13,8 +13,8 @@ static char partition_test_log[4096];
 static void partition_test_remember(void *user, oxl_log_level level, const char *text)
 {
     (void)user, (void)level;
-    snprintf(partition_test_log + strlen(partition_test_log), sizeof partition_test_log - strlen(partition_test_log), "%s\n",
-             text);
+    snprintf(partition_test_log + strlen(partition_test_log),
+             sizeof partition_test_log - strlen(partition_test_log), "%s\n", text);
 }
 
 static void partition_test_listen(void)
@@ -44,21 +44,23 @@ static int partition_test_sees(const struct partition_test *t, int view, int poi
 static const char *partition_test_survey(const char *name, const struct partition_test *t)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    int        *next = calloc((size_t)(t->views * t->views), sizeof *next);
-    char        path[128];
+    int *next = calloc((size_t)(t->views * t->views), sizeof *next);
+    char path[128];
     for (int v = 0; v < t->views * t->views; v++) {
         double c[2];
-        int    unmatched = v % 3; /* lists do not begin with points */
+        int unmatched = v % 3; /* lists do not begin with points */
         partition_test_centre(t, v, c);
         text_add(&images, "%d 0 1 0 0 %.17g %.17g 10 1 dive/v %03d.jpg\n", 100 + 7 * v, -c[0], c[1], v);
         for (int k = 0; k < unmatched; k++) text_add(&images, "1.5 %d.25 -1 ", k);
         for (int i = 0; i < t->n; i++)
-            if (partition_test_sees(t, v, i)) text_add(&images, "%d.125 %d.5 %d ", i % 640, i % 480, 2 * i + 1);
+            if (partition_test_sees(t, v, i))
+                text_add(&images, "%d.125 %d.5 %d ", i % 640, i % 480, 2 * i + 1);
         text_add(&images, "\n");
         next[v] = unmatched;
     }
     for (int i = 0; i < t->n; i++) {
-        text_add(&points, "%d %.17g %.17g %.17g %d 9 200 0.1", 2 * i + 1, t->p[3 * i], t->p[3 * i + 1], t->p[3 * i + 2], i % 256);
+        text_add(&points, "%d %.17g %.17g %.17g %d 9 200 0.1", 2 * i + 1, t->p[3 * i], t->p[3 * i + 1],
+                 t->p[3 * i + 2], i % 256);
         for (int v = 0; v < t->views * t->views; v++)
             if (partition_test_sees(t, v, i)) text_add(&points, " %d %d", 100 + 7 * v, next[v]++);
         text_add(&points, "\n");
@@ -78,8 +80,8 @@ static const char *partition_test_survey(const char *name, const struct partitio
 static oxl_scene *partition_test_load(const char *path)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene   = NULL;
-    options.read_images       = 0;
+    oxl_scene *scene = NULL;
+    options.read_images = 0;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     return scene;
 }
@@ -87,8 +89,8 @@ static oxl_scene *partition_test_load(const char *path)
 static oxl_partition_options partition_test_options(int block_points, oxl_cut cut)
 {
     oxl_partition_options o = oxl_partition_options_default();
-    o.block_points          = block_points;
-    o.cut                   = cut;
+    o.block_points = block_points;
+    o.cut = cut;
     return o;
 }
 
@@ -103,8 +105,8 @@ static int partition_test_homes(const struct partition *p, const double frame[3]
 /* Points, and places on every face, edge and corner, far away too, have one owner each. */
 static void partition_test_check_homes(const struct partition *p, const oxl_scene *scene)
 {
-    const struct colmap *c   = scene_colmap(scene);
-    size_t               sum = 0;
+    const struct colmap *c = scene_colmap(scene);
+    size_t sum = 0;
     for (size_t i = 0; i < c->point_count; i++) {
         double at[3];
         partition_to_frame(p, c->point[i].position, at);
@@ -116,9 +118,9 @@ static void partition_test_check_homes(const struct partition *p, const oxl_scen
     for (int i = 0; i < 2000; i++) {
         double at[3];
         for (int k = 0; k < 3; k++) {
-            const struct partition_block *b    = &p->block[(int)(partition_test_unit(i, k) * p->block_count)];
-            const double                  face = partition_test_unit(i, 3 + k) < 0.5 ? b->box.low[k] : b->box.high[k];
-            at[k]                              = fabs(face) <= DBL_MAX ? face : 1e30 * (partition_test_unit(i, 6 + k) - 0.5);
+            const struct partition_block *b = &p->block[(int)(partition_test_unit(i, k) * p->block_count)];
+            const double face = partition_test_unit(i, 3 + k) < 0.5 ? b->box.low[k] : b->box.high[k];
+            at[k] = fabs(face) <= DBL_MAX ? face : 1e30 * (partition_test_unit(i, 6 + k) - 0.5);
         }
         CHECK(partition_test_homes(p, at) == 1);
     }
@@ -126,23 +128,25 @@ static void partition_test_check_homes(const struct partition *p, const oxl_scen
 
 enum { PARTITION_TEST_POINTS = 2000, PARTITION_TEST_VIEWS = 64 };
 
-/* A reef: half of the points crowd in a corner, some at the same place, a few are absurd. flat: of its height. */
+/* A reef: half of the points crowd in a corner, some at the same place, a few are absurd. flat: of its
+ * height. */
 static void partition_test_reef(struct partition_test *t, double *p, double flat)
 {
     for (int i = 0; i < PARTITION_TEST_POINTS; i++) {
         const double crowd = i % 2 ? 1 : 0.15, sx = partition_test_unit(i, 0), sy = partition_test_unit(i, 1);
-        p[3 * i]     = 40 * crowd * sx;
+        p[3 * i] = 40 * crowd * sx;
         p[3 * i + 1] = 25 * crowd * sy;
         p[3 * i + 2] = flat * partition_test_unit(i, 2);
         if (i % 7 == 0 && i > 0) memcpy(p + 3 * i, p + 3 * i - 3, 3 * sizeof *p);
         if (i % 50 == 3) p[3 * i + 2] += 4000 * (partition_test_unit(i, 5) - 0.5);
     }
-    *t = (struct partition_test){.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 8};
+    *t =
+        (struct partition_test){.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 8};
 }
 
 static oxl_scene *partition_test_reef_scene(double flat)
 {
-    static double         p[3 * PARTITION_TEST_POINTS];
+    static double p[3 * PARTITION_TEST_POINTS];
     struct partition_test t;
     partition_test_reef(&t, p, flat);
     return partition_test_load(partition_test_survey("reef", &t));
@@ -151,7 +155,7 @@ static oxl_scene *partition_test_reef_scene(double flat)
 TEST(partition_assigns_every_position_to_exactly_one_block)
 {
     for (int flat = 0; flat < 2; flat++) {
-        oxl_scene       *scene = partition_test_reef_scene(flat ? 2 : 30);
+        oxl_scene *scene = partition_test_reef_scene(flat ? 2 : 30);
         struct partition p;
         for (int cut = 0; cut < 2; cut++) {
             const oxl_partition_options o = partition_test_options(150, (oxl_cut)cut);
@@ -167,16 +171,21 @@ TEST(partition_assigns_every_position_to_exactly_one_block)
 /* Clouds that no cut can divide, or only in one direction. */
 TEST(partition_of_degenerate_clouds_ends_and_leaves_no_hole)
 {
-    static double         cloud[3 * 400];
-    struct partition_test t = {.p = cloud, .n = 400, .views = 4, .low = {-50, -50}, .high = {50, 50}, .reach = 20};
+    static double cloud[3 * 400];
+    struct partition_test t = {
+        .p = cloud, .n = 400, .views = 4, .low = {-50, -50}, .high = {50, 50}, .reach = 20};
     for (int kind = 0; kind < 4; kind++) {
         const oxl_partition_options o = partition_test_options(40, OXL_CUT_BALANCED);
-        struct partition            p;
-        oxl_scene                  *scene;
+        struct partition p;
+        oxl_scene *scene;
         for (int i = 0; i < 400; i++)
             for (int k = 0; k < 3; k++) {
                 const double line = (i - 200) * 0.2 * (k + 1) / 3, two = i % 2 ? -30 : 31;
-                cloud[3 * i + k] = kind == 0 ? 7.25 : kind == 1 ? line : kind == 2 ? two : i == 0 ? 1e14 : k * 1e-9 * i;
+                cloud[3 * i + k] = kind == 0   ? 7.25
+                                   : kind == 1 ? line
+                                   : kind == 2 ? two
+                                   : i == 0    ? 1e14
+                                               : k * 1e-9 * i;
             }
         scene = partition_test_load(partition_test_survey("degenerate", &t));
         CHECK_OK(partition_make(test_ctx, scene, &o, &p));
@@ -203,11 +212,11 @@ static double partition_test_variation(const struct partition *p)
 /* The farther to the right, the fewer points. */
 static oxl_scene *partition_test_skewed_scene(void)
 {
-    static double         p[3 * PARTITION_TEST_POINTS];
+    static double p[3 * PARTITION_TEST_POINTS];
     struct partition_test t = {.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 10};
     for (int i = 0; i < PARTITION_TEST_POINTS; i++) {
         const double u = partition_test_unit(i, 0), v = partition_test_unit(i, 1);
-        p[3 * i]     = 40 * u * u * sqrt(u);
+        p[3 * i] = 40 * u * u * sqrt(u);
         p[3 * i + 1] = 25 * v * sqrt(v);
         p[3 * i + 2] = partition_test_unit(i, 2);
     }
@@ -216,16 +225,17 @@ static oxl_scene *partition_test_skewed_scene(void)
 
 static oxl_scene *partition_test_even_scene(void)
 {
-    static double         p[3 * PARTITION_TEST_POINTS];
+    static double p[3 * PARTITION_TEST_POINTS];
     struct partition_test t = {.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 10};
     for (int i = 0; i < PARTITION_TEST_POINTS; i++)
-        for (int k = 0; k < 3; k++) p[3 * i + k] = (k == 0 ? 40 : k == 1 ? 25 : 1) * partition_test_unit(i, k);
+        for (int k = 0; k < 3; k++)
+            p[3 * i + k] = (k == 0 ? 40 : k == 1 ? 25 : 1) * partition_test_unit(i, k);
     return partition_test_load(partition_test_survey("even", &t));
 }
 
 TEST(partition_balances_a_crowded_cloud_better_than_midpoints_do)
 {
-    oxl_scene            *scene    = partition_test_skewed_scene();
+    oxl_scene *scene = partition_test_skewed_scene();
     oxl_partition_options balanced = partition_test_options(200, OXL_CUT_BALANCED),
                           midpoint = partition_test_options(200, OXL_CUT_MIDPOINT);
     struct partition a, b, c;
@@ -234,7 +244,8 @@ TEST(partition_balances_a_crowded_cloud_better_than_midpoints_do)
     CHECK_OK(partition_variant(test_ctx, &a, &midpoint, &c));
     CHECK(partition_test_variation(&a) < 0.7 * partition_test_variation(&b));
     for (int i = 0; i < a.block_count; i++) CHECK(a.block[i].points <= 200);
-    CHECK(b.block_count == c.block_count && memcmp(b.block, c.block, sizeof *b.block * (size_t)b.block_count) == 0);
+    CHECK(b.block_count == c.block_count &&
+          memcmp(b.block, c.block, sizeof *b.block * (size_t)b.block_count) == 0);
     partition_free(test_ctx, &c);
     partition_free(test_ctx, &b);
     partition_free(test_ctx, &a);
@@ -258,8 +269,9 @@ TEST(partition_makes_the_fewest_blocks_and_never_more_than_midpoints_do)
     oxl_scene_free(test_ctx, scene);
     scene = partition_test_even_scene();
     for (int blocks = 2; blocks <= 7; blocks++) { /* 8 % of slack */
-        const oxl_partition_options o = partition_test_options(PARTITION_TEST_POINTS * 108 / 100 / blocks, OXL_CUT_BALANCED);
-        struct partition            p;
+        const oxl_partition_options o =
+            partition_test_options(PARTITION_TEST_POINTS * 108 / 100 / blocks, OXL_CUT_BALANCED);
+        struct partition p;
         CHECK_OK(partition_make(test_ctx, scene, &o, &p));
         CHECK(p.block_count == blocks);
         partition_free(test_ctx, &p);
@@ -270,35 +282,38 @@ TEST(partition_makes_the_fewest_blocks_and_never_more_than_midpoints_do)
 /* A point's share of the work by definition: half of it its own, half the pixels of the views that see it. */
 static double partition_test_load_of(const struct partition *p, size_t point, double pixels, size_t points)
 {
-    const struct partition_visibility *s   = p->plan->visibility;
-    double                             sum = 0;
+    const struct partition_visibility *s = p->plan->visibility;
+    double sum = 0;
     for (size_t v = 0; v < s->views; v++) {
         const oxl_camera *c = &oxl_scene_view(p->plan->scene, (int)v)->camera;
         for (size_t k = s->first[v]; k < s->first[v + 1]; k++)
-            if (s->point[k] == point) sum += (double)c->width * c->height / (double)(s->first[v + 1] - s->first[v]);
+            if (s->point[k] == point)
+                sum += (double)c->width * c->height / (double)(s->first[v + 1] - s->first[v]);
     }
     return 0.5 + 0.5 * sum / pixels * (double)points;
 }
 
 TEST(partition_splits_at_the_ratio_that_divides_the_load_most_evenly)
 {
-    oxl_scene                  *scene = partition_test_reef_scene(2);
-    const struct colmap        *c     = scene_colmap(scene);
-    const oxl_partition_options o     = partition_test_options(1999, OXL_CUT_BALANCED);
-    struct partition            p;
-    double                      best = 2, cut = 0, pixels = 0;
+    oxl_scene *scene = partition_test_reef_scene(2);
+    const struct colmap *c = scene_colmap(scene);
+    const oxl_partition_options o = partition_test_options(1999, OXL_CUT_BALANCED);
+    struct partition p;
+    double best = 2, cut = 0, pixels = 0;
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     CHECK(p.block_count == 2);
     for (size_t v = 0; v < p.plan->visibility->views; v++) {
         const oxl_camera *camera = &oxl_scene_view(scene, (int)v)->camera;
-        if (p.plan->visibility->first[v] < p.plan->visibility->first[v + 1]) pixels += (double)camera->width * camera->height;
+        if (p.plan->visibility->first[v] < p.plan->visibility->first[v + 1])
+            pixels += (double)camera->width * camera->height;
     }
     for (int k = 0; k <= 20; k++) {
-        const double low = p.plan->finite.low[0], r = (30 + 2 * k) / 100.0, at = low + r * (p.plan->finite.high[0] - low);
-        double       below = 0, all = 0;
+        const double low = p.plan->finite.low[0], r = (30 + 2 * k) / 100.0,
+                     at = low + r * (p.plan->finite.high[0] - low);
+        double below = 0, all = 0;
         for (size_t i = 0; i < c->point_count; i++) {
             const double load = partition_test_load_of(&p, i, pixels, c->point_count);
-            double       frame[3];
+            double frame[3];
             partition_to_frame(&p, c->point[i].position, frame);
             all += load;
             below += frame[0] < at ? load : 0;
@@ -314,10 +329,10 @@ TEST(partition_splits_at_the_ratio_that_divides_the_load_most_evenly)
 TEST(partition_of_equal_halves_is_split_in_the_middle)
 {
     /* nothing between 0.30 and 0.70 */
-    const struct partition_bin       at[PARTITION_RATIOS + 1] = {[0] = {500, 500}, [PARTITION_RATIOS] = {500, 500}};
-    const struct partition_node      n                        = {.points = 1000};
-    struct partition_build           b                        = {.min_points = 100, .options = {.block_points = 999}};
-    const struct partition_candidate split                    = partition_choose(&b, &n, at);
+    const struct partition_bin at[PARTITION_RATIOS + 1] = {[0] = {500, 500}, [PARTITION_RATIOS] = {500, 500}};
+    const struct partition_node n = {.points = 1000};
+    struct partition_build b = {.min_points = 100, .options = {.block_points = 999}};
+    const struct partition_candidate split = partition_choose(&b, &n, at);
     CHECK(split.ratio == 10 && split.points[0] == 500 && split.leaves[0] == 1);
     b.min_points = 501;
     CHECK(partition_choose(&b, &n, at).ratio == -1);
@@ -325,10 +340,10 @@ TEST(partition_of_equal_halves_is_split_in_the_middle)
 
 TEST(partition_of_three_blocks_gives_one_side_a_third)
 {
-    struct partition_bin         at[PARTITION_RATIOS + 1];
-    const struct partition_node  n = {.points = 2200, .leaves = 3};
+    struct partition_bin at[PARTITION_RATIOS + 1];
+    const struct partition_node n = {.points = 2200, .leaves = 3};
     const struct partition_build b = {.min_points = 1, .options = {.block_points = 800}};
-    struct partition_candidate   split;
+    struct partition_candidate split;
     for (int k = 0; k <= PARTITION_RATIOS; k++) at[k] = (struct partition_bin){100, 100};
     split = partition_choose(&b, &n, at); /* 700 or 800 of 2200 come nearest to a third */
     CHECK(split.leaves[0] + split.leaves[1] == 3 && split.fits);
@@ -337,17 +352,19 @@ TEST(partition_of_three_blocks_gives_one_side_a_third)
 
 TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say)
 {
-    static double         p[3 * 2000];
-    struct partition_test t = {.p = p, .n = 2000, .views = 5, .low = {-20, -20}, .high = {20, 20}, .reach = 6};
+    static double p[3 * 2000];
+    struct partition_test t = {
+        .p = p, .n = 2000, .views = 5, .low = {-20, -20}, .high = {20, 20}, .reach = 6};
     for (int cube = 0; cube < 2; cube++) {
-        const double                tilt = 0.3, height = cube ? 20 : 3;
+        const double tilt = 0.3, height = cube ? 20 : 3;
         const oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
-        struct partition            q;
-        oxl_scene                  *scene;
+        struct partition q;
+        oxl_scene *scene;
         for (int i = 0; i < 2000; i++) {
             const double x = 40 * partition_test_unit(i, 0) - 20, y = 24 * partition_test_unit(i, 1) - 12,
-                         z = height * (partition_test_unit(i, 2) - 0.5), far = i % 25 == 1 ? 1e5 : 0; /* 4 % */
-            p[3 * i]     = x * cos(tilt) - z * sin(tilt) + far * (partition_test_unit(i, 3) - 0.5);
+                         /* 4 % */
+                z = height * (partition_test_unit(i, 2) - 0.5), far = i % 25 == 1 ? 1e5 : 0;
+            p[3 * i] = x * cos(tilt) - z * sin(tilt) + far * (partition_test_unit(i, 3) - 0.5);
             p[3 * i + 1] = y + far * (partition_test_unit(i, 4) - 0.5);
             p[3 * i + 2] = x * sin(tilt) + z * cos(tilt) + far * (partition_test_unit(i, 5) - 0.5);
         }
@@ -367,23 +384,24 @@ TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say
     }
 }
 
-/* Counted from the tracks, without the partition's own lists. A block of few views takes those too that see a tenth in it. */
+/* Counted from the tracks, without the partition's own lists. A block of few views takes those too that see a
+ * tenth in it. */
 TEST(partition_assigns_training_views_by_its_rules_and_test_views_never)
 {
-    oxl_scene                  *scene = partition_test_reef_scene(2);
-    const struct colmap        *c     = scene_colmap(scene);
-    const oxl_partition_options o     = partition_test_options(300, OXL_CUT_BALANCED);
-    const int                   views = oxl_scene_view_count(scene);
-    struct partition            p;
-    int                         tests = 0, roles[3] = {0}, called = 0;
+    oxl_scene *scene = partition_test_reef_scene(2);
+    const struct colmap *c = scene_colmap(scene);
+    const oxl_partition_options o = partition_test_options(300, OXL_CUT_BALANCED);
+    const int views = oxl_scene_view_count(scene);
+    struct partition p;
+    int tests = 0, roles[3] = {0}, called = 0;
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     for (int v = 0; v < views; v++) tests += oxl_scene_view(scene, v)->is_test;
     for (int b = 0; b < p.block_count; b++) {
         int strict[PARTITION_TEST_VIEWS], tenth[PARTITION_TEST_VIEWS], count = 0;
         CHECK(views <= PARTITION_TEST_VIEWS);
         for (int v = 0; v < views && v < PARTITION_TEST_VIEWS; v++) {
-            const int64_t id  = scene_source_image(scene, v)->id;
-            size_t        all = 0, both = 0, inside = 0;
+            const int64_t id = scene_source_image(scene, v)->id;
+            size_t all = 0, both = 0, inside = 0;
             for (size_t k = 0; k < c->track_count; k++) all += c->image[c->track[k].image_row].id == id;
             for (size_t i = 0; i < c->point_count; i++) {
                 double frame[3];
@@ -396,12 +414,13 @@ TEST(partition_assigns_training_views_by_its_rules_and_test_views_never)
             strict[v] = (double)both > 0.3 * (double)all      ? PARTITION_BASE
                         : (double)both > 0.1 * (double)inside ? PARTITION_BORDER
                                                               : PARTITION_OUT;
-            tenth[v]  = (double)both > 0.1 * (double)all;
+            tenth[v] = (double)both > 0.1 * (double)all;
             if (oxl_scene_view(scene, v)->is_test) strict[v] = PARTITION_OUT, tenth[v] = 0;
             count += strict[v] != PARTITION_OUT;
         }
         for (int v = 0; v < views && v < PARTITION_TEST_VIEWS; v++) {
-            const int role = p.plan->role[b * views + v], calls = strict[v] == PARTITION_OUT && tenth[v] && count < 50;
+            const int role = p.plan->role[b * views + v],
+                      calls = strict[v] == PARTITION_OUT && tenth[v] && count < 50;
             CHECK(role == (calls ? PARTITION_BORDER : strict[v]));
             called += calls;
             roles[role]++;
@@ -415,28 +434,29 @@ TEST(partition_assigns_training_views_by_its_rules_and_test_views_never)
 
 TEST(partition_starts_a_block_from_its_wider_box_and_from_what_its_views_see)
 {
-    oxl_scene                  *scene = partition_test_reef_scene(2);
-    const struct colmap        *c     = scene_colmap(scene);
-    const oxl_partition_options o     = partition_test_options(300, OXL_CUT_BALANCED);
-    struct partition            p;
+    oxl_scene *scene = partition_test_reef_scene(2);
+    const struct colmap *c = scene_colmap(scene);
+    const oxl_partition_options o = partition_test_options(300, OXL_CUT_BALANCED);
+    struct partition p;
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     for (int b = 0; b < p.block_count; b++) {
         const struct partition_block *block = &p.block[b];
-        size_t                        start = 0;
+        size_t start = 0;
         for (int k = 0; k < 3; k++) {
             const double margin = 0.05 * (block->finite.high[k] - block->finite.low[k]);
             CHECK(block->finite.high[k] > block->finite.low[k]);
-            CHECK(block->expanded.low[k] == block->box.low[k] - margin && block->expanded.high[k] == block->box.high[k] + margin);
+            CHECK(block->expanded.low[k] == block->box.low[k] - margin &&
+                  block->expanded.high[k] == block->box.high[k] + margin);
         }
         for (size_t i = 0; i < c->point_count; i++) {
             double frame[3];
-            int    in;
+            int in;
             partition_to_frame(&p, c->point[i].position, frame);
             in = partition_contains(&block->expanded, frame);
             for (uint32_t k = 0; k < c->point[i].track_count && !in; k++) {
                 const int64_t id = c->image[c->track[c->point[i].first_track + k].image_row].id;
-                const int     v  = (int)(id - 100) / 7; /* named in the order of their ids */
-                in               = p.plan->role[b * oxl_scene_view_count(scene) + v] != PARTITION_OUT;
+                const int v = (int)(id - 100) / 7; /* named in the order of their ids */
+                in = p.plan->role[b * oxl_scene_view_count(scene) + v] != PARTITION_OUT;
             }
             start += (size_t)in;
         }
@@ -449,13 +469,13 @@ TEST(partition_starts_a_block_from_its_wider_box_and_from_what_its_views_see)
 /* Points in the right half, to which the cameras never came. */
 TEST(partition_joins_a_block_without_views_to_its_neighbours)
 {
-    static double               p[3 * 1000];
-    struct partition_test       t = {.p = p, .n = 1000, .views = 6, .low = {0, 0}, .high = {18, 10}, .reach = 3};
+    static double p[3 * 1000];
+    struct partition_test t = {.p = p, .n = 1000, .views = 6, .low = {0, 0}, .high = {18, 10}, .reach = 3};
     const oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
-    struct partition            q;
-    oxl_scene                  *scene;
+    struct partition q;
+    oxl_scene *scene;
     for (int i = 0; i < 1000; i++) {
-        p[3 * i]     = 40 * partition_test_unit(i, 0);
+        p[3 * i] = 40 * partition_test_unit(i, 0);
         p[3 * i + 1] = 10 * partition_test_unit(i, 1);
         p[3 * i + 2] = partition_test_unit(i, 2);
     }
@@ -465,7 +485,8 @@ TEST(partition_joins_a_block_without_views_to_its_neighbours)
     CHECK_TEXT(partition_test_log, "cuts undone: less than 25 points or 3 views");
     CHECK_TEXT(partition_test_log, "more than --block-points 100");
     CHECK(q.block_count > 3);
-    for (int i = 0; i < q.block_count; i++) CHECK(q.block[i].base_views + q.block[i].border_views >= 3); /* of 31: one in ten */
+    /* of 31: one in ten */
+    for (int i = 0; i < q.block_count; i++) CHECK(q.block[i].base_views + q.block[i].border_views >= 3);
     partition_test_check_homes(&q, scene);
     partition_free(test_ctx, &q);
     oxl_scene_free(test_ctx, scene);
@@ -473,19 +494,20 @@ TEST(partition_joins_a_block_without_views_to_its_neighbours)
 
 TEST(partition_of_a_small_survey_is_one_block_with_every_training_view)
 {
-    oxl_scene            *scene = partition_test_reef_scene(2);
-    oxl_partition_options o     = partition_test_options(PARTITION_TEST_POINTS, OXL_CUT_BALANCED);
+    oxl_scene *scene = partition_test_reef_scene(2);
+    oxl_partition_options o = partition_test_options(PARTITION_TEST_POINTS, OXL_CUT_BALANCED);
     for (int asked = 0; asked < 2; asked++) {
         struct partition p;
         partition_test_listen();
         CHECK_OK(partition_make(test_ctx, scene, &o, &p));
-        CHECK(p.block_count == 1 && p.block[0].points == PARTITION_TEST_POINTS && p.block[0].base_views == 56);
+        CHECK(p.block_count == 1 && p.block[0].points == PARTITION_TEST_POINTS &&
+              p.block[0].base_views == 56);
         CHECK(p.block[0].start_points == PARTITION_TEST_POINTS && p.block[0].border_views == 0);
         CHECK(p.block[0].box.low[1] == -INFINITY && p.block[0].expanded.high[0] == INFINITY);
         CHECK_TEXT(partition_test_log, "2000 points stay one block");
         partition_free(test_ctx, &p);
         o.block_points = 100;
-        o.kind         = OXL_PARTITION_NONE;
+        o.kind = OXL_PARTITION_NONE;
     }
     o = partition_test_options(0, OXL_CUT_BALANCED);
     {
@@ -499,9 +521,9 @@ TEST(partition_of_a_small_survey_is_one_block_with_every_training_view)
 
 TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
 {
-    oxl_scene                  *scene = partition_test_reef_scene(30);
-    const oxl_partition_options o     = partition_test_options(150, OXL_CUT_BALANCED);
-    struct os_file_map          files[2];
+    oxl_scene *scene = partition_test_reef_scene(30);
+    const oxl_partition_options o = partition_test_options(150, OXL_CUT_BALANCED);
+    struct os_file_map files[2];
     for (int i = 0; i < 2; i++) {
         struct partition p, q;
         test_ctx->threads = i ? 3 : 1;
@@ -509,7 +531,8 @@ TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
         CHECK_OK(partition_write(test_ctx, test_path("partition.txt"), &p));
         CHECK_OK(partition_read(test_ctx, test_path("partition.txt"), &q));
         CHECK(q.block_count == p.block_count && q.dimensions == p.dimensions && q.plan == NULL);
-        CHECK(memcmp(q.rotation, p.rotation, sizeof p.rotation) == 0 && memcmp(q.origin, p.origin, sizeof p.origin) == 0);
+        CHECK(memcmp(q.rotation, p.rotation, sizeof p.rotation) == 0 &&
+              memcmp(q.origin, p.origin, sizeof p.origin) == 0);
         CHECK(memcmp(q.extent, p.extent, sizeof p.extent) == 0);
         for (int b = 0; b < p.block_count; b++) CHECK(memcmp(&q.block[b], &p.block[b], sizeof *p.block) == 0);
         CHECK_OK(os_read_file(test_ctx, test_path("partition.txt"), &files[i]));
@@ -532,9 +555,12 @@ TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
         {"FRAME 2 1 0 0 0 1\n", "partition.txt:1"},
         {"# x\nFRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n", "a block or more"},
         {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n1 0 0 0\n", "partition.txt:2: found"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 nan 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1\n", "a number"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 -5 1 0 5 0 0 0 1 1 1\n", "a count"},
-        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1 9\n", "the end of the line"}};
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 nan 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1\n",
+         "a number"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 -5 1 0 5 0 0 0 1 1 1\n",
+         "a count"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1 0\n0 0 0 0 1 1 1 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1 9\n",
+         "the end of the line"}};
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
         struct partition p;
         CHECK(partition_read(test_ctx, test_write("partition.txt", broken[i].text), &p) == OXL_ERR_INPUT);

@@ -21,19 +21,22 @@ static const char *export_test_folder(const char *out, int block)
     return test_path(name);
 }
 
-static void export_test_check_image(const struct colmap *all, const struct colmap_observed *seen, const struct colmap *part,
-                                    const struct colmap_observed *o, const struct colmap_image *image)
+static void export_test_check_image(const struct colmap *all, const struct colmap_observed *seen,
+                                    const struct colmap *part, const struct colmap_observed *o,
+                                    const struct colmap_image *image)
 {
-    const size_t               own   = (size_t)(image - part->image);
+    const size_t own = (size_t)(image - part->image);
     const struct colmap_image *whole = export_test_image(all, image->id);
     CHECK(whole && memcmp(whole->rotation, image->rotation, sizeof image->rotation) == 0);
     CHECK(memcmp(whole->translation, image->translation, sizeof image->translation) == 0);
-    CHECK(strcmp(all->names + whole->name, part->names + image->name) == 0 && whole->camera_id == image->camera_id);
+    CHECK(strcmp(all->names + whole->name, part->names + image->name) == 0 &&
+          whole->camera_id == image->camera_id);
     CHECK(colmap_observed_count(seen, (size_t)(whole - all->image)) == colmap_observed_count(o, own));
     for (size_t k = 0; k < colmap_observed_count(o, own); k++) {
-        const struct colmap_observation *a = &seen->at[seen->first[whole - all->image] + k], *b = &o->at[o->first[own] + k];
-        const struct colmap_point       *point = b->point < 0 ? NULL : export_test_point(part, b->point);
-        int                              back  = 0;
+        const struct colmap_observation *a = &seen->at[seen->first[whole - all->image] + k],
+                                        *b = &o->at[o->first[own] + k];
+        const struct colmap_point *point = b->point < 0 ? NULL : export_test_point(part, b->point);
+        int back = 0;
         CHECK(a->x == b->x && a->y == b->y);
         CHECK(b->point == (export_test_point(part, a->point) ? a->point : -1));
         for (uint32_t j = 0; point && j < point->track_count; j++) {
@@ -44,11 +47,11 @@ static void export_test_check_image(const struct colmap *all, const struct colma
     }
 }
 
-static void export_test_check_point(const struct colmap *all, const struct colmap *part, const struct colmap_observed *o,
-                                    const struct colmap_point *point)
+static void export_test_check_point(const struct colmap *all, const struct colmap *part,
+                                    const struct colmap_observed *o, const struct colmap_point *point)
 {
     const struct colmap_point *whole = export_test_point(all, point->id);
-    uint32_t                   kept  = 0;
+    uint32_t kept = 0;
     CHECK(whole && memcmp(whole->position, point->position, sizeof point->position) == 0);
     CHECK(whole->error == point->error && memcmp(whole->rgb, point->rgb, 3) == 0);
     for (uint32_t k = 0; k < whole->track_count; k++)
@@ -63,11 +66,11 @@ static void export_test_check_point(const struct colmap *all, const struct colma
 
 TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back)
 {
-    oxl_scene                  *scene = partition_test_reef_scene(2);
-    const oxl_partition_options o     = partition_test_options(600, OXL_CUT_BALANCED);
-    struct colmap               all, part;
-    struct colmap_observed      seen, o2;
-    struct partition            p;
+    oxl_scene *scene = partition_test_reef_scene(2);
+    const oxl_partition_options o = partition_test_options(600, OXL_CUT_BALANCED);
+    struct colmap all, part;
+    struct colmap_observed seen, o2;
+    struct partition p;
     CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &all));
     seen = colmap_observe(test_path("reef/sparse/0"), &all);
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
@@ -78,13 +81,15 @@ TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back
         o2 = colmap_observe(export_test_folder("out", b), &part);
         CHECK(part.warnings == 0 && part.camera_count == 1 && part.point_count == p.block[b].start_points);
         CHECK(part.camera[0].model == all.camera[0].model && part.camera[0].width == 640);
-        CHECK(memcmp(part.camera[0].parameter, all.camera[0].parameter, sizeof part.camera[0].parameter) == 0);
+        CHECK(memcmp(part.camera[0].parameter, all.camera[0].parameter, sizeof part.camera[0].parameter) ==
+              0);
         CHECK(part.image_count == (size_t)(p.block[b].base_views + p.block[b].border_views));
         for (size_t i = 0; i < part.image_count; i++) {
             export_test_check_image(&all, &seen, &part, &o2, &part.image[i]);
             CHECK((part.image[i].id - 100) / 7 % 8 != 0); /* no test view */
         }
-        for (size_t i = 0; i < part.point_count; i++) export_test_check_point(&all, &part, &o2, &part.point[i]);
+        for (size_t i = 0; i < part.point_count; i++)
+            export_test_check_point(&all, &part, &o2, &part.point[i]);
         colmap_observed_free(&o2);
         colmap_free(test_ctx, &part);
     }
@@ -98,7 +103,7 @@ TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back
 static int export_test_same(const char *a, const char *b)
 {
     struct os_file_map x = {0}, y = {0};
-    int                same;
+    int same;
     CHECK_OK(os_read_file(test_ctx, a, &x));
     CHECK_OK(os_read_file(test_ctx, b, &y));
     same = x.size == y.size && x.size > 0 && memcmp(x.data, y.data, x.size) == 0;
@@ -110,12 +115,12 @@ static int export_test_same(const char *a, const char *b)
 /* Numbers of the blocks of binary files are those of the text, bit by bit. */
 TEST(partition_export_of_a_binary_survey_says_the_same)
 {
-    const oxl_partition_options o       = partition_test_options(600, OXL_CUT_BALANCED);
-    oxl_scene                  *scene   = partition_test_reef_scene(2);
-    oxl_scene_options           options = oxl_scene_options_default();
-    struct colmap               c, part;
-    struct partition            p, q;
-    char                        binary[300];
+    const oxl_partition_options o = partition_test_options(600, OXL_CUT_BALANCED);
+    oxl_scene *scene = partition_test_reef_scene(2);
+    oxl_scene_options options = oxl_scene_options_default();
+    struct colmap c, part;
+    struct partition p, q;
+    char binary[300];
     options.read_images = 0;
     CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), &c));
     snprintf(binary, sizeof binary, "%s", test_path("reef_binary"));
@@ -133,7 +138,8 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
     for (int b = 0; b < q.block_count; b++) {
         CHECK_OK(colmap_read(test_ctx, export_test_folder("text", b), &c));
         CHECK_OK(colmap_read(test_ctx, export_test_folder("binary", b), &part));
-        CHECK(part.format == COLMAP_TEXT && part.warnings == 0 && part.image[0].points_size > 0 && colmap_same(&c, &part));
+        CHECK(part.format == COLMAP_TEXT && part.warnings == 0 && part.image[0].points_size > 0 &&
+              colmap_same(&c, &part));
         colmap_free(test_ctx, &c);
         colmap_free(test_ctx, &part);
     }
@@ -143,14 +149,15 @@ TEST(partition_export_of_a_binary_survey_says_the_same)
 
 TEST(partition_export_does_not_depend_on_threads)
 {
-    static const char *const    names[] = {"partition.txt", "partition.svg", "blocks/001/sparse/0/images.txt",
-                                           "blocks/002/sparse/0/points3D.txt", "blocks/003/sparse/0/cameras.txt"};
-    const oxl_partition_options o       = partition_test_options(300, OXL_CUT_BALANCED);
+    static const char *const names[] = {"partition.txt", "partition.svg", "blocks/001/sparse/0/images.txt",
+                                        "blocks/002/sparse/0/points3D.txt",
+                                        "blocks/003/sparse/0/cameras.txt"};
+    const oxl_partition_options o = partition_test_options(300, OXL_CUT_BALANCED);
     for (int i = 0; i < 2; i++) {
-        oxl_scene       *scene;
+        oxl_scene *scene;
         struct partition p;
         test_ctx->threads = i ? 3 : 1;
-        scene             = partition_test_reef_scene(30);
+        scene = partition_test_reef_scene(30);
         CHECK_OK(partition_make(test_ctx, scene, &o, &p));
         CHECK_OK(partition_export(test_ctx, &p, test_path(i ? "three" : "one")));
         partition_free(test_ctx, &p);
@@ -168,14 +175,16 @@ TEST(partition_export_does_not_depend_on_threads)
 TEST(partition_export_copies_2d_points_byte_by_byte_and_reports_inconsistent_tracks)
 {
     oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
-    struct os_file_map    file;
-    struct partition      p;
-    oxl_scene            *scene;
+    struct os_file_map file;
+    struct partition p;
+    oxl_scene *scene;
     o.kind = OXL_PARTITION_NONE;
     test_write("odd/sparse/0/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\r\n");
-    test_write("odd/sparse/0/images.txt",
-               "8 1 0 0 0 0 0 0 1 a.png\r\n1.50  2.250\t7 3 4e0 -1   5 6 12\r\n9 1 0 0 0 1 0 0 1 b.png\r\n\r\n");
-    test_write("odd/sparse/0/points3D.txt", "7 0 0 9 1 2 3 0.5 8 0\n12 1 0 9 1 2 3 0.5 8 2\n13 1 1 9 1 2 3 0.5 8 2 8 77\n");
+    test_write(
+        "odd/sparse/0/images.txt",
+        "8 1 0 0 0 0 0 0 1 a.png\r\n1.50  2.250\t7 3 4e0 -1   5 6 12\r\n9 1 0 0 0 1 0 0 1 b.png\r\n\r\n");
+    test_write("odd/sparse/0/points3D.txt",
+               "7 0 0 9 1 2 3 0.5 8 0\n12 1 0 9 1 2 3 0.5 8 2\n13 1 1 9 1 2 3 0.5 8 2 8 77\n");
     scene = partition_test_load(test_path("odd")); /* a.png is for the test... */
     oxl_scene_free(test_ctx, scene);
     {
@@ -188,7 +197,8 @@ TEST(partition_export_copies_2d_points_byte_by_byte_and_reports_inconsistent_tra
     CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
     CHECK_TEXT(partition_test_log, "2 entries of tracks name 2D points that");
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/sparse/0/images.txt"), &file));
-    CHECK_TEXT(file.data, "\n8 1 0 0 0 0 0 0 1 a.png\n1.50 2.250 7 3 4e0 -1 5 6 12\n9 1 0 0 0 1 0 0 1 b.png\n\n");
+    CHECK_TEXT(file.data,
+               "\n8 1 0 0 0 0 0 0 1 a.png\n1.50 2.250 7 3 4e0 -1 5 6 12\n9 1 0 0 0 1 0 0 1 b.png\n\n");
     os_release_file(test_ctx, &file);
     partition_free(test_ctx, &p);
     oxl_scene_free(test_ctx, scene);
@@ -196,26 +206,30 @@ TEST(partition_export_copies_2d_points_byte_by_byte_and_reports_inconsistent_tra
 
 TEST(partition_links_images_and_clears_what_an_earlier_one_left_but_no_model)
 {
-    oxl_job_options      options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_partition_report report;
     CHECK_OK(os_make_folder(test_ctx, test_path("reef/images/dive1")));
     CHECK_OK(os_make_folder(test_ctx, test_path("reef/masks")));
     oxl_scene_free(test_ctx, partition_test_reef_scene(2));
-    options.scene.read_images      = 0;
+    options.scene.read_images = 0;
     options.partition.block_points = 300;
     CHECK_OK(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, &report));
     CHECK(report.block_count >= 5 && report.balance[OXL_CUT_BALANCED].blocks == report.block_count &&
           report.cut == OXL_CUT_BALANCED);
-    CHECK(report.balance[OXL_CUT_MIDPOINT].blocks > 1 && report.block[0].memory > 1e6 && report.block[0].seconds > 0);
+    CHECK(report.balance[OXL_CUT_MIDPOINT].blocks > 1 && report.block[0].memory > 1e6 &&
+          report.block[0].seconds > 0);
     oxl_partition_report_free(test_ctx, &report);
 #ifndef _WIN32
-    CHECK(os_is_folder(test_path("out/blocks/004/images/dive1")) && os_is_folder(test_path("out/blocks/004/masks")));
+    CHECK(os_is_folder(test_path("out/blocks/004/images/dive1")) &&
+          os_is_folder(test_path("out/blocks/004/masks")));
 #endif
     test_write("out/blocks/004/model.ply", "a model");
     options.partition.block_points = 1000;
     CHECK_OK(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/001/sparse/0/images.txt")) && !os_is_folder(test_path("out/blocks/003")));
-    CHECK(os_is_file(test_path("out/blocks/004/model.ply")) && !os_is_folder(test_path("out/blocks/004/sparse")));
+    CHECK(os_is_file(test_path("out/blocks/001/sparse/0/images.txt")) &&
+          !os_is_folder(test_path("out/blocks/003")));
+    CHECK(os_is_file(test_path("out/blocks/004/model.ply")) &&
+          !os_is_folder(test_path("out/blocks/004/sparse")));
     CHECK(os_is_folder(test_path("reef/images/dive1"))); /* the link went, not what it led to */
 }
 
@@ -223,10 +237,10 @@ TEST(partition_drawing_is_small_shows_both_sides_of_a_3d_survey_and_holds_no_scr
 {
     const oxl_partition_options o = partition_test_options(300, OXL_CUT_BALANCED);
     for (int flat = 0; flat < 2; flat++) {
-        oxl_scene         *scene = partition_test_reef_scene(flat ? 2 : 30);
+        oxl_scene *scene = partition_test_reef_scene(flat ? 2 : 30);
         struct os_file_map file;
-        struct partition   p;
-        int                numbers = 0;
+        struct partition p;
+        int numbers = 0;
         CHECK_OK(partition_make(test_ctx, scene, &o, &p));
         CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
         CHECK_OK(os_read_file(test_ctx, test_path("a.svg"), &file));
@@ -246,10 +260,10 @@ TEST(partition_drawing_is_small_shows_both_sides_of_a_3d_survey_and_holds_no_scr
 
 TEST(partition_balance_is_measured_as_said)
 {
-    const oxl_block   block[] = {{.points = 10, .base_views = 3, .memory = 5, .seconds = 7},
-                                 {.points = 20, .base_views = 2, .border_views = 1, .memory = 9, .seconds = 1},
-                                 {.points = 30, .border_views = 3, .memory = 2, .seconds = 4}};
-    const oxl_balance b       = balance_summary(block, 3);
+    const oxl_block block[] = {{.points = 10, .base_views = 3, .memory = 5, .seconds = 7},
+                               {.points = 20, .base_views = 2, .border_views = 1, .memory = 9, .seconds = 1},
+                               {.points = 30, .border_views = 3, .memory = 2, .seconds = 4}};
+    const oxl_balance b = balance_summary(block, 3);
     CHECK(b.blocks == 3 && b.memory == 9 && b.seconds == 12 && b.longest == 7);
     CHECK_CLOSE(b.points_peak, 1.5, 1e-12);
     CHECK_CLOSE(b.points_spread, sqrt(200.0 / 3) / 20, 1e-12);
@@ -259,9 +273,9 @@ TEST(partition_balance_is_measured_as_said)
 
 TEST(partition_that_cannot_be_written_is_an_error_and_leaves_no_list)
 {
-    oxl_scene                  *scene = partition_test_reef_scene(2);
-    const oxl_partition_options o     = partition_test_options(600, OXL_CUT_BALANCED);
-    struct partition            p;
+    oxl_scene *scene = partition_test_reef_scene(2);
+    const oxl_partition_options o = partition_test_options(600, OXL_CUT_BALANCED);
+    struct partition p;
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
     test_write("out/blocks/001/keep", "");

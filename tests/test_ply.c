@@ -2,8 +2,8 @@
 
 struct ply_test_file {
     unsigned char bytes[8192];
-    size_t        size;
-    int           big_endian;
+    size_t size;
+    int big_endian;
 };
 
 static void ply_test_text(struct ply_test_file *f, const char *text)
@@ -14,7 +14,8 @@ static void ply_test_text(struct ply_test_file *f, const char *text)
 
 static void ply_test_put(struct ply_test_file *f, uint64_t bits, int size)
 {
-    for (int i = 0; i < size; i++) f->bytes[f->size++] = (unsigned char)(bits >> 8 * (f->big_endian ? size - 1 - i : i));
+    for (int i = 0; i < size; i++)
+        f->bytes[f->size++] = (unsigned char)(bits >> 8 * (f->big_endian ? size - 1 - i : i));
 }
 
 static void ply_test_put_float(struct ply_test_file *f, float value)
@@ -62,11 +63,11 @@ static void ply_test_check_types(const char *path)
                                         {4294967295.0, 7},
                                         {-1.5, 0.100000001490116119384765625},
                                         {0.1, -1e300}};
-    double              got[8][2];
-    const float         tenth = 0.1f; /* stored: some compilers keep the constant itself wider */
-    float               as_float[2];
-    struct ply_target   target[8] = {{0}};
-    struct ply          ply;
+    double got[8][2];
+    const float tenth = 0.1f; /* stored: some compilers keep the constant itself wider */
+    float as_float[2];
+    struct ply_target target[8] = {{0}};
+    struct ply ply;
     CHECK_OK(ply_open(test_ctx, path, &ply));
     CHECK(ply.elements == 1 && ply.element[0].properties == 8 && ply.element[0].rows == 2);
     if (ply.elements == 1) {
@@ -84,7 +85,8 @@ TEST(ply_binary_files_of_both_endians_give_each_type_exactly)
 {
     for (int big_endian = 0; big_endian < 2; big_endian++) {
         struct ply_test_file f = {.big_endian = big_endian};
-        ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n" : "ply\nformat binary_little_endian 1.0\n");
+        ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n"
+                                     : "ply\nformat binary_little_endian 1.0\n");
         ply_test_text(&f, PLY_TEST_TYPES);
         for (int row = 0; row < 2; row++) {
             ply_test_put(&f, row ? 127 : 0x80, 1);
@@ -102,25 +104,30 @@ TEST(ply_binary_files_of_both_endians_give_each_type_exactly)
 
 TEST(ply_ascii_files_give_each_type_exactly_with_any_blanks_and_line_ends)
 {
-    ply_test_check_types(test_write("types.ply", "ply\nformat ascii 1.0\n" PLY_TEST_TYPES
-                                                 "-128 255 -32768 65535 -2147483648 4294967295 -1.5 0.1\n"
-                                                 "127 0 32767 1 2147483647 7 0.100000001490116119384765625 -1e300"));
-    ply_test_check_types(test_write("types.ply", "ply\r\nformat ascii 1.0\r\nobj_info what others write\r\n\r\n" PLY_TEST_TYPES
-                                                 "\t-128  255 -32768 65535 -2147483648 4294967295 -1.5 0.1 \r\n\r\n"
-                                                 "127 0 32767 1 2147483647 7 0.100000001490116119384765625 -1e300\r\n"));
+    ply_test_check_types(test_write("types.ply",
+                                    "ply\nformat ascii 1.0\n" PLY_TEST_TYPES
+                                    "-128 255 -32768 65535 -2147483648 4294967295 -1.5 0.1\n"
+                                    "127 0 32767 1 2147483647 7 0.100000001490116119384765625 -1e300"));
+    ply_test_check_types(
+        test_write("types.ply", "ply\r\nformat ascii 1.0\r\nobj_info what others write\r\n\r\n" PLY_TEST_TYPES
+                                "\t-128  255 -32768 65535 -2147483648 4294967295 -1.5 0.1 \r\n\r\n"
+                                "127 0 32767 1 2147483647 7 0.100000001490116119384765625 -1e300\r\n"));
 }
 
 TEST(ply_ascii_file_of_the_fewest_bytes_is_read_and_one_byte_less_is_refused)
 {
-    float             x[2]   = {0};
+    float x[2] = {0};
     struct ply_target target = {.as_float = x};
-    struct ply        ply;
-    CHECK_OK(ply_open(test_ctx, test_write("least.ply", "ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n2"),
-                      &ply));
+    struct ply ply;
+    CHECK_OK(ply_open(
+        test_ctx,
+        test_write("least.ply", "ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n2"),
+        &ply));
     if (ply.elements == 1) CHECK_OK(ply_read(test_ctx, &ply, 0, &target));
     CHECK(x[0] == 1 && x[1] == 2);
     ply_close(test_ctx, &ply);
-    ply_test_refused("ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n", "at least 4 bytes; there are 2");
+    ply_test_refused("ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n",
+                     "at least 4 bytes; there are 2");
 }
 
 TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
@@ -128,8 +135,10 @@ TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
     struct ply ply;
     CHECK_OK(ply_open(
         test_ctx,
-        test_write("c.ply", "ply\r\ncomment before  the format \r\nformat ascii 1.0\r\ncomment\r\ncomment element vertex 5\r\n"
-                            "end_header\r\n"),
+        test_write(
+            "c.ply",
+            "ply\r\ncomment before  the format \r\nformat ascii 1.0\r\ncomment\r\ncomment element vertex 5\r\n"
+            "end_header\r\n"),
         &ply));
     CHECK(ply.comments == 3 && ply.elements == 0);
     if (ply.comments == 3) {
@@ -143,14 +152,15 @@ TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
 /* A face list stands before the vertices, and a list and a scalar share an element. */
 static void ply_test_check_lists(const char *path)
 {
-    float             x[2] = {0}, flag[2] = {0};
+    float x[2] = {0}, flag[2] = {0};
     struct ply_target face[2] = {{0}}, vertex[1] = {{.as_float = x}};
-    struct ply        ply;
+    struct ply ply;
     face[1].as_float = flag;
     CHECK_OK(ply_open(test_ctx, path, &ply));
     CHECK(ply_find_element(&ply, "vertex") == 1 && ply_find_element(&ply, "edge") == -1);
     if (ply.elements == 2) {
-        CHECK(ply_find_property(&ply.element[0], "vertex_indices") == -1 && ply_find_property(&ply.element[0], "flag") == 1);
+        CHECK(ply_find_property(&ply.element[0], "vertex_indices") == -1 &&
+              ply_find_property(&ply.element[0], "flag") == 1);
         CHECK_OK(ply_read(test_ctx, &ply, 1, vertex));
         CHECK_OK(ply_read(test_ctx, &ply, 0, face));
         CHECK(flag[0] == 5 && flag[1] == -6 && x[0] == 0.25f && x[1] == -8);
@@ -165,7 +175,8 @@ TEST(ply_lists_are_stepped_over_in_each_format)
 {
     for (int big_endian = 0; big_endian < 2; big_endian++) {
         struct ply_test_file f = {.big_endian = big_endian};
-        ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n" : "ply\nformat binary_little_endian 1.0\n");
+        ply_test_text(&f, big_endian ? "ply\nformat binary_big_endian 1.0\n"
+                                     : "ply\nformat binary_little_endian 1.0\n");
         ply_test_text(&f, PLY_TEST_LISTS);
         ply_test_put(&f, 3, 1);
         for (int i = 0; i < 3; i++) ply_test_put(&f, 0x01020304, 4);
@@ -176,7 +187,8 @@ TEST(ply_lists_are_stepped_over_in_each_format)
         ply_test_put_float(&f, -8);
         ply_test_check_lists(ply_test_save("lists.ply", &f));
     }
-    ply_test_check_lists(test_write("lists.ply", "ply\nformat ascii 1.0\n" PLY_TEST_LISTS "3 1 2 3 5\n0 -6\n.25\n-8\n"));
+    ply_test_check_lists(
+        test_write("lists.ply", "ply\nformat ascii 1.0\n" PLY_TEST_LISTS "3 1 2 3 5\n0 -6\n.25\n-8\n"));
 }
 
 TEST(ply_headers_that_are_wrong_are_refused_with_file_line_and_what_was_seen)
@@ -185,21 +197,26 @@ TEST(ply_headers_that_are_wrong_are_refused_with_file_line_and_what_was_seen)
     ply_test_refused("solid cube\n", "bad.ply:1: found 'solid cube', expected a PLY file");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n1\n",
                      "bad.ply:5: found '1', expected format, comment");
-    ply_test_refused("ply\nformat ascii 1.0\ncomment no end", "bad.ply:3: found 'comment no end', expected more lines");
+    ply_test_refused("ply\nformat ascii 1.0\ncomment no end",
+                     "bad.ply:3: found 'comment no end', expected more lines");
     ply_test_refused("ply\nformat ascii 1.0\n", "no end_header");
     ply_test_refused("ply\nend_header\n", "bad.ply:2: found 'end_header', expected a format line");
     ply_test_refused("ply\nformat binary_middle_endian 1.0\nend_header\n", "binary_middle_endian");
-    ply_test_refused("ply\nformat ascii 2.0\nend_header\n", "bad.ply:2: found 'format ascii 2.0', expected version 1.0");
-    ply_test_refused("ply\nformat ascii 1.0\nproperty float x\nend_header\n", "expected an element before its properties");
+    ply_test_refused("ply\nformat ascii 2.0\nend_header\n",
+                     "bad.ply:2: found 'format ascii 2.0', expected version 1.0");
+    ply_test_refused("ply\nformat ascii 1.0\nproperty float x\nend_header\n",
+                     "expected an element before its properties");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty half x\nend_header\n",
                      "bad.ply:4: found 'property half x', expected a type");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty float\nend_header\n", "expected a name");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty float\nend_header\n",
+                     "expected a name");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 0\nproperty list float int x\nend_header\n",
                      "expected a whole number");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex\nend_header\n", "expected element NAME COUNT");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "expected a count of rows");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1e6\nend_header\n", "expected a count of rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\nend_header\n", "expected a count of rows");
+    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 99999999999999999999999\nend_header\n",
+                     "expected a count of rows");
     ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1\nproperty float "
                      "a234567890b234567890c234567890d234567890e234567890f234567890g234\nend_header\n",
                      "less than 64 letters");
@@ -214,7 +231,9 @@ TEST(ply_counts_are_compared_with_the_bytes_before_any_memory_is_taken)
     ply_test_refused(
         "ply\nformat binary_little_endian 1.0\nelement vertex 9223372036854775807\nproperty double x\nend_header\n12345678",
         "announces 9223372036854775807 rows");
-    ply_test_refused("ply\nformat ascii 1.0\nelement vertex 1000000000000\nproperty float x\nend_header\n1\n2\n", "there are 4");
+    ply_test_refused(
+        "ply\nformat ascii 1.0\nelement vertex 1000000000000\nproperty float x\nend_header\n1\n2\n",
+        "there are 4");
     ply_test_refused(
         "ply\nformat binary_little_endian 1.0\nelement a 1\nproperty double x\nelement b 1\nproperty double x\nend_header\n"
         "123456789012345",
@@ -225,7 +244,9 @@ TEST(ply_rows_without_properties_cost_nothing_however_many)
 {
     struct ply ply;
     CHECK_OK(ply_open(
-        test_ctx, test_write("empty.ply", "ply\nformat binary_big_endian 1.0\nelement vertex 9223372036854775807\nend_header\n"),
+        test_ctx,
+        test_write("empty.ply",
+                   "ply\nformat binary_big_endian 1.0\nelement vertex 9223372036854775807\nend_header\n"),
         &ply));
     if (ply.elements == 1) CHECK_OK(ply_read(test_ctx, &ply, 0, NULL));
     ply_close(test_ctx, &ply);
@@ -233,9 +254,9 @@ TEST(ply_rows_without_properties_cost_nothing_however_many)
 
 static void ply_test_data_refused(const char *path, const char *words)
 {
-    static float      room[64];
+    static float room[64];
     struct ply_target target[8];
-    struct ply        ply;
+    struct ply ply;
     for (int i = 0; i < 8; i++) target[i] = (struct ply_target){.as_float = room};
     CHECK_OK(ply_open(test_ctx, path, &ply));
     CHECK(ply.elements > 0 && ply_read(test_ctx, &ply, ply.elements - 1, target) == OXL_ERR_INPUT);
@@ -245,22 +266,28 @@ static void ply_test_data_refused(const char *path, const char *words)
 
 TEST(ply_data_that_end_early_or_are_no_numbers_are_refused_with_their_place)
 {
-    static const char    ascii[] = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nend_header\n";
-    struct ply_test_file f       = {.size = 0};
-    char                 text[256];
+    static const char ascii[] =
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nend_header\n";
+    struct ply_test_file f = {.size = 0};
+    char text[256];
     snprintf(text, sizeof text, "%s1 2\n3 abc\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:8: row 1 of element vertex: found 'abc', expected a number");
+    ply_test_data_refused(test_write("d.ply", text),
+                          "d.ply:8: row 1 of element vertex: found 'abc', expected a number");
     snprintf(text, sizeof text, "%s1\n2 3 4\n", ascii);
     ply_test_data_refused(test_write("d.ply", text), "d.ply:7: row 0 of element vertex");
     snprintf(text, sizeof text, "%s1 2 3\n4 5\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:7: row 0 of element vertex: found '3', expected the end of the line");
+    ply_test_data_refused(test_write("d.ply", text),
+                          "d.ply:7: row 0 of element vertex: found '3', expected the end of the line");
     snprintf(text, sizeof text, "%s1.00000 2\n", ascii);
-    ply_test_data_refused(test_write("d.ply", text), "d.ply:8: row 1 of element vertex: found '', expected a number");
+    ply_test_data_refused(test_write("d.ply", text),
+                          "d.ply:8: row 1 of element vertex: found '', expected a number");
     ply_test_data_refused(
-        test_write("d.ply", "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n-1 2 3\n"),
+        test_write("d.ply",
+                   "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n-1 2 3\n"),
         "a list that fits");
     ply_test_data_refused(
-        test_write("d.ply", "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n900000000 2\n"),
+        test_write("d.ply",
+                   "ply\nformat ascii 1.0\nelement f 1\nproperty list int int i\nend_header\n900000000 2\n"),
         "a list that fits");
     ply_test_text(&f, "ply\nformat binary_little_endian 1.0\n" PLY_TEST_LISTS);
     ply_test_put(&f, 255, 1);

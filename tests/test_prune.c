@@ -3,16 +3,17 @@
 TEST(prune_keep_reads_shares_counts_sizes_and_auto)
 {
     static const struct {
-        const char   *text;
+        const char *text;
         oxl_keep_kind kind;
-        double        value;
-    } cases[]                        = {{"0.5", OXL_KEEP_FRACTION, 0.5},   {"400000", OXL_KEEP_COUNT, 400000},
-                                        {"4e5", OXL_KEEP_COUNT, 400000},   {"80MB", OXL_KEEP_BYTES, 80e6},
-                                        {"80m", OXL_KEEP_BYTES, 80e6},     {"1.5GiB", OXL_KEEP_BYTES, 1.5 * 1073741824},
-                                        {"300kb", OXL_KEEP_BYTES, 300000}, {"auto", OXL_KEEP_AUTO, 0},
-                                        {"all", OXL_KEEP_ALL, 0},          {"1", OXL_KEEP_ALL, 0}};
-    static const char *const wrong[] = {"", "0", "-0.5", "half", "80MBit", "80 MB", "nan", "0.5x", "inf", "MB", "1,5"};
-    oxl_keep                 keep;
+        double value;
+    } cases[] = {{"0.5", OXL_KEEP_FRACTION, 0.5},   {"400000", OXL_KEEP_COUNT, 400000},
+                 {"4e5", OXL_KEEP_COUNT, 400000},   {"80MB", OXL_KEEP_BYTES, 80e6},
+                 {"80m", OXL_KEEP_BYTES, 80e6},     {"1.5GiB", OXL_KEEP_BYTES, 1.5 * 1073741824},
+                 {"300kb", OXL_KEEP_BYTES, 300000}, {"auto", OXL_KEEP_AUTO, 0},
+                 {"all", OXL_KEEP_ALL, 0},          {"1", OXL_KEEP_ALL, 0}};
+    static const char *const wrong[] = {"",    "0",    "-0.5", "half", "80MBit", "80 MB",
+                                        "nan", "0.5x", "inf",  "MB",   "1,5"};
+    oxl_keep keep;
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         CHECK(option_read_keep(cases[i].text, &keep));
         CHECK(keep.kind == cases[i].kind);
@@ -23,18 +24,19 @@ TEST(prune_keep_reads_shares_counts_sizes_and_auto)
     }
 }
 
-/* ---------------------------------------------------------------- when */
+/* ---------------- when */
 
-/* A whole run in which the mean L1 is `factor` times itself after every check; steps of the drops and counts after them. */
+/* A whole run in which the mean L1 is `factor` times itself after every check; steps of the drops and counts
+ * after them. */
 struct prune_log {
-    int    drops, step[64];
+    int drops, step[64];
     size_t count[64];
 };
 
 static struct prune_log prune_simulate(struct prune *p, int iterations, size_t count, double factor)
 {
     struct prune_log log = {0};
-    double           l1  = 0.1;
+    double l1 = 0.1;
     for (int step = 1; step <= iterations; step++) {
         size_t drop;
         prune_observe(p, step, l1);
@@ -42,7 +44,7 @@ static struct prune_log prune_simulate(struct prune *p, int iterations, size_t c
         if (prune_is_check_step(p, step)) l1 *= factor;
         if (!drop) continue;
         count -= drop;
-        log.step[log.drops]    = step;
+        log.step[log.drops] = step;
         log.count[log.drops++] = count;
     }
     return log;
@@ -52,13 +54,14 @@ TEST(prune_drops_shrink_and_wait_for_the_loss_or_for_1500_of_40000_iterations)
 {
     static const size_t left[] = {75000, 62500, 56250, 53125, 50000};
     for (int recovers = 0; recovers < 2; recovers++) {
-        struct prune     p;
+        struct prune p;
         struct prune_log log;
         prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 40000, 20000, 300, 248);
         CHECK(p.start == 20200 && p.end == 30200);
         log = prune_simulate(&p, 40000, 100000, recovers ? 0.98 : 0.999);
         CHECK(log.drops == 5);
-        for (int i = 0; i < 5; i++) CHECK(log.count[i] == left[i] && log.step[i] == 20200 + i * (recovers ? 500 : 1500));
+        for (int i = 0; i < 5; i++)
+            CHECK(log.count[i] == left[i] && log.step[i] == 20200 + i * (recovers ? 500 : 1500));
     }
 }
 
@@ -67,9 +70,9 @@ TEST(prune_reaches_the_target_exactly_whatever_the_run_is_like)
     for (int iterations = 60; iterations < 9000; iterations = iterations * 3 / 2)
         for (size_t count = 1; count < 5000; count = count * 3 + 1)
             for (int k = 1; k < 10; k += 2) {
-                struct prune     p;
+                struct prune p;
                 struct prune_log log;
-                const size_t     wanted = (size_t)OXL_MAX(1.0, floor(0.1 * k * (double)count + 0.5));
+                const size_t wanted = (size_t)OXL_MAX(1.0, floor(0.1 * k * (double)count + 0.5));
                 prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.1 * k}, iterations, iterations / 2, 50, 248);
                 CHECK(p.start > iterations / 2 && p.end <= iterations && p.end <= 0.77 * iterations + 2);
                 log = prune_simulate(&p, iterations, count, 0.999);
@@ -96,11 +99,12 @@ TEST(prune_row_bytes_are_those_of_the_file)
 {
     for (int degree = 0; degree <= 3; degree++) {
         struct os_file_map file;
-        oxl_model          m;
+        oxl_model m;
         CHECK_OK(oxl_model_create(test_ctx, 1000, degree, &m));
         CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &m, degree));
         CHECK_OK(os_read_file(test_ctx, test_path("m.ply"), &file));
-        CHECK(file.size <= PRUNE_FILE + 1000 * prune_row_bytes(degree, 0) && file.size > 1000 * prune_row_bytes(degree, 0));
+        CHECK(file.size <= PRUNE_FILE + 1000 * prune_row_bytes(degree, 0) &&
+              file.size > 1000 * prune_row_bytes(degree, 0));
         os_release_file(test_ctx, &file);
         oxl_model_free(test_ctx, &m);
     }
@@ -109,20 +113,23 @@ TEST(prune_row_bytes_are_those_of_the_file)
 TEST(prune_auto_continues_while_the_validation_loss_holds)
 {
     struct prune p;
-    size_t       count = 8000, at_limit = 0;
-    int          last = 0;
+    size_t count = 8000, at_limit = 0;
+    int last = 0;
     prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
     for (int step = 1; step <= 40000; step++) {
-        const size_t drop = prune_due(&p, step, count, count < 4000 ? 0.1012 : 0.1); /* 1.2 % worse below 4000 */
+        /* 1.2 % worse below 4000 */
+        const size_t drop = prune_due(&p, step, count, count < 4000 ? 0.1012 : 0.1);
         if (drop) last = step;
         if (drop && count < 4000) at_limit++;
         count -= drop;
     }
     CHECK(count < 4000 && count >= 3500 && at_limit == 0 && last < 30200);
     prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
-    for (int step = 1; step <= 40000; step++) CHECK(prune_due(&p, step, 8000, NAN) == 0); /* nothing to judge by */
+    /* nothing to judge by */
+    for (int step = 1; step <= 40000; step++) CHECK(prune_due(&p, step, 8000, NAN) == 0);
     prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
-    for (int step = p.start + 1; step <= 40000; step++) prune_due(&p, step, 8000, 0.1); /* its first steps were a trial's */
+    /* its first steps were a trial's */
+    for (int step = p.start + 1; step <= 40000; step++) prune_due(&p, step, 8000, 0.1);
     CHECK(p.drops > 0);
 }
 
@@ -134,11 +141,12 @@ static void prune_state(struct archive *a, void *user)
 TEST(prune_continues_from_its_archive)
 {
     struct prune whole, half;
-    size_t       count = 100000, again;
-    int          found = 0;
+    size_t count = 100000, again;
+    int found = 0;
     prune_begin(&whole, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
     prune_begin(&half, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
-    for (int step = 1; step <= 2210; step++) prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count, 0);
+    for (int step = 1; step <= 2210; step++)
+        prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count, 0);
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", prune_state, &whole));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", prune_state, &half, &found));
     again = count;
@@ -150,14 +158,15 @@ TEST(prune_continues_from_its_archive)
     CHECK(found && count == 30000 && again == 30000);
 }
 
-/* ---------------------------------------------------------------- scores */
+/* ---------------- scores */
 
 TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 {
     enum { N = 500 };
-    float   score[N];
+    float score[N];
     uint8_t keep[N];
-    for (int i = 0; i < N; i++) score[i] = (float)(random_bits(1, 2, (uint64_t)i) % 40) * (i % 3 ? 1e-20f : 1e20f);
+    for (int i = 0; i < N; i++)
+        score[i] = (float)(random_bits(1, 2, (uint64_t)i) % 40) * (i % 3 ? 1e-20f : 1e20f);
     score[7] = 0, score[8] = FLT_MAX;
     for (size_t drop = 0; drop <= N; drop += 25) {
         size_t dropped = 0;
@@ -170,25 +179,27 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
     }
 }
 
-/* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they share nothing. */
+/* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they
+ * share nothing. */
 struct prune_case {
-    oxl_scene           *scene;
+    oxl_scene *scene;
     struct trained_model trained;
 };
 
 static struct prune_case prune_two_patches(int many, int few, float low)
 {
     enum { SIDE = 32 };
-    struct prune_case c         = {NULL, {{0}, {0}, {0}}};
-    oxl_view          view[16]  = {{0}};
-    oxl_image         image[16] = {{0}};
-    static char       names[16][16];
+    struct prune_case c = {NULL, {{0}, {0}, {0}}};
+    oxl_view view[16] = {{0}};
+    oxl_image image[16] = {{0}};
+    static char names[16][16];
     CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.trained.model));
     for (int i = 0; i < 128; i++) {
-        c.trained.model.plane[OXL_MEAN][i]     = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
+        c.trained.model.plane[OXL_MEAN][i] = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
         c.trained.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
-        c.trained.model.plane[OXL_OPACITY][i]  = i % 2 ? 2.0f : low; /* every second one is fainter */
-        for (int a = 0; a < 3; a++) c.trained.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.trained.model.plane[OXL_SH + a][i] = 1;
+        c.trained.model.plane[OXL_OPACITY][i] = i % 2 ? 2.0f : low; /* every second one is fainter */
+        for (int a = 0; a < 3; a++)
+            c.trained.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.trained.model.plane[OXL_SH + a][i] = 1;
     }
     CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.mean));
     CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.square));
@@ -222,19 +233,22 @@ static void prune_case_free(struct prune_case *c)
 static int prune_run_case(struct prune_case *c, const struct prune *p)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer         *r;
-    uint8_t                  keep[128];
-    int                      right = 0;
+    struct renderer *r;
+    uint8_t keep[128];
+    int right = 0;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(prune_choose(test_ctx, p, &(struct prune_of){r, c->scene, &options, &c->trained.model}, 64, keep));
+    CHECK_OK(
+        prune_choose(test_ctx, p, &(struct prune_of){r, c->scene, &options, &c->trained.model}, 64, keep));
     renderer_free(test_ctx, r);
     for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&c->trained, k), keep);
     CHECK(c->trained.model.count == 64 && c->trained.mean.count == 64 && c->trained.square.count == 64);
     for (int i = 0; i < 64; i++) {
         right += c->trained.model.plane[OXL_MEAN][i] > 0;
-        CHECK(c->trained.mean.plane[OXL_MEAN][i] == c->trained.model.plane[OXL_MEAN][i]); /* moments go with their rows */
+        /* moments go with their rows */
+        CHECK(c->trained.mean.plane[OXL_MEAN][i] == c->trained.model.plane[OXL_MEAN][i]);
         CHECK(i == 0 || c->trained.model.plane[OXL_MEAN][i] >= c->trained.model.plane[OXL_MEAN][i - 1] ||
-              c->trained.model.plane[OXL_MEAN + 1][i] > c->trained.model.plane[OXL_MEAN + 1][i - 1]); /* in their order */
+              /* in their order */
+              c->trained.model.plane[OXL_MEAN + 1][i] > c->trained.model.plane[OXL_MEAN + 1][i - 1]);
     }
     return right;
 }
@@ -242,8 +256,8 @@ static int prune_run_case(struct prune_case *c, const struct prune *p)
 TEST(prune_drops_the_faint_before_the_opaque)
 {
     struct prune_case c = prune_two_patches(4, 4, -2);
-    struct prune      p;
-    int               faint = 0;
+    struct prune p;
+    int faint = 0;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 8, 248);
     prune_run_case(&c, &p);
     for (int i = 0; i < 64; i++) faint += c.trained.model.plane[OXL_OPACITY][i] < 0;
@@ -255,7 +269,7 @@ TEST(prune_drops_the_faint_before_the_opaque)
 TEST(prune_scores_use_the_sampled_views_only)
 {
     struct prune_case c = prune_two_patches(10, 1, -2); /* the last view alone sees the right patch */
-    struct prune      p;
+    struct prune p;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 11, 248);
     p.views = 6; /* every second one: 0, 2, .. 10; after the first drop 1, 3, .. 9 */
     p.drops = 1;
@@ -265,17 +279,18 @@ TEST(prune_scores_use_the_sampled_views_only)
 
 TEST(prune_scores_are_the_same_with_any_threads)
 {
-    struct prune_case        c       = prune_two_patches(3, 2, -2);
+    struct prune_case c = prune_two_patches(3, 2, -2);
     const oxl_render_options options = oxl_render_options_default();
-    const int                threads = test_ctx->threads;
-    float                    score[2][128];
-    struct prune             p;
+    const int threads = test_ctx->threads;
+    float score[2][128];
+    struct prune p;
     prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 5, 248);
     for (int i = 0; i < 2; i++) {
         struct renderer *r;
         test_ctx->threads = i ? 5 : 1;
         CHECK_OK(renderer_create(test_ctx, &r));
-        CHECK_OK(prune_score(test_ctx, &p, &(struct prune_of){r, c.scene, &options, &c.trained.model}, score[i]));
+        CHECK_OK(
+            prune_score(test_ctx, &p, &(struct prune_of){r, c.scene, &options, &c.trained.model}, score[i]));
         renderer_free(test_ctx, r);
     }
     test_ctx->threads = threads;

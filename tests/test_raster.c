@@ -1,14 +1,16 @@
-/* test_raster.c - binning and compositing against reference/splat.c, which has no tiles; the same bytes whatever runs it.
+/* test_raster.c - binning and compositing against reference/splat.c, which has no tiles; the same bytes
+ * whatever runs it.
  *
  * The kernels run from their source in double where each pixel must agree (wide.h), in float for the rest.
  */
 #include "wide.h"
 
-/* Gaussians of every size, shape and faintness, many of them half or wholly out of the image. Rows 0..lobes-1 get second lobes of every
- * kind, up to four times as wide. */
+/* Gaussians of every size, shape and faintness, many of them half or wholly out of the image. Rows 0..lobes-1
+ * get second lobes of every kind, up to four times as wide. */
 static void raster_scene(struct wide *w, int count, int lobes, int width, int height)
 {
-    const oxl_camera camera = {width, height, 50, 50, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const oxl_camera camera = {
+        width, height, 50, 50, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     wide_create(w, &camera, (size_t)count, (size_t)lobes, 0);
     for (int i = 0; i < count; i++)
         for (int k = 0; k < OXL_SH + 3; k++) {
@@ -30,11 +32,12 @@ static void raster_scene(struct wide *w, int count, int lobes, int width, int he
 static double raster_difference(struct wide *w)
 {
     const int pixels = w->camera.width * w->camera.height;
-    double   *plain = wide_array(3 * (size_t)pixels), worst = 0;
+    double *plain = wide_array(3 * (size_t)pixels), worst = 0;
     splat_forward(w);
     memcpy(plain, w->rgb, 3 * (size_t)pixels * sizeof *plain);
     kernels_forward(w);
-    for (int i = 0; i < 3 * pixels; i++) worst = fabs(w->rgb[i] - plain[i]) <= worst ? worst : fabs(w->rgb[i] - plain[i]);
+    for (int i = 0; i < 3 * pixels; i++)
+        worst = fabs(w->rgb[i] - plain[i]) <= worst ? worst : fabs(w->rgb[i] - plain[i]);
     free(plain);
     return worst;
 }
@@ -44,15 +47,16 @@ static void raster_to_model(const struct wide *w, oxl_model *m)
     CHECK_OK(oxl_model_create(test_ctx, w->count, 0, m));
     CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) m->plane[k][i] = (float)w->plane[k][i];
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
+            m->plane[k][i] = (float)w->plane[k][i];
 }
 
 /* The view as the float kernels have it when they have rendered it; the caller frees it. */
 static struct renderer *raster_draw(const struct wide *w)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer         *r;
-    oxl_model                m;
+    struct renderer *r;
+    oxl_model m;
     raster_to_model(w, &m);
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(renderer_forward(test_ctx, r, &m, &w->camera, &options));
@@ -69,12 +73,13 @@ TEST(binning_loses_no_pixel_of_any_splat)
     wide_free(&w);
 }
 
-/* Pixel centres of a row of blocks may lie to both sides of the contour's tip: then a block holds no pixel that is lit. Few do. */
+/* Pixel centres of a row of blocks may lie to both sides of the contour's tip: then a block holds no pixel
+ * that is lit. Few do. */
 TEST(binning_lists_few_blocks_that_no_pixel_needs)
 {
-    struct wide      w;
+    struct wide w;
     struct renderer *r;
-    int              listed = 0, lit = 0;
+    int listed = 0, lit = 0;
     raster_scene(&w, 600, 0, 160, 128);
     r = raster_draw(&w);
     for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++)
@@ -84,8 +89,8 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
                 int any = 0;
                 if (!(r->bins.pair[i].subtiles >> subtile & 1)) continue;
                 for (int l = 0; l < PACK; l++) {
-                    const double x  = tile % r->bins.tiles_x * TILE + subtile % 4 * 4 + l % 4 + 0.5;
-                    const double y  = tile / r->bins.tiles_x * TILE + subtile / 4 * 4 + l / 4 + 0.5;
+                    const double x = tile % r->bins.tiles_x * TILE + subtile % 4 * 4 + l % 4 + 0.5;
+                    const double y = tile / r->bins.tiles_x * TILE + subtile / 4 * 4 + l / 4 + 0.5;
                     const double dy = y - s->v, dx = x - s->u + s->k * dy;
                     any |= s->peak - s->a * dx * dx - s->e * dy * dy >= -log2(255);
                 }
@@ -100,16 +105,17 @@ TEST(binning_lists_few_blocks_that_no_pixel_needs)
 
 TEST(binning_loses_no_pixel_of_either_lobe)
 {
-    struct wide      w;
+    struct wide w;
     struct renderer *r;
-    int              alone = 0;
+    int alone = 0;
     raster_scene(&w, 600, 350, 61, 47);
-    for (int i = 0; i < 40; i++)
-        w.plane[OXL_OPACITY][i] = -5.6; /* o < 1/255: only its second lobe could show, and that is fainter */
-    for (int i = 40; i < 80; i++)
-        for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = -6, w.plane[OXL_LOBE + 1 + a][i] = 5; /* a dot in a disc */
+    /* o < 1/255: only its second lobe could show, and that is fainter */
+    for (int i = 0; i < 40; i++) w.plane[OXL_OPACITY][i] = -5.6;
+    for (int i = 40; i < 80; i++) /* a dot in a disc */
+        for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = -6, w.plane[OXL_LOBE + 1 + a][i] = 5;
     r = raster_draw(&w);
-    for (size_t i = 0; i < 350; i++) alone += renderer_row_visible(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
+    for (size_t i = 0; i < 350; i++)
+        alone += renderer_row_visible(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
     CHECK(kernels_forward(&w) > 100 && alone > 10);
     CHECK_CLOSE(raster_difference(&w), 0, 1e-10);
     renderer_free(test_ctx, r);
@@ -120,7 +126,7 @@ TEST(binning_and_raster_leave_out_exactly_what_is_fainter_than_asked)
 {
     for (int lobes = 0; lobes <= 350; lobes += 350) {
         struct wide w, usual;
-        double      difference = 0;
+        double difference = 0;
         raster_scene(&w, 600, lobes, 61, 47);
         raster_scene(&usual, 600, lobes, 61, 47);
         w.alpha_min = 0.05;
@@ -136,7 +142,7 @@ TEST(binning_and_raster_leave_out_exactly_what_is_fainter_than_asked)
 TEST(negative_alpha_lets_no_pixel_grow_past_32)
 {
     struct wide w;
-    double      most = 0;
+    double most = 0;
     raster_scene(&w, 64, 64, 40, 40);
     for (int i = 0; i < 64; i++) {
         w.plane[OXL_MEAN][i] = w.plane[OXL_MEAN + 1][i] = 0;
@@ -155,7 +161,7 @@ TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
     struct wide w;
     raster_scene(&w, 16, 12, 40, 40);
     for (int i = 0; i < 16; i++) {
-        const int lobed      = i < 12;
+        const int lobed = i < 12;
         w.plane[OXL_MEAN][i] = w.plane[OXL_MEAN + 1][i] = 0, w.plane[OXL_MEAN + 2][i] = lobed ? 1 : -1;
         w.plane[OXL_OPACITY][i] = (float)(lobed ? 8 : 3 + 0.01 * i); /* no T falls on 1e-4 itself */
         if (lobed) w.plane[OXL_LOBE][i] = 8;
@@ -169,7 +175,7 @@ TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
 
 TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
 {
-    struct wide      w;
+    struct wide w;
     struct renderer *r;
     raster_scene(&w, 400, 0, 64, 64);
     for (int i = 0; i < 400; i++) w.plane[OXL_MEAN + 2][i] = i % 7 * 0.25;
@@ -194,7 +200,7 @@ TEST(raster_draws_images_of_odd_sizes)
     }
 }
 
-/* ---------------------------------------------------------------- the score */
+/* ---------------- the score */
 
 enum { SCORE_COUNT = 600, SCORE_WIDTH = 61, SCORE_HEIGHT = 47 };
 
@@ -208,9 +214,9 @@ static void raster_score_case(struct wide *w, int lobes, double *drgb)
 
 TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
 {
-    struct wide   w;
+    struct wide w;
     static double drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], score[SCORE_COUNT], plain[SCORE_COUNT];
-    double        largest = 0;
+    double largest = 0;
     for (int lobes = 0; lobes <= 200; lobes += 200) {
         raster_score_case(&w, lobes, drgb);
         memset(score, 0, sizeof score), memset(plain, 0, sizeof plain);
@@ -227,15 +233,16 @@ TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
 TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
 {
     const oxl_camera camera = {
-        SCORE_WIDTH, SCORE_HEIGHT, 50, 50, SCORE_WIDTH / 2.0, SCORE_HEIGHT / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    const int          threads = test_ctx->threads, isa = test_ctx->isa;
-    struct wide        r;
-    struct renderer   *renderer;
-    oxl_model          m;
+        SCORE_WIDTH, SCORE_HEIGHT, 50, 50, SCORE_WIDTH / 2.0, SCORE_HEIGHT / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
+        {0, 0, 4}};
+    const int threads = test_ctx->threads, isa = test_ctx->isa;
+    struct wide r;
+    struct renderer *renderer;
+    oxl_model m;
     oxl_render_options options = oxl_render_options_default();
-    static double      drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], exact[SCORE_COUNT];
-    static float       narrow[3 * SCORE_WIDTH * SCORE_HEIGHT], score[3][SCORE_COUNT];
-    double             total = 0, off = 0;
+    static double drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], exact[SCORE_COUNT];
+    static float narrow[3 * SCORE_WIDTH * SCORE_HEIGHT], score[3][SCORE_COUNT];
+    double total = 0, off = 0;
     memset(exact, 0, sizeof exact), memset(score, 0, sizeof score);
     raster_score_case(&r, 0, drgb);
     kernels_score(&r, drgb, exact);
@@ -247,11 +254,12 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     test_ctx->threads = 1;
     CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[0]));
     test_ctx->threads = 7;
-    test_ctx->isa     = OXL_MIN(isa, ISA_AVX2);
-    for (int twice = 0; twice < 2; twice++) CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[1 + twice]));
+    test_ctx->isa = OXL_MIN(isa, ISA_AVX2);
+    for (int twice = 0; twice < 2; twice++)
+        CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[1 + twice]));
     CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[2]));
     test_ctx->threads = threads;
-    test_ctx->isa     = isa;
+    test_ctx->isa = isa;
     CHECK(!memcmp(score[0], score[1], sizeof score[0]));
     for (int i = 0; i < SCORE_COUNT; i++) {
         CHECK(score[2][i] == 2 * score[0][i]);
@@ -263,16 +271,17 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     wide_free(&r);
 }
 
-/* ---------------------------------------------------------------- dropout */
+/* ---------------- dropout */
 
 enum { DROP_SIDE = 64, DROP_COUNT = 400 };
 
 /* The sum of all channels with dropout. */
-static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const oxl_camera *camera, double share)
+static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const oxl_camera *camera,
+                                 double share)
 {
     const oxl_render_options options = oxl_render_options_default();
-    const float             *rgb;
-    double                   sum = 0;
+    const float *rgb;
+    double sum = 0;
     renderer_set_dropout(r, share, 7, 3);
     CHECK_OK(renderer_forward(test_ctx, r, m, camera, &options));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
@@ -282,23 +291,24 @@ static double raster_dropped_sum(struct renderer *r, const oxl_model *m, const o
 
 TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_with_the_gradient_of_that)
 {
-    const oxl_camera         camera  = {DROP_SIDE, DROP_SIDE, 50, 50, 32, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const oxl_camera camera = {DROP_SIDE, DROP_SIDE, 50, 50, 32, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const oxl_render_options options = oxl_render_options_default();
-    static float             ones[3 * DROP_SIDE * DROP_SIDE];
-    struct renderer         *r;
-    struct wide              w;
-    oxl_model                m, gradient;
-    float                    peak[DROP_COUNT];
-    int                      shown[DROP_COUNT], before = 0, after = 0;
-    size_t                   only = 0;
-    double                   sum;
+    static float ones[3 * DROP_SIDE * DROP_SIDE];
+    struct renderer *r;
+    struct wide w;
+    oxl_model m, gradient;
+    float peak[DROP_COUNT];
+    int shown[DROP_COUNT], before = 0, after = 0;
+    size_t only = 0;
+    double sum;
     raster_scene(&w, DROP_COUNT, 0, DROP_SIDE, DROP_SIDE);
     raster_to_model(&w, &m);
     for (int i = 0; i < 3 * DROP_SIDE * DROP_SIDE; i++) ones[i] = 1;
     CHECK_OK(renderer_create(test_ctx, &r));
     renderer_use_cpu(r);
     CHECK_OK(renderer_forward(test_ctx, r, &m, &camera, &options));
-    for (size_t i = 0; i < DROP_COUNT; i++) shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
+    for (size_t i = 0; i < DROP_COUNT; i++)
+        shown[i] = renderer_row_visible(r, i), peak[i] = r->splat[i].peak, before += shown[i];
     (void)raster_dropped_sum(r, &m, &camera, 0.5);
     for (size_t i = 0; i < DROP_COUNT; i++) {
         if (!renderer_row_visible(r, i)) continue;
@@ -320,15 +330,15 @@ TEST(renderer_dropout_leaves_out_its_share_and_divides_the_opacity_of_the_rest_w
     wide_free(&w);
 }
 
-/* ---------------------------------------------------------------- what else it draws */
+/* ---------------- what else it draws */
 
 TEST(raster_shows_the_background_where_there_is_nothing)
 {
-    const oxl_camera   camera  = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    const oxl_camera camera = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     oxl_render_options options = oxl_render_options_default();
-    oxl_model          m;
-    oxl_image          image;
-    float              depth[200];
+    oxl_model m;
+    oxl_image image;
+    float depth[200];
     options.background[2] = 0.75f;
     CHECK_OK(oxl_model_create(test_ctx, 0, 0, &m));
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image, depth));
@@ -340,13 +350,13 @@ TEST(raster_shows_the_background_where_there_is_nothing)
 TEST(raster_depth_is_that_of_the_surface)
 {
     const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    oxl_model        m;
-    oxl_image        image;
-    float            depth[32 * 32];
+    oxl_model m;
+    oxl_image image;
+    float depth[32 * 32];
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
     for (int i = 0; i < 2; i++) {
         m.plane[OXL_MEAN + 2][i] = i == 0 ? 2.5f : 9;
-        m.plane[OXL_OPACITY][i]  = i == 0 ? 9 : 0;
+        m.plane[OXL_OPACITY][i] = i == 0 ? 9 : 0;
         for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = 1;
     }
     CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, depth));
@@ -355,7 +365,7 @@ TEST(raster_depth_is_that_of_the_surface)
     oxl_model_free(test_ctx, &m);
 }
 
-/* ---------------------------------------------------------------- independent of threads and vector width */
+/* ---------------- independent of threads and vector width */
 
 struct raster_result {
     oxl_image image;
@@ -364,22 +374,22 @@ struct raster_result {
 
 static struct raster_result raster_run(int threads, int isa, int lobes)
 {
-    oxl_render_options   options        = oxl_render_options_default();
-    const oxl_camera     camera         = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    const int            threads_before = test_ctx->threads, isa_before = test_ctx->isa;
-    struct wide          r;
-    oxl_model            m;
+    oxl_render_options options = oxl_render_options_default();
+    const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const int threads_before = test_ctx->threads, isa_before = test_ctx->isa;
+    struct wide r;
+    oxl_model m;
     struct raster_result out;
-    static float         drgb[3 * 113 * 71];
+    static float drgb[3 * 113 * 71];
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
     raster_scene(&r, 3000, lobes, 113, 71);
     raster_to_model(&r, &m);
     test_ctx->threads = threads;
-    test_ctx->isa     = isa;
+    test_ctx->isa = isa;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &out.image, NULL));
     CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &out.gradient));
     test_ctx->threads = threads_before;
-    test_ctx->isa     = isa_before;
+    test_ctx->isa = isa_before;
     oxl_model_free(test_ctx, &m);
     wide_free(&r);
     return out;
@@ -396,10 +406,10 @@ static double raster_mean_difference(const oxl_image *a, const double *b)
 TEST(render_option_alpha_min_is_what_the_kernels_get_and_at_least_1_of_255)
 {
     oxl_render_options options = oxl_render_options_default();
-    const oxl_camera   camera  = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    struct wide        r;
-    oxl_model          m;
-    oxl_image          image[3]; /* asked for 1/255, 0, 0.05 */
+    const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    struct wide r;
+    oxl_model m;
+    oxl_image image[3]; /* asked for 1/255, 0, 0.05 */
     raster_scene(&r, 1000, 0, 113, 71);
     r.camera = camera, r.near_plane = options.near_plane, r.alpha_min = 0.05;
     raster_to_model(&r, &m);
@@ -435,7 +445,8 @@ static int raster_same(const struct raster_result *a, const struct raster_result
 TEST(image_and_gradient_are_the_same_bytes_with_1_2_and_7_threads)
 {
     for (int lobes = 0; lobes <= 900; lobes += 900) {
-        struct raster_result one = raster_run(1, test_ctx->isa, lobes), two = raster_run(2, test_ctx->isa, lobes),
+        struct raster_result one = raster_run(1, test_ctx->isa, lobes),
+                             two = raster_run(2, test_ctx->isa, lobes),
                              seven = raster_run(7, test_ctx->isa, lobes);
         CHECK(one.gradient.lobes == (size_t)lobes);
         CHECK(raster_same(&one, &two));
@@ -451,7 +462,7 @@ TEST(image_and_gradient_are_the_same_bytes_with_avx2_and_avx512)
     struct raster_result wide, narrow;
     if (test_ctx->isa != ISA_AVX512) SKIP("this machine has no AVX-512");
     for (int lobes = 0; lobes <= 900; lobes += 900) {
-        wide   = raster_run(2, ISA_AVX512, lobes);
+        wide = raster_run(2, ISA_AVX512, lobes);
         narrow = raster_run(2, ISA_AVX2, lobes);
         CHECK(raster_same(&wide, &narrow));
         raster_result_free(&wide);
@@ -462,7 +473,7 @@ TEST(image_and_gradient_are_the_same_bytes_with_avx2_and_avx512)
 TEST(base_instruction_set_differs_by_rounding_alone)
 {
     struct raster_result best = raster_run(1, test_ctx->isa, 900), base = raster_run(1, ISA_BASE, 900);
-    int                  off = 0;
+    int off = 0;
     for (int i = 0; i < 3 * 113 * 71; i++) off += fabsf(best.image.rgb[i] - base.image.rgb[i]) > 1e-5f;
     CHECK(off < 3 * 113 * 71 / 500);
     raster_result_free(&best);
@@ -472,10 +483,10 @@ TEST(base_instruction_set_differs_by_rounding_alone)
 /* One invisible row with a lobe sends the whole image through the passes for mixed batches. */
 TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {
-    const oxl_camera     camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    static float         drgb[3 * 113 * 71];
-    struct wide          r;
-    oxl_model            m;
+    const oxl_camera camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    static float drgb[3 * 113 * 71];
+    struct wide r;
+    oxl_model m;
     struct raster_result plain, beside;
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
     raster_scene(&r, 3000, 0, 113, 71);

@@ -1,21 +1,23 @@
-/* test_reference.c - the kernels against reference/splat.c, an independent implementation in double: image, loss, every gradient, the
- * optimizer's step and the decisions of density control.
+/* test_reference.c - the kernels against reference/splat.c, an independent implementation in double: image,
+ * loss, every gradient, the optimizer's step and the decisions of density control.
  *
- * Pixels where a threshold is so near that float may decide the other way (splat_fragile) are not compared, and get no gradient.
+ * Pixels where a threshold is so near that float may decide the other way (splat_fragile) are not compared,
+ * and get no gradient.
  * Errors are shares of the largest value of a plane. Bounds are about four times what was measured.
  */
 #include "wide.h"
 
-/* ---------------------------------------------------------------- scenes */
+/* ---------------- scenes */
 
 struct reference_scene {
     const char *what;
     void (*make)(struct wide *w, double value); /* changes the mixed scene */
     double value;
-    int    width, height, count, lobes, degree;
+    int width, height, count, lobes, degree;
 };
 
-#define REFERENCE_IMAGE    8e-6 /* bounds: of images, in full white or the largest value (measured at most 1.8e-6); */
+/* bounds: of images, in full white or the largest value (measured at most 1.8e-6); */
+#define REFERENCE_IMAGE 8e-6
 #define REFERENCE_GRADIENT 2e-4 /* of gradients, see reference_gradient_error (measured at most 4.3e-5) */
 
 static double reference_random(size_t i, size_t k)
@@ -23,10 +25,11 @@ static double reference_random(size_t i, size_t k)
     return 2 * random_unit(random_bits(41, i, k)) - 1;
 }
 
-/* A value of plane k is mean + spread u, u random in -1..1; a range holds the planes from the last one's end on. */
+/* A value of plane k is mean + spread u, u random in -1..1; a range holds the planes from the last one's end
+ * on. */
 struct reference_range {
-    int         end;
-    double      mean, spread;
+    int end;
+    double mean, spread;
     const char *name;
 };
 
@@ -47,7 +50,8 @@ static const char *reference_plane_name(int k)
     return reference_range(REFERENCE_MIXED, k)->name;
 }
 
-/* Gaussians of all sizes and shapes, before a camera that is turned and looks past their middle; odd principal point. */
+/* Gaussians of all sizes and shapes, before a camera that is turned and looks past their middle; odd
+ * principal point. */
 static void reference_mixed(const struct reference_scene *e, struct wide *w)
 {
     oxl_camera c = {e->width, e->height, 58, 61, e->width * 0.46, e->height * 0.55, {0}, {0.1, -0.05, 3.2}};
@@ -57,7 +61,7 @@ static void reference_mixed(const struct reference_scene *e, struct wide *w)
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
             const struct reference_range *range = reference_range(REFERENCE_MIXED, k);
-            w->plane[k][i]                      = range->mean + range->spread * reference_random(i, (size_t)k);
+            w->plane[k][i] = range->mean + range->spread * reference_random(i, (size_t)k);
         }
 }
 
@@ -69,7 +73,8 @@ static void reference_as_it_is(struct wide *w, double value)
 static void reference_fill(struct wide *w, int first, int end, double mean, double spread)
 {
     for (int k = first; k < end; k++)
-        for (size_t i = 0; i < w->count; i++) w->plane[k][i] = mean + spread * reference_random(i, (size_t)k + 100);
+        for (size_t i = 0; i < w->count; i++)
+            w->plane[k][i] = mean + spread * reference_random(i, (size_t)k + 100);
 }
 
 /* log_scale */
@@ -82,7 +87,8 @@ static void reference_size(struct wide *w, double log_scale)
 static void reference_thin(struct wide *w, double ratio)
 {
     for (size_t i = 0; i < w->count; i++)
-        for (int a = 0; a < 3; a++) w->plane[OXL_LOG_SCALE + a][i] = (i % 3 == (size_t)a) == i % 2 ? -log(ratio) : -0.5;
+        for (int a = 0; a < 3; a++)
+            w->plane[OXL_LOG_SCALE + a][i] = (i % 3 == (size_t)a) == i % 2 ? -log(ratio) : -0.5;
 }
 
 static void reference_opacity(struct wide *w, double logit)
@@ -96,9 +102,10 @@ static void reference_near(struct wide *w, double spread)
     const double *r = w->camera.rotation, *t = w->camera.translation;
     reference_size(w, -4);
     for (size_t i = 0; i < w->count; i++) {
-        const double z    = w->near_plane + spread * reference_random(i, 7),
+        const double z = w->near_plane + spread * reference_random(i, 7),
                      q[3] = {0.3 * w->plane[0][i] * z, 0.3 * w->plane[1][i] * z, z};
-        for (int a = 0; a < 3; a++) w->plane[a][i] = r[a] * (q[0] - t[0]) + r[3 + a] * (q[1] - t[1]) + r[6 + a] * (q[2] - t[2]);
+        for (int a = 0; a < 3; a++)
+            w->plane[a][i] = r[a] * (q[0] - t[0]) + r[3 + a] * (q[1] - t[1]) + r[6 + a] * (q[2] - t[2]);
     }
 }
 
@@ -107,7 +114,8 @@ static void reference_aside(struct wide *w, double slope)
 {
     camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, w->camera.rotation);
     reference_size(w, log(slope) + 0.3);
-    for (size_t i = 0; i < w->count; i++) w->plane[OXL_MEAN + i % 2][i] += (i % 4 < 2 ? 3.2 : -3.2) * slope * (i % 2 ? 0.7 : 1);
+    for (size_t i = 0; i < w->count; i++)
+        w->plane[OXL_MEAN + i % 2][i] += (i % 4 < 2 ? 3.2 : -3.2) * slope * (i % 2 ? 0.7 : 1);
 }
 
 /* Second lobes that take away more than is there, around each centre: alpha is negative, T grows past 16. */
@@ -180,7 +188,8 @@ static void reference_make(const struct reference_scene *e, struct wide *w)
     e->make(w, e->value);
     w->near_plane = (float)w->near_plane;
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) w->plane[k][i] = (float)w->plane[k][i];
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
+            w->plane[k][i] = (float)w->plane[k][i];
 }
 
 static void reference_to_model(const struct wide *w, oxl_model *m)
@@ -188,10 +197,11 @@ static void reference_to_model(const struct wide *w, oxl_model *m)
     CHECK_OK(oxl_model_create(test_ctx, w->count, w->sh_degree, m));
     CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) m->plane[k][i] = (float)w->plane[k][i];
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
+            m->plane[k][i] = (float)w->plane[k][i];
 }
 
-/* ---------------------------------------------------------------- reference/splat.c itself */
+/* ---------------- reference/splat.c itself */
 
 static double reference_weight(size_t i)
 {
@@ -202,7 +212,8 @@ static double reference_dot(struct wide *w)
 {
     double sum = 0;
     splat_forward(w);
-    for (size_t i = 0; i < 3 * (size_t)w->camera.width * (size_t)w->camera.height; i++) sum += reference_weight(i) * w->rgb[i];
+    for (size_t i = 0; i < 3 * (size_t)w->camera.width * (size_t)w->camera.height; i++)
+        sum += reference_weight(i) * w->rgb[i];
     return sum;
 }
 
@@ -221,7 +232,7 @@ static void reference_smooth(struct wide *w, double spread)
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
             const struct reference_range *range = reference_range(smooth, k);
-            w->plane[k][i]                      = range->mean + range->spread * reference_random(i, (size_t)k);
+            w->plane[k][i] = range->mean + range->spread * reference_random(i, (size_t)k);
         }
 }
 
@@ -229,7 +240,7 @@ static void reference_smooth(struct wide *w, double spread)
 static void reference_check_differences(struct wide *w, double bound)
 {
     const size_t values = 3 * (size_t)w->camera.width * (size_t)w->camera.height;
-    double      *drgb   = wide_array(values);
+    double *drgb = wide_array(values);
     for (size_t i = 0; i < values; i++) drgb[i] = reference_weight(i);
     splat_forward(w);
     for (size_t i = 0; i < w->count; i++) CHECK(w->inside[i] > 0);
@@ -238,10 +249,10 @@ static void reference_check_differences(struct wide *w, double bound)
         double worst = 0, largest = 0;
         for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
             const double h = 1e-3;
-            double      *x = &w->plane[k][i], was = *x, f[4];
+            double *x = &w->plane[k][i], was = *x, f[4];
             for (int n = 0; n < 4; n++) *x = was + h * (n < 2 ? n - 2 : n - 1), f[n] = reference_dot(w);
-            *x      = was;
-            worst   = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - w->gradient[k][i]));
+            *x = was;
+            worst = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - w->gradient[k][i]));
             largest = OXL_MAX(largest, fabs(w->gradient[k][i]));
         }
         CHECK_CLOSE(worst, 0, bound * largest);
@@ -252,7 +263,7 @@ static void reference_check_differences(struct wide *w, double bound)
 TEST(reference_gradients_agree_with_finite_differences)
 {
     const struct reference_scene scene = {"", reference_as_it_is, 0, 14, 11, 6, 4, 3};
-    struct wide                  w;
+    struct wide w;
     reference_mixed(&scene, &w);
     w.camera.fx = 12, w.camera.fy = 13;
     reference_smooth(&w, 0.3);
@@ -264,7 +275,7 @@ TEST(reference_gradients_agree_with_finite_differences)
 TEST(reference_gradients_are_exact_where_the_jacobian_is_clamped)
 {
     const struct reference_scene scene = {"", reference_as_it_is, 0, 14, 11, 5, 2, 1};
-    struct wide                  w;
+    struct wide w;
     reference_mixed(&scene, &w);
     w.camera.fx = w.camera.fy = 150;
     reference_smooth(&w, 1.5);
@@ -286,22 +297,23 @@ TEST(reference_training_lowers_the_loss)
     wide_free(&start);
 }
 
-/* ---------------------------------------------------------------- images and gradients */
+/* ---------------- images and gradients */
 
 /* The largest difference outside of fragile pixels, as a share of the largest value. */
 static double reference_image_error(const struct wide *w, const oxl_image *image, const char *fragile)
 {
-    const int n     = w->camera.width * w->camera.height;
-    double    worst = 0, largest = 1;
+    const int n = w->camera.width * w->camera.height;
+    double worst = 0, largest = 1;
     for (int i = 0; i < 3 * n; i++) {
-        if (!fragile[i % n] && !(fabs(image->rgb[i] - w->rgb[i]) <= worst)) worst = fabs(image->rgb[i] - w->rgb[i]);
+        if (!fragile[i % n] && !(fabs(image->rgb[i] - w->rgb[i]) <= worst))
+            worst = fabs(image->rgb[i] - w->rgb[i]);
         largest = OXL_MAX(largest, w->rgb[i]);
     }
     return worst / largest;
 }
 
-/* The largest difference of a plane as a share of its largest value, but for what is a hundredth of the largest of all: there float's
- * noise shows. plane: the one of this difference. */
+/* The largest difference of a plane as a share of its largest value, but for what is a hundredth of the
+ * largest of all: there float's noise shows. plane: the one of this difference. */
 static double reference_gradient_error(const struct wide *w, const oxl_model *gradient, int *plane)
 {
     double worst[OXL_PLANES] = {0}, largest[OXL_PLANES] = {0}, all = 1e-30, error = 0;
@@ -310,7 +322,7 @@ static double reference_gradient_error(const struct wide *w, const oxl_model *gr
             const double off = fabs(gradient->plane[k][i] - w->gradient[k][i]);
             if (!(off <= worst[k])) worst[k] = off; /* not a number counts */
             largest[k] = OXL_MAX(largest[k], fabs(w->gradient[k][i]));
-            all        = OXL_MAX(all, largest[k]);
+            all = OXL_MAX(all, largest[k]);
         }
     for (int k = 0; k < OXL_PLANES; k++) {
         const double e = worst[k] / OXL_MAX(largest[k], 0.01 * all);
@@ -321,22 +333,22 @@ static double reference_gradient_error(const struct wide *w, const oxl_model *gr
 
 /* A scene, rendered and differentiated by splat.c, and what the kernels take. */
 struct reference_case {
-    struct wide        w;
-    oxl_model          m;
+    struct wide w;
+    oxl_model m;
     oxl_render_options options;
-    char              *fragile; /* (H,W) */
-    float             *drgb;    /* (3,H,W) dL/d(image): 0 in fragile pixels */
-    size_t             solid;   /* pixels that are not */
+    char *fragile; /* (H,W) */
+    float *drgb;   /* (3,H,W) dL/d(image): 0 in fragile pixels */
+    size_t solid;  /* pixels that are not */
 };
 
 static void reference_open(const struct reference_scene *e, struct reference_case *c)
 {
     const size_t pixels = (size_t)e->width * (size_t)e->height;
-    double      *wide   = wide_array(3 * pixels);
-    c->fragile          = malloc(pixels);
-    c->drgb             = malloc(3 * pixels * sizeof *c->drgb);
-    c->options          = oxl_render_options_default();
-    c->solid            = 0;
+    double *wide = wide_array(3 * pixels);
+    c->fragile = malloc(pixels);
+    c->drgb = malloc(3 * pixels * sizeof *c->drgb);
+    c->options = oxl_render_options_default();
+    c->solid = 0;
     if (!c->fragile || !c->drgb) abort();
     reference_make(e, &c->w);
     reference_to_model(&c->w, &c->m);
@@ -344,7 +356,8 @@ static void reference_open(const struct reference_scene *e, struct reference_cas
     c->options.near_plane = (float)c->w.near_plane;
     splat_fragile(&c->w, c->fragile);
     for (size_t i = 0; i < pixels; i++) c->solid += !c->fragile[i];
-    for (size_t i = 0; i < 3 * pixels; i++) wide[i] = c->drgb[i] = c->fragile[i % pixels] ? 0 : (float)reference_weight(i);
+    for (size_t i = 0; i < 3 * pixels; i++)
+        wide[i] = c->drgb[i] = c->fragile[i % pixels] ? 0 : (float)reference_weight(i);
     splat_forward(&c->w);
     splat_backward(&c->w, wide);
     free(wide);
@@ -361,20 +374,21 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
 {
     for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
         const struct reference_scene *e = &REFERENCE_SCENES[n];
-        struct reference_case         c;
-        oxl_model                     gradient;
-        oxl_image                     image;
-        double                        rendered, derived;
-        int                           plane = 0;
+        struct reference_case c;
+        oxl_model gradient;
+        oxl_image image;
+        double rendered, derived;
+        int plane = 0;
         reference_open(e, &c);
         CHECK_OK(oxl_render(test_ctx, &c.m, &c.w.camera, &c.options, &image, NULL));
         CHECK_OK(oxl_render_backward(test_ctx, &c.m, &c.w.camera, &c.options, c.drgb, &gradient));
         rendered = reference_image_error(&c.w, &image, c.fragile);
-        derived  = reference_gradient_error(&c.w, &gradient, &plane);
-        if (!(rendered <= REFERENCE_IMAGE && derived <= REFERENCE_GRADIENT && 2 * c.solid > (size_t)(e->width * e->height))) {
+        derived = reference_gradient_error(&c.w, &gradient, &plane);
+        if (!(rendered <= REFERENCE_IMAGE && derived <= REFERENCE_GRADIENT &&
+              2 * c.solid > (size_t)(e->width * e->height))) {
             test_failed++;
-            printf("  %s: image %.1e, gradient %.1e (plane %d, %s), %zu solid pixels\n", e->what, rendered, derived, plane,
-                   reference_plane_name(plane), c.solid);
+            printf("  %s: image %.1e, gradient %.1e (plane %d, %s), %zu solid pixels\n", e->what, rendered,
+                   derived, plane, reference_plane_name(plane), c.solid);
         }
         oxl_model_free(test_ctx, &gradient);
         oxl_image_free(test_ctx, &image);
@@ -387,8 +401,8 @@ TEST(reference_agrees_with_the_kernels_in_double)
 {
     for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
         struct reference_case c;
-        double               *drgb, *gradient[OXL_PLANES] = {0}, *rgb, worst = 0, most = 1;
-        size_t                values;
+        double *drgb, *gradient[OXL_PLANES] = {0}, *rgb, worst = 0, most = 1;
+        size_t values;
         reference_open(&REFERENCE_SCENES[n], &c);
         values = 3 * (size_t)c.w.camera.width * (size_t)c.w.camera.height;
         drgb = wide_array(values), rgb = c.w.rgb, c.w.rgb = wide_array(values);
@@ -405,11 +419,12 @@ TEST(reference_agrees_with_the_kernels_in_double)
             worst = 0, most = 1e-30;
             for (size_t i = 0; gradient[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
                 worst = OXL_MAX(worst, fabs(c.w.gradient[k][i] - gradient[k][i]));
-                most  = OXL_MAX(most, fabs(gradient[k][i]));
+                most = OXL_MAX(most, fabs(gradient[k][i]));
             }
             if (!(worst / most <= 1e-7)) {
                 test_failed++;
-                printf("  %s: plane %d, %s: %.1e\n", REFERENCE_SCENES[n].what, k, reference_plane_name(k), worst / most);
+                printf("  %s: plane %d, %s: %.1e\n", REFERENCE_SCENES[n].what, k, reference_plane_name(k),
+                       worst / most);
             }
             free(gradient[k]);
         }
@@ -418,16 +433,17 @@ TEST(reference_agrees_with_the_kernels_in_double)
     }
 }
 
-/* What density control and the step of rows in view go by. A row whose box ends within 0.1 px of the outermost pixel centres may be either:
+/* What density control and the step of rows in view go by. A row whose box ends within 0.1 px of the
+ * outermost pixel centres may be either:
  * the kernels' boxes are a little wider than the contour. */
 TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
 {
     for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
         struct reference_case c;
-        struct renderer      *r;
-        oxl_model             gradient;
-        double                worst = 0, largest = 1e-30;
-        int                   other = 0;
+        struct renderer *r;
+        oxl_model gradient;
+        double worst = 0, largest = 1e-30;
+        int other = 0;
         reference_open(&REFERENCE_SCENES[n], &c);
         reference_to_model(&c.w, &gradient);
         CHECK_OK(renderer_create(test_ctx, &r));
@@ -436,7 +452,7 @@ TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
         for (size_t i = 0; i < c.w.count; i++) {
             const double length = renderer_row_visible(r, i) ? renderer_mean_gradient(r, i) : 0;
             other += fabs(c.w.inside[i]) > 0.1 && renderer_row_visible(r, i) != (c.w.inside[i] > 0);
-            worst   = OXL_MAX(worst, fabs(length - c.w.dmean2d[i]));
+            worst = OXL_MAX(worst, fabs(length - c.w.dmean2d[i]));
             largest = OXL_MAX(largest, c.w.dmean2d[i]);
         }
         CHECK(other == 0);
@@ -447,15 +463,16 @@ TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
     }
 }
 
-/* Half of them shorter than a float's inverse can say, which counts as unturned; the other half just long enough. */
+/* Half of them shorter than a float's inverse can say, which counts as unturned; the other half just long
+ * enough. */
 TEST(reference_rotations_of_the_shortest_quaternions_agree)
 {
     const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, 100, 0, 0};
-    struct wide                  w, m_of;
-    oxl_model                    m;
-    oxl_image                    image;
-    char                         fragile[64 * 48];
-    oxl_render_options           options = oxl_render_options_default();
+    struct wide w, m_of;
+    oxl_model m;
+    oxl_image image;
+    char fragile[64 * 48];
+    oxl_render_options options = oxl_render_options_default();
     reference_mixed(&scene, &w);
     reference_mixed(&scene, &m_of);
     for (size_t i = 0; i < w.count; i++) {
@@ -478,16 +495,16 @@ TEST(reference_rotations_of_the_shortest_quaternions_agree)
     wide_free(&m_of);
 }
 
-/* ---------------------------------------------------------------- the loss */
+/* ---------------- the loss */
 
 static void reference_check_loss(int width, int height, double contrast, float weight)
 {
-    const size_t        n = 3 * (size_t)width * (size_t)height;
-    double             *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), value, worst = 0, largest = 0;
-    float              *narrow  = calloc(3 * n, sizeof *narrow);
-    struct loss_job     job     = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n};
+    const size_t n = 3 * (size_t)width * (size_t)height;
+    double *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), value, worst = 0, largest = 0;
+    float *narrow = calloc(3 * n, sizeof *narrow);
+    struct loss_job job = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n};
     struct loss_scratch scratch = {0};
-    struct loss_value   out;
+    struct loss_value out;
     if (!narrow) abort();
     for (size_t i = 0; i < n; i++) {
         x[i] = narrow[i] = (float)(0.3 + 0.3 * contrast * reference_random(i, 50));
@@ -497,7 +514,7 @@ static void reference_check_loss(int width, int height, double contrast, float w
     CHECK_OK(loss_forward_backward(test_ctx, &job, &scratch, &out));
     CHECK_CLOSE(out.total, value, 2e-6);
     for (size_t i = 0; i < n; i++) {
-        worst   = OXL_MAX(worst, fabs(narrow[2 * n + i] - dx[i]));
+        worst = OXL_MAX(worst, fabs(narrow[2 * n + i] - dx[i]));
         largest = OXL_MAX(largest, fabs(dx[i]));
     }
     CHECK_CLOSE(worst, 0, 1e-4 * largest);
@@ -516,20 +533,21 @@ TEST(reference_loss_and_its_gradient_agree)
     }
 }
 
-/* ---------------------------------------------------------------- the optimizer */
+/* ---------------- the optimizer */
 
-/* Through the renderer, as in a run: its bias corrections too. Gradients from 1e-16, where Adam's epsilon counts, to 1. */
+/* Through the renderer, as in a run: its bias corrections too. Gradients from 1e-16, where Adam's epsilon
+ * counts, to 1. */
 TEST(reference_steps_of_adam_agree)
 {
     enum { STEPS = 60, ROWS = 60 };
     const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
-    struct adam_params           adam  = {.beta = RENDERER_BETAS};
-    struct renderer_nonfinite    aside;
-    struct renderer             *r;
-    struct reference_case        c;
-    oxl_model                    gradient;
-    struct trained_model         t;
-    static double                x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
+    struct adam_params adam = {.beta = RENDERER_BETAS};
+    struct renderer_nonfinite aside;
+    struct renderer *r;
+    struct reference_case c;
+    oxl_model gradient;
+    struct trained_model t;
+    static double x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
     reference_open(&scene, &c);
     reference_to_model(&c.w, &gradient);
     reference_to_model(&c.w, &t.model);
@@ -539,15 +557,17 @@ TEST(reference_steps_of_adam_agree)
     CHECK_OK(renderer_forward(test_ctx, r, &t.model, &c.w.camera, &c.options));
     for (int k = 0; k < OXL_PLANES; k++) {
         adam.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
-        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) x[k][i] = c.w.plane[k][i];
+        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
+            x[k][i] = c.w.plane[k][i];
     }
     for (adam.step = 1; adam.step <= STEPS; adam.step++) {
         for (int k = 0; k < OXL_PLANES; k++)
             for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
-                const double g       = 0.3 + reference_random(i, (size_t)(k + 100 * adam.step));
+                const double g = 0.3 + reference_random(i, (size_t)(k + 100 * adam.step));
                 gradient.plane[k][i] = (float)(i % 2 ? g : g * exp(-(double)(i % 37)));
                 if (renderer_row_visible(r, i))
-                    splat_adam(&x[k][i], gradient.plane[k][i], adam.rate[k], adam.step, &mean[k][i], &square[k][i]);
+                    splat_adam(&x[k][i], gradient.plane[k][i], adam.rate[k], adam.step, &mean[k][i],
+                               &square[k][i]);
             }
         CHECK_OK(renderer_step(test_ctx, r, &t, &gradient, &adam, &aside));
     }
@@ -575,39 +595,41 @@ TEST(reference_learning_rates_are_the_papers)
     CHECK_CLOSE(o.ssim_weight, 0.2, 1e-7); /* Kerbl 2023 */
 }
 
-/* ---------------------------------------------------------------- density control */
+/* ---------------- density control */
 
 enum { REFERENCE_ROWS = 60 };
 
-/* All combinations of opacity, scale and gradient: 1 % below and above each threshold, and away from it. Scales about 0.01, where Kerbl's code
- * changes from clone to split, must make no difference. */
+/* All combinations of opacity, scale and gradient: 1 % below and above each threshold, and away from it.
+ * Scales about 0.01, where Kerbl's code changes from clone to split, must make no difference. */
 static void reference_density_rows(oxl_model *m, double extent, double *gradient)
 {
-    static const double opacities[3] = {0.99 * 0.005, 1.01 * 0.005, 0.5}, gradients[4] = {1e-5, 0.99 * 2e-4, 1.01 * 2e-4, 1e-3};
+    static const double opacities[3] = {0.99 * 0.005, 1.01 * 0.005, 0.5},
+                        gradients[4] = {1e-5, 0.99 * 2e-4, 1.01 * 2e-4, 1e-3};
     static const double scales[5] = {0.99 * 0.01, 1.01 * 0.01, 0.03, 0.99 * 0.1, 1.01 * 0.1};
     CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, m));
     for (int i = 0; i < REFERENCE_ROWS; i++) {
         const double o = opacities[i % 3], scale = scales[i / 3 % 5] * extent;
-        gradient[i]              = gradients[i / 15];
+        gradient[i] = gradients[i / 15];
         m->plane[OXL_OPACITY][i] = (float)log(o / (1 - o));
         for (int a = 0; a < 3; a++) {
-            m->plane[OXL_MEAN + a][i]      = (float)reference_random((size_t)i, (size_t)a);
-            m->plane[OXL_ROTATION + a][i]  = (float)reference_random((size_t)i, (size_t)a + 3);
+            m->plane[OXL_MEAN + a][i] = (float)reference_random((size_t)i, (size_t)a);
+            m->plane[OXL_ROTATION + a][i] = (float)reference_random((size_t)i, (size_t)a + 3);
             m->plane[OXL_LOG_SCALE + a][i] = (float)log(a == i % 3 ? scale : 0.3 * scale);
         }
     }
 }
 
 /* Rows after density control, as the reference has it: children stand next to each other. */
-static void reference_check_children(const oxl_model *was, const oxl_model *is, const oxl_model *mean, const double *gradient,
-                                     double extent, int was_reset)
+static void reference_check_children(const oxl_model *was, const oxl_model *is, const oxl_model *mean,
+                                     const double *gradient, double extent, int was_reset)
 {
     size_t at = 0;
     for (size_t i = 0; i < REFERENCE_ROWS; i++) {
-        const double             log_scale[3] = {was->plane[OXL_LOG_SCALE][i], was->plane[OXL_LOG_SCALE + 1][i],
-                                                 was->plane[OXL_LOG_SCALE + 2][i]};
-        const enum splat_verdict verdict = splat_classify(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
-        const int                rows    = verdict == SPLAT_REMOVE ? 0 : verdict == SPLAT_KEEP ? 1 : 2;
+        const double log_scale[3] = {was->plane[OXL_LOG_SCALE][i], was->plane[OXL_LOG_SCALE + 1][i],
+                                     was->plane[OXL_LOG_SCALE + 2][i]};
+        const enum splat_verdict verdict =
+            splat_classify(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
+        const int rows = verdict == SPLAT_REMOVE ? 0 : verdict == SPLAT_KEEP ? 1 : 2;
         for (int child = 0; child < rows && at < is->count; child++, at++) {
             double row[OXL_SH];
             for (int k = 0; k < OXL_SH; k++) row[k] = was->plane[k][i];
@@ -623,12 +645,14 @@ TEST(reference_density_control_removes_keeps_and_splits_the_same_rows)
 {
     const double extent = 2.5;
     for (int was_reset = 0; was_reset < 2; was_reset++) {
-        const struct density_rules rules = {
-            .gradient = oxl_train_options_default(OXL_PRESET_PAPER).densify_gradient, .extent = extent, .split_large = was_reset};
-        double                gradient[REFERENCE_ROWS];
-        oxl_model             was;
-        struct trained_model  is;
-        struct density       *d;
+        const struct density_rules rules = {.gradient =
+                                                oxl_train_options_default(OXL_PRESET_PAPER).densify_gradient,
+                                            .extent = extent,
+                                            .split_large = was_reset};
+        double gradient[REFERENCE_ROWS];
+        oxl_model was;
+        struct trained_model is;
+        struct density *d;
         struct density_change change;
         reference_density_rows(&was, extent, gradient);
         reference_density_rows(&is.model, extent, gradient);
@@ -646,13 +670,14 @@ TEST(reference_density_control_removes_keeps_and_splits_the_same_rows)
     }
 }
 
-/* Where 1 - opacity rounds to 0, splat.c gives children an infinite logit; the kernel limits their opacity to 1 - 1e-6. */
+/* Where 1 - opacity rounds to 0, splat.c gives children an infinite logit; the kernel limits their opacity to
+ * 1 - 1e-6. */
 TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
 {
     const struct density_rules rules = {.gradient = 1e-9f, .extent = 1};
-    struct trained_model       m;
-    struct density            *d;
-    struct density_change      change;
+    struct trained_model m;
+    struct density *d;
+    struct density_change change;
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m.model));
     CHECK_OK(model_trained_begin(test_ctx, &m));
     m.model.plane[OXL_OPACITY][0] = 60;
@@ -661,7 +686,8 @@ TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
     d->gradient[0] = 1, d->views[0] = 1;
     CHECK_OK(test_density(test_ctx, d, &m, &rules, &change));
     CHECK(m.model.count == 2);
-    for (size_t i = 0; i < m.model.count; i++) CHECK_CLOSE(m.model.plane[OXL_OPACITY][i], log((1 - 1e-6) / 1e-6), 1e-4);
+    for (size_t i = 0; i < m.model.count; i++)
+        CHECK_CLOSE(m.model.plane[OXL_OPACITY][i], log((1 - 1e-6) / 1e-6), 1e-4);
     density_free(test_ctx, d);
     model_trained_free(test_ctx, &m);
 }

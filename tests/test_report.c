@@ -16,9 +16,9 @@
 /* The page of the test's folder OUT, in memory to be freed. */
 static char *report_test_page(void)
 {
-    const struct report r  = {.out = test_path("out")};
-    const oxl_result    rc = report_write(test_ctx, test_path("out"));
-    char               *page;
+    const struct report r = {.out = test_path("out")};
+    const oxl_result rc = report_write(test_ctx, test_path("out"));
+    char *page;
     CHECK(rc == OXL_OK);
     if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
     page = output_read(r.out, "report.html", NULL);
@@ -46,19 +46,24 @@ static void report_test_run(void)
         "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
         "{\"level\": \"info\", \"text\": \"a line of the log\"}],\n"
         "\"decisions\": {\"partition\": {\"chosen\": \"2d\", \"blocks\": 2, \"evidence\": \"16000 points; l3/l2 = 0.1\"}}}");
-    test_write("out/metrics.json",
-               "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
-               "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
-               "\"psnr\": 28.5, \"ssim\": 0.82, \"views\": [{\"name\": \"fine.png\", \"psnr\": 31, \"ssim\": 0.9}, "
-               "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8}]}");
+    test_write(
+        "out/metrics.json",
+        "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
+        "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
+        "\"psnr\": 28.5, \"ssim\": 0.82, \"views\": [{\"name\": \"fine.png\", \"psnr\": 31, \"ssim\": 0.9}, "
+        "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8}]}");
     for (int k = 0; k < 2; k++) {
         char name[64];
         snprintf(name, sizeof name, "out/blocks/%03d/block.json", k);
-        test_write(name, "{\"finished\": true, \"gaussians\": 11200, \"seconds\": 7.5, \"decisions\": {\"sh_degree\": "
-                         "{\"chosen\": \"2\", \"evidence\": \"degree 3 26.6 dB, degree <2> 26.7\"}}}");
+        test_write(
+            name,
+            "{\"finished\": true, \"gaussians\": 11200, \"seconds\": 7.5, \"decisions\": {\"sh_degree\": "
+            "{\"chosen\": \"2\", \"evidence\": \"degree 3 26.6 dB, degree <2> 26.7\"}}}");
         snprintf(name, sizeof name, "out/blocks/%03d/log.csv", k);
-        test_write(name, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,0.2,14,100,0.1,1.5,2,1000000\n"
-                         "12,0.1,20,200,1,1.5,2,2000000\n");
+        test_write(
+            name,
+            "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,0.2,14,100,0.1,1.5,2,1000000\n"
+            "12,0.1,20,200,1,1.5,2,2000000\n");
     }
 }
 
@@ -80,7 +85,7 @@ TEST(report_escapes_every_name)
 
 TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
 {
-    char       *page;
+    char *page;
     const char *worst;
     report_test_run();
     page = report_test_page();
@@ -95,7 +100,8 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     CHECK_TEXT(page, "22\xE2\x80\xAF"
                      "400");
     CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
-    CHECK_TEXT(page, "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
+    CHECK_TEXT(page,
+               "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
     CHECK_TEXT(
         page,
         " --preset draft --iterations 12 --sh-degree 3 --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint --ucd 1.5,3,fixed "
@@ -109,7 +115,8 @@ TEST(report_of_blocks_shows_the_coarse_model_as_one_more_row)
 {
     char *page;
     report_test_run();
-    test_write("out/blocks/coarse/block.json", "{\"finished\": false, \"gaussians\": 22400, \"iterations_done\": 77}");
+    test_write("out/blocks/coarse/block.json",
+               "{\"finished\": false, \"gaussians\": 22400, \"iterations_done\": 77}");
     page = report_test_page();
     CHECK_TEXT(page, "<tr><td>coarse model<td class=\"n\">77<td");
     CHECK_TEXT(page, "&#9644; coarse model</b>");
@@ -127,8 +134,9 @@ TEST(report_has_the_decisions_of_the_merged_model)
         "{\"finished\": true, \"iterations_done\": 55, \"decisions\": {\"keep\": {\"chosen\": \"1600\", \"evidence\": \"1600 of 3200 "
         "after density control: as set\"}, \"dog\": {\"chosen\": \"0 of 1600\"}}}");
     page = report_test_page();
-    CHECK_TEXT(page,
-               "<dt>Pruning (--keep)</dt><dd>0.5<small>merged model: 1600: 1600 of 3200 after density control: as set</small>");
+    CHECK_TEXT(
+        page,
+        "<dt>Pruning (--keep)</dt><dd>0.5<small>merged model: 1600: 1600 of 3200 after density control: as set</small>");
     CHECK_TEXT(page, "<dt>Second lobes (--dog)</dt><dd>selective</dd>"); /* without evidence: not shown */
     CHECK_TEXT(page, "<tr><td>merged model<td class=\"n\">55<td");
     free(page);
@@ -139,8 +147,8 @@ TEST(report_asks_the_network_for_nothing)
     char *page;
     report_test_run();
     page = report_test_page();
-    CHECK(!strstr(page, "http:") && !strstr(page, "https:") && !strstr(page, "url(") && !strstr(page, "<script") &&
-          !strstr(page, "<link"));
+    CHECK(!strstr(page, "http:") && !strstr(page, "https:") && !strstr(page, "url(") &&
+          !strstr(page, "<script") && !strstr(page, "<link"));
     free(page);
 }
 
@@ -177,7 +185,8 @@ TEST(report_survives_files_that_are_cut_short)
 
 TEST(report_base64_pads_as_rfc_4648_says)
 {
-    static const char *const plain[] = {"f", "fo", "foo", "foob"}, *const coded[] = {"Zg==", "Zm8=", "Zm9v", "Zm9vYg=="};
+    static const char *const plain[] = {"f", "fo", "foo", "foob"}, *const coded[] = {"Zg==", "Zm8=", "Zm9v",
+                                                                                     "Zm9vYg=="};
     for (int i = 0; i < 4; i++) {
         struct output t = {0};
         page_data(&t, "a/b", plain[i], strlen(plain[i]));
@@ -188,9 +197,10 @@ TEST(report_base64_pads_as_rfc_4648_says)
 
 TEST(report_json_reads_escapes_and_finds_members_at_their_own_depth)
 {
-    const char *json = "{\"a\": {\"b\": 1}, \"s\": \"x\\\"\\u00e9\\n]\", \"b\": [2, -3.5e-1 ,{}], \"t\": true}";
+    const char *json =
+        "{\"a\": {\"b\": 1}, \"s\": \"x\\\"\\u00e9\\n]\", \"b\": [2, -3.5e-1 ,{}], \"t\": true}";
     const char *list = oxl_json_member(json, "b");
-    char       *s    = json_string(oxl_json_member(json, "s"));
+    char *s = json_string(oxl_json_member(json, "s"));
     CHECK(s && strcmp(s, "x\"\xC3\xA9\n]") == 0);
     CHECK(oxl_json_number(oxl_json_member(json, "a"), "b") == 1);
     list = oxl_json_first(list);
@@ -199,7 +209,8 @@ TEST(report_json_reads_escapes_and_finds_members_at_their_own_depth)
     CHECK_CLOSE(oxl_json_number_at(&(const char *){list}), -0.35, 1e-15);
     list = oxl_json_next(list);
     CHECK(*list == '{' && oxl_json_next(list) == NULL);
-    CHECK(oxl_json_is_true(json, "t") && !oxl_json_is_true(json, "a") && isnan(oxl_json_number(json, "none")));
+    CHECK(oxl_json_is_true(json, "t") && !oxl_json_is_true(json, "a") &&
+          isnan(oxl_json_number(json, "none")));
     free(s);
 }
 
@@ -207,6 +218,7 @@ TEST(report_json_reads_nothing_past_the_end_of_a_text_that_is_cut_short)
 {
     static const char in_a_name[] = "{\"a\": \"x\0, \"b\": 2}", in_an_escape[] = "{\"a\": \"x\\\0, \"b\": 2}",
                       in_a_list[] = "{\"a\": [1\0, \"b\": 2}";
-    CHECK(!oxl_json_member(in_a_name, "b") && !oxl_json_member(in_an_escape, "b") && !oxl_json_member(in_a_list, "b"));
+    CHECK(!oxl_json_member(in_a_name, "b") && !oxl_json_member(in_an_escape, "b") &&
+          !oxl_json_member(in_a_list, "b"));
     CHECK(!oxl_json_next(oxl_json_first(oxl_json_member(in_a_list, "a"))));
 }

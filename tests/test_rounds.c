@@ -14,18 +14,19 @@ static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
         m.plane[OXL_ROTATION][i] = 1;
     }
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
-        for (size_t i = 0; i < lobes; i++) m.plane[k][i] = (float)(random_unit(random_bits(seed, i, (uint64_t)k)) - 0.9);
+        for (size_t i = 0; i < lobes; i++)
+            m.plane[k][i] = (float)(random_unit(random_bits(seed, i, (uint64_t)k)) - 0.9);
     return m;
 }
 
 static oxl_camera rounds_test_camera(int width, int height)
 {
-    return (oxl_camera){.width    = width,
-                        .height   = height,
-                        .fx       = 60,
-                        .fy       = 60,
-                        .cx       = width / 2.0,
-                        .cy       = height / 2.0,
+    return (oxl_camera){.width = width,
+                        .height = height,
+                        .fx = 60,
+                        .fy = 60,
+                        .cx = width / 2.0,
+                        .cy = height / 2.0,
                         .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 }
 
@@ -33,7 +34,7 @@ static oxl_camera rounds_test_camera(int width, int height)
 static float *rounds_test_slope(const oxl_camera *c)
 {
     const size_t n = 3 * (size_t)c->width * (size_t)c->height;
-    float       *d = oxl_alloc(test_ctx, n, sizeof *d);
+    float *d = oxl_alloc(test_ctx, n, sizeof *d);
     for (size_t i = 0; i < n; i++) d[i] = (float)(random_unit(random_bits(9, i, 0)) - 0.5);
     return d;
 }
@@ -45,21 +46,24 @@ static double rounds_test_largest_difference(const float *a, const float *b, siz
     return most;
 }
 
-static const struct medium rounds_test_medium = {
-    .on = 1, .attenuation = {0.4f, 0.3f, 0.2f}, .backscatter = {0.3f, 0.2f, 0.1f}, .veiling_light = {0.1f, 0.3f, 0.4f}};
+static const struct medium rounds_test_medium = {.on = 1,
+                                                 .attenuation = {0.4f, 0.3f, 0.2f},
+                                                 .backscatter = {0.3f, 0.2f, 0.1f},
+                                                 .veiling_light = {0.1f, 0.3f, 0.4f}};
 
 TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_rows)
 {
     for (size_t kind = 0; kind < 4; kind++) { /* with lobes; behind a medium */
-        const size_t       lobes  = kind % 2;
-        const oxl_camera   camera = rounds_test_camera(64, 48);
-        struct medium      medium = rounds_test_medium;
-        oxl_render_options o      = oxl_render_options_default();
-        oxl_model        own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes), all, g1, g2;
-        float           *slope = rounds_test_slope(&camera);
+        const size_t lobes = kind % 2;
+        const oxl_camera camera = rounds_test_camera(64, 48);
+        struct medium medium = rounds_test_medium;
+        oxl_render_options o = oxl_render_options_default();
+        oxl_model own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes),
+                  all, g1, g2;
+        float *slope = rounds_test_slope(&camera);
         struct renderer *a = NULL, *b = NULL;
-        const float     *x, *y;
-        float            s1[120] = {0}, s2[120] = {0};
+        const float *x, *y;
+        float s1[120] = {0}, s2[120] = {0};
         CHECK_OK(oxl_model_create(test_ctx, 0, 0, &all));
         CHECK_OK(merge_rows(test_ctx, &own, NULL, &all));
         CHECK_OK(merge_rows(test_ctx, &context, NULL, &all));
@@ -107,17 +111,19 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
 
 TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
 {
-    const oxl_camera   full = rounds_test_camera(64, 48);
-    oxl_camera         part = full;
-    oxl_model          m    = rounds_test_model(80, 3, 0), g1, g2;
-    oxl_render_options o    = oxl_render_options_default();
-    const struct lamp  lamp = {.view = -1, .shape = {0.3f, -0.4f, 0.2f, 0.1f, -0.5f, 0.3f, 0.2f, 0.1f, -0.3f, 0.2f}};
-    const int          x0 = 16, y0 = 16;
-    float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
-    struct renderer     *a = NULL, *b = NULL;
-    const float         *x, *y;
+    const oxl_camera full = rounds_test_camera(64, 48);
+    oxl_camera part = full;
+    oxl_model m = rounds_test_model(80, 3, 0), g1, g2;
+    oxl_render_options o = oxl_render_options_default();
+    const struct lamp lamp = {.view = -1,
+                              .shape = {0.3f, -0.4f, 0.2f, 0.1f, -0.5f, 0.3f, 0.2f, 0.1f, -0.3f, 0.2f}};
+    const int x0 = 16, y0 = 16;
+    float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image),
+          *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
+    struct renderer *a = NULL, *b = NULL;
+    const float *x, *y;
     struct renderer_loss loss;
-    double               most = 0, largest = 0;
+    double most = 0, largest = 0;
     part.width = 32, part.height = 32;
     part.cx -= x0, part.cy -= y0;
     CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g1));
@@ -134,24 +140,27 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     for (int c = 0; c < 3; c++)
         for (int v = 0; v < 32; v++)
             for (int u = 0; u < 32; u++)
-                most = OXL_MAX(most, fabs((double)x[(c * 32 + v) * 32 + u] - y[(c * 48 + v + y0) * 64 + u + x0]));
+                most = OXL_MAX(most,
+                               fabs((double)x[(c * 32 + v) * 32 + u] - y[(c * 48 + v + y0) * 64 + u + x0]));
     CHECK(most < 1e-6);
     for (int v = 0; v < 32; v++)
         for (int u = 0; u < 32; u++) weight[(v + y0) * 64 + u + x0] = 1;
-    CHECK_OK(renderer_loss(test_ctx, a, image, NULL, 0, &loss));   /* L1 to black, of the window; */
-    CHECK_OK(renderer_loss(test_ctx, b, image, weight, 0, &loss)); /* of the same pixels of the image: a mean over them alone */
+    CHECK_OK(renderer_loss(test_ctx, a, image, NULL, 0, &loss)); /* L1 to black, of the window; */
+    /* of the same pixels of the image: a mean over them alone */
+    CHECK_OK(renderer_loss(test_ctx, b, image, weight, 0, &loss));
     CHECK_OK(renderer_backward(test_ctx, a, NULL, &g1));
     CHECK_OK(renderer_backward(test_ctx, b, NULL, &g2));
     for (size_t i = 0; i < m.count; i++)
         for (int k = 0; k < OXL_SH && renderer_row_visible(a, i) && renderer_row_visible(b, i); k++) {
             const double share = 32.0 * 32 / (64 * 48);
-            most               = OXL_MAX(most, fabs(g1.plane[k][i] - share * g2.plane[k][i]));
-            largest            = OXL_MAX(largest, fabs(g1.plane[k][i]));
+            most = OXL_MAX(most, fabs(g1.plane[k][i] - share * g2.plane[k][i]));
+            largest = OXL_MAX(largest, fabs(g1.plane[k][i]));
         }
     CHECK(largest > 1e-4 && most < 1e-4 * largest + 1e-6);
     for (size_t i = 0; i < m.count; i++)
         if (renderer_row_visible(a, i) && renderer_row_visible(b, i))
-            CHECK_CLOSE(renderer_mean_gradient(a, i), renderer_mean_gradient(b, i) * 32.0 * 32 / (64 * 48), 1e-5);
+            CHECK_CLOSE(renderer_mean_gradient(a, i), renderer_mean_gradient(b, i) * 32.0 * 32 / (64 * 48),
+                        1e-5);
     renderer_free(test_ctx, a);
     renderer_free(test_ctx, b);
     oxl_free(test_ctx, image);
@@ -161,13 +170,14 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
 
 TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
 {
-    const oxl_camera     full  = rounds_test_camera(64, 48);
-    oxl_camera           part  = full;
-    oxl_model            m     = rounds_test_model(200, 4, 0);
-    oxl_render_options   o     = oxl_render_options_default();
-    float               *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), gradient[200] = {0}, views[2][200] = {{0}};
-    size_t               counted = 0, cut = 0;
-    struct renderer     *r[2] = {NULL, NULL};
+    const oxl_camera full = rounds_test_camera(64, 48);
+    oxl_camera part = full;
+    oxl_model m = rounds_test_model(200, 4, 0);
+    oxl_render_options o = oxl_render_options_default();
+    float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), gradient[200] = {0},
+          views[2][200] = {{0}};
+    size_t counted = 0, cut = 0;
+    struct renderer *r[2] = {NULL, NULL};
     struct renderer_loss loss;
     part.width = 32, part.height = 32;
     part.cx -= 16, part.cy -= 16;
@@ -181,8 +191,8 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
         CHECK_OK(renderer_observe(test_ctx, r[k], &sums));
     }
     for (size_t i = 0; i < m.count; i++) {
-        const struct splat *s      = &r[1]->splat[i];
-        const int           inside = renderer_row_visible(r[1], i) && s->u >= 0 && s->v >= 0 && s->u < 32 && s->v < 32;
+        const struct splat *s = &r[1]->splat[i];
+        const int inside = renderer_row_visible(r[1], i) && s->u >= 0 && s->v >= 0 && s->u < 32 && s->v < 32;
         CHECK(views[0][i] == (float)renderer_row_visible(r[0], i) && views[1][i] == (float)inside);
         counted += (size_t)inside;
         cut += renderer_row_visible(r[1], i) && !inside;
@@ -195,7 +205,7 @@ TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
 
 TEST(window_is_the_rectangle_that_is_worth_most)
 {
-    const double        value[] = {-1, -1, -1, -1, -1, 3, 2, -1, -1, 2, -1, 4, -9, -9, -9, -9};
+    const double value[] = {-1, -1, -1, -1, -1, 3, 2, -1, -1, 2, -1, 4, -9, -9, -9, -9};
     struct image_window best;
     CHECK(plan_best_rectangle(value, 4, 4, &best) == 9);
     CHECK(best.x == 1 && best.y == 1 && best.width == 3 && best.height == 2);
@@ -204,9 +214,9 @@ TEST(window_is_the_rectangle_that_is_worth_most)
 TEST(model_that_stays_in_its_file_has_the_pixels_of_the_whole_and_is_copied_to_the_same_bytes)
 {
     for (size_t lobes = 0; lobes < 2; lobes++) {
-        oxl_model          whole    = rounds_test_model(5000, 3, 2000 * lobes), paged, again;
-        const double       origin[] = {0.25, -1, 0.5};
-        oxl_render_options o        = oxl_render_options_default();
+        oxl_model whole = rounds_test_model(5000, 3, 2000 * lobes), paged, again;
+        const double origin[] = {0.25, -1, 0.5};
+        oxl_render_options o = oxl_render_options_default();
         for (size_t i = 0; i < whole.count; i++)
             for (int a = 0; a < 3; a++) whole.plane[OXL_MEAN + a][i] *= 30;
         CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &whole, 1));
@@ -217,7 +227,7 @@ TEST(model_that_stays_in_its_file_has_the_pixels_of_the_whole_and_is_copied_to_t
         oxl_model_move_origin(&paged, origin);
         for (int k = 0; k < 8; k++) {
             oxl_camera camera = rounds_test_camera(64, 48);
-            oxl_image  a = {0}, b = {0};
+            oxl_image a = {0}, b = {0};
             camera_rotation_from_quaternion((double[4]){1, 0.1 * k, 0.7 * k - 2, 0}, camera.rotation);
             camera.cx += 9 * k - 40;
             CHECK_OK(oxl_render(test_ctx, &again, &camera, &o, &a, NULL));
@@ -233,7 +243,8 @@ TEST(model_that_stays_in_its_file_has_the_pixels_of_the_whole_and_is_copied_to_t
         CHECK_OK(oxl_model_read(test_ctx, test_path("n.ply"), &again));
         for (int k = 0; k < OXL_PLANES; k++)
             if (whole.plane[k])
-                CHECK(!memcmp(again.plane[k], whole.plane[k], (k < OXL_LOBE ? whole.count : whole.lobes) * sizeof(float)));
+                CHECK(!memcmp(again.plane[k], whole.plane[k],
+                              (k < OXL_LOBE ? whole.count : whole.lobes) * sizeof(float)));
         oxl_model_free(test_ctx, &whole);
         oxl_model_free(test_ctx, &again);
         oxl_model_free(test_ctx, &paged);

@@ -10,17 +10,17 @@ static void scene_remember(void *user, oxl_log_level level, const char *text)
 
 static void scene_listen(void)
 {
-    scene_log[0]           = 0;
-    test_ctx->options.log  = scene_remember;
+    scene_log[0] = 0;
+    test_ctx->options.log = scene_remember;
     test_ctx->options.user = NULL;
 }
 
-/* A survey of n images (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand 1 apart along
- * x, from `base` on. Written to the test's folder under `name`. */
+/* A survey of n images (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand
+ * 1 apart along x, from `base` on. Written to the test's folder under `name`. */
 static const char *scene_survey(const char *name, int n, double base, int with_files)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    char        path[128];
+    char path[128];
     text_add(&images, "# images\n");
     for (int i = n - 1; i >= 0; i--) /* not in the order of names */
         text_add(&images, "%d 1 0 0 0 %.17g 0 0 1 img%02d.png\n1 2 %d\n", 10 + i, -(base + i), i, 1);
@@ -52,11 +52,12 @@ static const char *scene_survey(const char *name, int n, double base, int with_f
 
 TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
 {
-    const char       *path    = scene_survey("s", 3, 0, 1);
+    const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
-    test_write("s/sparse/0/images.txt",
-               "# Number of images: 18, mean observations per image: 1\n10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n");
+    oxl_scene *scene;
+    test_write(
+        "s/sparse/0/images.txt",
+        "# Number of images: 18, mean observations per image: 1\n10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n");
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT && scene == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "fewer rows than its header announces");
     CHECK_TEXT(oxl_error_text(test_ctx), "--force");
@@ -69,12 +70,14 @@ TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
 TEST(scene_does_not_depend_on_the_order_of_lines)
 {
     const char *path = scene_survey("s", 3, 0, 1);
-    oxl_scene  *a, *b;
+    oxl_scene *a, *b;
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &a));
-    test_write("s/sparse/0/images.txt", "10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n12 1 0 0 0 -2 0 0 1 img02.png\n1 2 1\n"
-                                        "11 1 0 0 0 -1 0 0 1 img01.png\n1 2 1\n");
-    test_write("s/sparse/0/points3D.txt", "3 2 0 10 20 20 30 0.5 10 0 11 0 12 0\n1 0 0 10 0 20 30 0.5 10 0 11 0 12 0\n"
-                                          "4 3 1 10 30 20 30 0.5 10 0 11 0 12 0\n2 1 1 10 10 20 30 0.5 10 0 11 0 12 0\n");
+    test_write("s/sparse/0/images.txt",
+               "10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n12 1 0 0 0 -2 0 0 1 img02.png\n1 2 1\n"
+               "11 1 0 0 0 -1 0 0 1 img01.png\n1 2 1\n");
+    test_write("s/sparse/0/points3D.txt",
+               "3 2 0 10 20 20 30 0.5 10 0 11 0 12 0\n1 0 0 10 0 20 30 0.5 10 0 11 0 12 0\n"
+               "4 3 1 10 30 20 30 0.5 10 0 11 0 12 0\n2 1 1 10 10 20 30 0.5 10 0 11 0 12 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &b));
     CHECK(oxl_scene_point_count(a) == 4 && oxl_scene_point_count(b) == 4);
     for (int i = 0; i < 4; i++) {
@@ -88,9 +91,9 @@ TEST(scene_does_not_depend_on_the_order_of_lines)
 
 TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 {
-    const char               *path = scene_survey("s", 17, 0, 1);
+    const char *path = scene_survey("s", 17, 0, 1);
     const struct scene_stats *stats;
-    oxl_scene                *scene;
+    oxl_scene *scene;
     scene_listen();
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == 17 && oxl_scene_point_count(scene) == 4);
@@ -103,7 +106,8 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
         CHECK(scene_image(test_ctx, scene, i)->rgb[0] == i + 1);
     }
     stats = &scene->stats;
-    CHECK(stats->images_listed == 17 && stats->images_missing == 0 && stats->test_views == 3 && stats->observations == 68);
+    CHECK(stats->images_listed == 17 && stats->images_missing == 0 && stats->test_views == 3 &&
+          stats->observations == 68);
     CHECK_CLOSE(stats->mean_track, 17, 1e-12);
     CHECK_CLOSE(stats->mean_error, 0.5, 1e-6);
     CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 10, 1e-9);
@@ -113,17 +117,19 @@ TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 
 TEST(scene_far_from_zero_loses_nothing)
 {
-    const double far       = 4200000.25; /* UTM */
-    const char  *near_path = scene_survey("near", 9, 0, 1), *far_path = scene_survey("far", 9, far, 1);
-    oxl_scene   *a, *b;
+    const double far = 4200000.25; /* UTM */
+    const char *near_path = scene_survey("near", 9, 0, 1), *far_path = scene_survey("far", 9, far, 1);
+    oxl_scene *a, *b;
     CHECK_OK(oxl_scene_load(test_ctx, near_path, NULL, &a));
     CHECK_OK(oxl_scene_load(test_ctx, far_path, NULL, &b));
     CHECK_CLOSE(oxl_scene_origin(b)[0] - oxl_scene_origin(a)[0], far, 1e-9);
     CHECK(fabs(oxl_scene_points(b)->position[0]) < 10);
-    for (int i = 0; i < 4; i++) CHECK_CLOSE(oxl_scene_points(b)[i].position[0], oxl_scene_points(a)[i].position[0], 2e-9);
+    for (int i = 0; i < 4; i++)
+        CHECK_CLOSE(oxl_scene_points(b)[i].position[0], oxl_scene_points(a)[i].position[0], 2e-9);
     for (int i = 0; i < 9; i++)
         for (int k = 0; k < 3; k++)
-            CHECK_CLOSE(oxl_scene_view(b, i)->camera.translation[k], oxl_scene_view(a, i)->camera.translation[k], 2e-9);
+            CHECK_CLOSE(oxl_scene_view(b, i)->camera.translation[k],
+                        oxl_scene_view(a, i)->camera.translation[k], 2e-9);
     CHECK_CLOSE(oxl_scene_extent(b), oxl_scene_extent(a), 1e-8);
     oxl_scene_free(test_ctx, a);
     oxl_scene_free(test_ctx, b);
@@ -137,7 +143,8 @@ TEST(measure_picks_without_sorting_what_sorting_would_find)
     for (int kinds = 1; kinds <= MOST; kinds *= 7)
         for (size_t n = 0; n <= MOST; n = 3 * n + 1)
             for (double quantile = 0; quantile <= 1; quantile += 1.0 / 16) {
-                for (size_t i = 0; i < n; i++) value[i] = sorted[i] = (double)(random_bits(3, i, n) % (uint64_t)kinds);
+                for (size_t i = 0; i < n; i++)
+                    value[i] = sorted[i] = (double)(random_bits(3, i, n) % (uint64_t)kinds);
                 if (n > 0) qsort(sorted, n, sizeof *sorted, stats_compare);
                 CHECK(stats_select(value, n, quantile) == stats_quantile(sorted, n, quantile));
             }
@@ -146,12 +153,12 @@ TEST(measure_picks_without_sorting_what_sorting_would_find)
 TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
 {
     struct stats_view view[10];
-    oxl_camera        camera[10] = {{0}};
-    double            plain, robust;
+    oxl_camera camera[10] = {{0}};
+    double plain, robust;
     for (int i = 0; i < 10; i++) {
-        camera[i]                = (oxl_camera){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+        camera[i] = (oxl_camera){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
         camera[i].translation[0] = i < 9 ? -i : 1e5;
-        view[i]                  = (struct stats_view){i, &camera[i]};
+        view[i] = (struct stats_view){i, &camera[i]};
     }
     CHECK_OK(stats_camera_radius(test_ctx, view, 9, &plain));
     CHECK_CLOSE(plain, 4, 1e-12); /* cameras at 0..8, mean 4 */
@@ -164,11 +171,12 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */
 TEST(scene_depths_are_of_points_that_were_seen)
 {
-    const char *path   = scene_survey("s", 9, 0, 1);
+    const char *path = scene_survey("s", 9, 0, 1);
     struct text points = {.ctx = test_ctx};
-    oxl_scene  *scene;
+    oxl_scene *scene;
     for (int i = 0; i < 4; i++) text_add(&points, "%d %d 0 10 1 2 3 0.5 11 0 12 0\n", i, i);
-    for (int i = 4; i < 12; i++) text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
+    for (int i = 4; i < 12; i++)
+        text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
     test_write("s/sparse/0/points3D.txt", points.data);
     text_free(&points);
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
@@ -189,9 +197,9 @@ TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
 
 TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 {
-    oxl_scene  *scene;
-    oxl_point  *points, *again;
-    int         seen = 0;
+    oxl_scene *scene;
+    oxl_point *points, *again;
+    int seen = 0;
     const char *path = scene_survey("s", 9, 100, 1);
     test_write("s/sparse/0/points3D.txt", "# none\n");
     scene_listen();
@@ -214,9 +222,9 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 
 TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
 {
-    const char       *path    = scene_survey("s", 8, 0, 1);
+    const char *path = scene_survey("s", 8, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
+    oxl_scene *scene;
     remove(test_path("s/images/img02.png"));
     remove(test_path("s/images/img05.png"));
     scene_listen();
@@ -225,19 +233,22 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
     CHECK_TEXT(scene_log, "img02.png is not there");
     CHECK_TEXT(scene_log, "img05.png is not there");
     CHECK(scene_image(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
-    CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] - oxl_scene_view(scene, 0)->camera.translation[0], -3, 1e-12);
+    CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] -
+                    oxl_scene_view(scene, 0)->camera.translation[0],
+                -3, 1e-12);
     oxl_scene_free(test_ctx, scene);
     options.missing_images = 0.2;
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK(!scene);
     CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 images");
-    CHECK_TEXT(oxl_error_text(test_ctx), "take them out of the model"); /* the folder is right: some were found */
+    CHECK_TEXT(oxl_error_text(test_ctx),
+               "take them out of the model"); /* the folder is right: some were found */
 }
 
 TEST(scene_refuses_two_poses_for_one_image)
 {
     const char *path = scene_survey("s", 4, 0, 1);
-    oxl_scene  *scene;
+    oxl_scene *scene;
     test_write("s/sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 img00.png\n\n2 1 0 0 0 1 0 0 1 img01.png\n\n"
                                         "3 1 0 0 0 2 0 0 1 img00.png\n\n");
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 1 2 3 0.5 1 0 2 0\n");
@@ -249,12 +260,13 @@ TEST(scene_refuses_two_poses_for_one_image)
 TEST(scene_points_without_colours_start_grey)
 {
     const char *path = scene_survey("s", 2, 0, 1);
-    oxl_scene  *scene;
+    oxl_scene *scene;
     scene_listen();
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 0 0 0.5 10 0 11 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK_TEXT(scene_log, "the points have no colours");
-    for (int i = 0; i < 2; i++) CHECK(oxl_scene_points(scene)[i].rgb[0] == 128 && oxl_scene_points(scene)[i].rgb[2] == 128);
+    for (int i = 0; i < 2; i++)
+        CHECK(oxl_scene_points(scene)[i].rgb[0] == 128 && oxl_scene_points(scene)[i].rgb[2] == 128);
     oxl_scene_free(test_ctx, scene);
     test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 1 0 0.5 10 0 11 0\n");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
@@ -264,9 +276,9 @@ TEST(scene_points_without_colours_start_grey)
 
 TEST(scene_says_where_an_image_of_nearly_that_name_lies)
 {
-    const char       *path    = scene_survey("s", 4, 0, 0);
+    const char *path = scene_survey("s", 4, 0, 0);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
+    oxl_scene *scene;
     test_write("s/images/dive1/IMG00.JPG", "");
     CHECK(oxl_scene_load(test_ctx, path, NULL, &scene) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "s/images/dive1/IMG00.JPG");
@@ -283,13 +295,14 @@ TEST(scene_says_where_an_image_of_nearly_that_name_lies)
 TEST(scene_takes_the_sub_model_with_most_images)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
-    const char       *path = scene_survey("s", 3, 0, 1);
-    options.read_images    = 0;
+    oxl_scene *scene;
+    const char *path = scene_survey("s", 3, 0, 1);
+    options.read_images = 0;
     test_write("s/sparse/1/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
     test_write("s/sparse/1/points3D.txt", "");
-    test_write("s/sparse/1/images.txt",
-               "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n");
+    test_write(
+        "s/sparse/1/images.txt",
+        "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n");
     scene_listen();
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     CHECK(oxl_scene_view_count(scene) == 4);
@@ -304,7 +317,7 @@ TEST(scene_takes_the_sub_model_with_most_images)
 TEST(scene_is_found_beside_the_images_too)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
+    oxl_scene *scene;
     options.read_images = 0;
     test_write("flat/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
     test_write("flat/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
@@ -333,9 +346,9 @@ TEST(scene_that_is_missing_is_refused_with_a_fix)
 TEST(scene_poses_and_cameras_that_cannot_be_are_refused)
 {
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
-    const char       *path = scene_survey("s", 3, 0, 0);
-    options.read_images    = 0;
+    oxl_scene *scene;
+    const char *path = scene_survey("s", 3, 0, 0);
+    options.read_images = 0;
     test_write("s/sparse/0/images.txt", "1 1 0 0 0 1e300 0 0 1 a\n\n");
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:1");
@@ -347,14 +360,14 @@ TEST(scene_poses_and_cameras_that_cannot_be_are_refused)
 
 TEST(scene_images_in_memory_stay_within_the_cache)
 {
-    const size_t      one     = 3 * 32 * 24;
-    const char       *path    = scene_survey("s", 5, 0, 1);
+    const size_t one = 3 * 32 * 24;
+    const char *path = scene_survey("s", 5, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
+    oxl_scene *scene;
     options.image_cache_bytes = 2 * one;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 40; i++) {
-        const int                    view  = (int)(random_bits(1, (uint64_t)i, 0) % 5);
+        const int view = (int)(random_bits(1, (uint64_t)i, 0) % 5);
         const struct training_image *image = scene_image(test_ctx, scene, view);
         CHECK(image && image->rgb[0] == view + 1);
         CHECK(scene->cache.held <= 2 * one);
@@ -364,7 +377,8 @@ TEST(scene_images_in_memory_stay_within_the_cache)
     scene_image(test_ctx, scene, 0);
     scene_image(test_ctx, scene, 1);
     scene_image(test_ctx, scene, 0);
-    scene_image(test_ctx, scene, 2); /* an epoch asks for each once: the one asked for last is not wanted again for longest */
+    /* an epoch asks for each once: the one asked for last is not wanted again for longest */
+    scene_image(test_ctx, scene, 2);
     CHECK(!scene->cache.image[0].rgb && scene->cache.image[1].rgb && scene->cache.image[2].rgb);
     oxl_scene_free(test_ctx, scene);
     options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
@@ -379,7 +393,7 @@ static int scene_inside, scene_met; /* threads in the caller's allocator; how of
 static void *scene_reallocate_watched(void *user, void *old, size_t size)
 {
     void *memory;
-    int   others;
+    int others;
 #pragma omp atomic capture
     others = scene_inside++;
     if (others) {
@@ -400,11 +414,11 @@ static const int scene_met = 0;
 TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
 {
     enum { VIEWS = 7, ONE = 3 * 32 * 24 };
-    const int         order[VIEWS] = {3, 1, 6, 0, 2, 5, 4}, threads = test_ctx->threads;
-    const char       *path    = scene_survey("s", VIEWS, 0, 1);
+    const int order[VIEWS] = {3, 1, 6, 0, 2, 5, 4}, threads = test_ctx->threads;
+    const char *path = scene_survey("s", VIEWS, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
-    test_ctx->threads            = 4;
+    oxl_scene *scene;
+    test_ctx->threads = 4;
     test_ctx->options.reallocate = scene_reallocate_watched;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     scene_images_ahead(test_ctx, scene, order, VIEWS);
@@ -416,7 +430,8 @@ TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
     for (int i = 0; i < VIEWS; i++) CHECK(scene->cache.image[i].rgb && scene->cache.image[i].rgb[0] == i + 1);
     oxl_scene_free(test_ctx, scene);
 
-    options.image_cache_bytes = 16 * ONE; /* a quarter of it, two images and what decoding takes, may be on its way */
+    /* a quarter of it, two images and what decoding takes, may be on its way */
+    options.image_cache_bytes = 16 * ONE;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     scene_images_ahead(test_ctx, scene, order, VIEWS);
     CHECK(scene->cache.held == 2 * ONE);
@@ -428,18 +443,18 @@ TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
     }
     oxl_scene_free(test_ctx, scene);
     CHECK(scene_met == 0);
-    test_ctx->threads            = threads;
+    test_ctx->threads = threads;
     test_ctx->options.reallocate = counting_reallocate;
 }
 
 TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
 {
     enum { VIEWS = 20, ONE = 3 * 32 * 24 };
-    const int         ahead[2] = {17, 18}, threads = test_ctx->threads;
-    const char       *path    = scene_survey("s", VIEWS, 0, 1);
+    const int ahead[2] = {17, 18}, threads = test_ctx->threads;
+    const char *path = scene_survey("s", VIEWS, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
-    test_ctx->threads         = 2;
+    oxl_scene *scene;
+    test_ctx->threads = 2;
     options.image_cache_bytes = 16 * ONE;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 16; i++) scene_image(test_ctx, scene, i);
@@ -454,15 +469,16 @@ TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
 
 TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
 {
-    const int   order[3] = {1, 0, 2}, threads = test_ctx->threads;
+    const int order[3] = {1, 0, 2}, threads = test_ctx->threads;
     const char *path = scene_survey("s", 3, 0, 1);
-    oxl_scene  *scene;
+    oxl_scene *scene;
     test_write("s/images/img01.png", "no image");
     test_ctx->threads = 3;
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     test_ctx->error[0] = 0;
     scene_images_ahead(test_ctx, scene, order, 3);
-    CHECK(test_ctx->error[0] == 0 && !scene->cache.image[1].rgb && scene->cache.image[0].rgb && scene->cache.image[2].rgb);
+    CHECK(test_ctx->error[0] == 0 && !scene->cache.image[1].rgb && scene->cache.image[0].rgb &&
+          scene->cache.image[2].rgb);
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
     oxl_scene_free(test_ctx, scene);
@@ -472,8 +488,8 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
 TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
 {
     const char *path = scene_survey("s", 3, 0, 1);
-    oxl_scene  *scene;
-    oxl_image   image;
+    oxl_scene *scene;
+    oxl_image image;
     test_write("s/images/img01.png", "no image");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(scene_image(test_ctx, scene, 1) == NULL);
@@ -489,8 +505,8 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
 TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
 {
     const char *path = scene_survey("s", 4, 0, 1);
-    oxl_scene  *scene;
-    oxl_image   image;
+    oxl_scene *scene;
+    oxl_image image;
     CHECK_OK(oxl_image_create(test_ctx, 2, 1, &image));
     for (int c = 0; c < 3; c++) image.rgb[2 * c + 1] = 1; /* the left half is black */
     CHECK_OK(os_make_folder(test_ctx, test_path("s/masks")));
@@ -502,7 +518,9 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
     for (int i = 0; i < 4; i++) {
         CHECK_OK(oxl_scene_image(test_ctx, scene, i, &image));
         CHECK((image.weight != NULL) == (i % 2 == 0));
-        if (image.weight) CHECK(image.weight[0] == 0 && image.weight[15] == 0 && image.weight[16] == 1 && image.weight[31] == 1);
+        if (image.weight)
+            CHECK(image.weight[0] == 0 && image.weight[15] == 0 && image.weight[16] == 1 &&
+                  image.weight[31] == 1);
         oxl_image_free(test_ctx, &image);
     }
     oxl_scene_free(test_ctx, scene);
@@ -510,9 +528,9 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
 
 TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
 {
-    const char       *path    = scene_survey("s", 2, 0, 1);
+    const char *path = scene_survey("s", 2, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
+    oxl_scene *scene;
     const oxl_camera *c;
     options.max_side = 16;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
@@ -520,7 +538,8 @@ TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
     CHECK(c->width == 16 && c->height == 12 && c->fx == 20 && c->fy == 20 && c->cx == 8 && c->cy == 6);
     CHECK(scene_image(test_ctx, scene, 0)->width == 16 && scene_image(test_ctx, scene, 0)->rgb[0] == 1);
     oxl_scene_free(test_ctx, scene);
-    test_write("s/sparse/0/cameras.txt", "1 PINHOLE 320 240 400 400 160 120\n"); /* the files were made 10 x smaller */
+    test_write("s/sparse/0/cameras.txt",
+               "1 PINHOLE 320 240 400 400 160 120\n"); /* the files were made 10 x smaller */
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     c = &oxl_scene_view(scene, 0)->camera;
     CHECK(c->width == 32 && c->height == 24 && c->fx == 40 && c->cx == 16);
@@ -529,32 +548,35 @@ TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
 
 TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
 {
-    oxl_view   view[3];
-    oxl_image  image[3];
-    oxl_point  point = {.position = {1, 0.5, 3}, .rgb = {9, 8, 7}};
+    oxl_view view[3];
+    oxl_image image[3];
+    oxl_point point = {.position = {1, 0.5, 3}, .rgb = {9, 8, 7}};
     oxl_scene *scene;
     for (int i = 0; i < 3; i++) {
-        view[i]        = (oxl_view){.name = i == 0 ? "c" : i == 1 ? "a" : "b", .is_test = i == 2};
-        view[i].camera = (oxl_camera){.width       = 4,
-                                      .height      = 2,
-                                      .fx          = 4,
-                                      .fy          = 4,
-                                      .cx          = 2,
-                                      .cy          = 1,
-                                      .rotation    = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+        view[i] = (oxl_view){.name = i == 0 ? "c" : i == 1 ? "a" : "b", .is_test = i == 2};
+        view[i].camera = (oxl_camera){.width = 4,
+                                      .height = 2,
+                                      .fx = 4,
+                                      .fy = 4,
+                                      .cx = 2,
+                                      .cy = 1,
+                                      .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1},
                                       .translation = {i, 0, 0}};
         CHECK_OK(oxl_image_create(test_ctx, 4, 2, &image[i]));
         for (int k = 0; k < 24; k++) image[i].rgb[k] = (float)(10 * i + k) / 255.0f;
     }
-    image[1].weight    = oxl_calloc(test_ctx, 8, sizeof(float));
+    image[1].weight = oxl_calloc(test_ctx, 8, sizeof(float));
     image[1].weight[3] = 1;
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 3, &point, 1, &scene));
-    CHECK(strcmp(oxl_scene_view(scene, 0)->name, "a") == 0 && strcmp(oxl_scene_view(scene, 2)->name, "c") == 0);
-    CHECK(oxl_scene_view(scene, 1)->is_test && !oxl_scene_view(scene, 0)->is_test && scene->stats.test_views == 1);
+    CHECK(strcmp(oxl_scene_view(scene, 0)->name, "a") == 0 &&
+          strcmp(oxl_scene_view(scene, 2)->name, "c") == 0);
+    CHECK(oxl_scene_view(scene, 1)->is_test && !oxl_scene_view(scene, 0)->is_test &&
+          scene->stats.test_views == 1);
     CHECK(scene_image(test_ctx, scene, 0)->rgb[5] == 15 && scene_image(test_ctx, scene, 0)->mask[3] == 255 &&
           scene_image(test_ctx, scene, 0)->mask[4] == 0);
     CHECK(!scene_image(test_ctx, scene, 2)->mask && scene_image(test_ctx, scene, 2)->rgb[23] == 23);
-    CHECK(oxl_scene_points(scene)->position[2] == 3 && oxl_scene_points(scene)->rgb[0] == 9 && oxl_scene_origin(scene)[0] == 0);
+    CHECK(oxl_scene_points(scene)->position[2] == 3 && oxl_scene_points(scene)->rgb[0] == 9 &&
+          oxl_scene_origin(scene)[0] == 0);
     CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by projection: there are no tracks */
     CHECK(scene_colmap(scene) == NULL);
     oxl_scene_free(test_ctx, scene);
@@ -565,7 +587,7 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
 }
 
-static long  scene_allocations_left; /* then the allocator refuses */
+static long scene_allocations_left; /* then the allocator refuses */
 static void *scene_failing_reallocate(void *user, void *old, size_t size)
 {
     if (size != 0 && scene_allocations_left-- <= 0) return NULL;
@@ -574,14 +596,14 @@ static void *scene_failing_reallocate(void *user, void *old, size_t size)
 
 TEST(scene_frees_all_memory_when_any_allocation_fails)
 {
-    const char *path             = scene_survey("s", 3, 0, 1);
-    int         failures         = 0;
+    const char *path = scene_survey("s", 3, 0, 1);
+    int failures = 0;
     test_ctx->options.reallocate = scene_failing_reallocate;
     for (long n = 0; n < 400; n++) {
         oxl_scene *scene;
         oxl_result rc;
         scene_allocations_left = n;
-        rc                     = oxl_scene_load(test_ctx, path, NULL, &scene);
+        rc = oxl_scene_load(test_ctx, path, NULL, &scene);
         if (rc == OXL_OK && !scene_image(test_ctx, scene, 0)) rc = OXL_ERR_MEMORY;
         scene_allocations_left = LONG_MAX;
         oxl_scene_free(test_ctx, scene);
@@ -595,10 +617,11 @@ TEST(scene_frees_all_memory_when_any_allocation_fails)
 TEST(scene_of_a_real_dive_is_read_and_undistorted)
 {
     const char *path = test_shared("data/subvo_pool_distorted");
-    oxl_scene  *scene;
+    oxl_scene *scene;
     if (!path) SKIP("no ../shared/data");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
-    CHECK(oxl_scene_view_count(scene) == 61 && scene->stats.test_views == 8 && oxl_scene_point_count(scene) == 16462);
+    CHECK(oxl_scene_view_count(scene) == 61 && scene->stats.test_views == 8 &&
+          oxl_scene_point_count(scene) == 16462);
     CHECK(oxl_scene_view(scene, 0)->camera.width == 1028 && oxl_scene_view(scene, 0)->camera.height == 520);
     CHECK(scene->stats.distorted_cameras == 1);
     CHECK_CLOSE(scene->stats.mean_error, 0.383, 0.001);

@@ -2,64 +2,68 @@
 
 enum { SEAM_TEST_W = 64, SEAM_TEST_H = 48 };
 
-/* A wall 5 before the camera, upright on the optical axis; a pixel is 5/200 = 0.025 wide on it. The camera is turned and moved: its
- * x is the frame's first axis, whose 0 is at the middle of the image. The wall's two halves are blocks of sizes 5 and 10, so the
- * pixels whose centres lie within 0.1 and 0.2 are near: 4 columns and 8. */
+/* A wall 5 before the camera, upright on the optical axis; a pixel is 5/200 = 0.025 wide on it. The camera is
+ * turned and moved: its x is the frame's first axis, whose 0 is at the middle of the image. The wall's two
+ * halves are blocks of sizes 5 and 10, so the pixels whose centres lie within 0.1 and 0.2 are near: 4 columns
+ * and 8. */
 struct seam_test {
-    oxl_model              model;
-    oxl_camera             camera;
-    struct partition       partition;
+    oxl_model model;
+    oxl_camera camera;
+    struct partition partition;
     struct partition_block block[2];
 };
 enum { SEAM_TEST_FIRST = SEAM_TEST_W / 2 - 4, SEAM_TEST_END = SEAM_TEST_W / 2 + 8 };
 
 static void seam_test_create(struct seam_test *t)
 {
-    const oxl_camera camera = {.width       = SEAM_TEST_W,
-                               .height      = SEAM_TEST_H,
-                               .fx          = 200,
-                               .fy          = 200,
-                               .cx          = SEAM_TEST_W / 2,
-                               .cy          = SEAM_TEST_H / 2,
-                               .rotation    = {0, 1, 0, -1, 0, 0, 0, 0, 1}, /* camera x = world y */
+    const oxl_camera camera = {.width = SEAM_TEST_W,
+                               .height = SEAM_TEST_H,
+                               .fx = 200,
+                               .fy = 200,
+                               .cx = SEAM_TEST_W / 2,
+                               .cy = SEAM_TEST_H / 2,
+                               .rotation = {0, 1, 0, -1, 0, 0, 0, 0, 1}, /* camera x = world y */
                                .translation = {0.5, 0.25, 3}};
-    t->camera               = camera;
+    t->camera = camera;
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &t->model));
-    t->model.plane[OXL_MEAN + 2][0]      = 2;
+    t->model.plane[OXL_MEAN + 2][0] = 2;
     t->model.plane[OXL_LOG_SCALE + 0][0] = t->model.plane[OXL_LOG_SCALE + 1][0] = 5;
-    t->model.plane[OXL_LOG_SCALE + 2][0]                                        = -9;
-    t->model.plane[OXL_OPACITY][0]                                              = 9;
-    t->partition = (struct partition){.rotation = {0, 1, 0, 1, 0, 0, 0, 0, 1}, .origin = {0, 99.5, 0}, .block_count = 2};
+    t->model.plane[OXL_LOG_SCALE + 2][0] = -9;
+    t->model.plane[OXL_OPACITY][0] = 9;
+    t->partition =
+        (struct partition){.rotation = {0, 1, 0, 1, 0, 0, 0, 0, 1}, .origin = {0, 99.5, 0}, .block_count = 2};
     for (int b = 0; b < 2; b++) {
         const struct partition_box all = {{-INFINITY, -INFINITY, -INFINITY}, {INFINITY, INFINITY, INFINITY}};
-        t->block[b]                    = (struct partition_block){.box = all, .finite = {{-5, -1, -1}, {10, 1, 1}}};
+        t->block[b] = (struct partition_block){.box = all, .finite = {{-5, -1, -1}, {10, 1, 1}}};
     }
     t->block[0].box.high[0] = t->block[0].finite.high[0] = 0;
     t->block[1].box.low[0] = t->block[1].finite.low[0] = 0;
-    t->partition.block                                 = t->block;
+    t->partition.block = t->block;
 }
 
-/* Images that differ from what is rendered by `error` in columns first to end; the second view, of no split but "all", by nothing. */
+/* Images that differ from what is rendered by `error` in columns first to end; the second view, of no split
+ * but "all", by nothing. */
 static oxl_scene *seam_test_scene(const struct seam_test *t, float error, int first, int end, float *weight)
 {
-    oxl_view   view[2] = {{"a", t->camera, 1}, {"b", t->camera, 0}};
-    oxl_image  image[2];
+    oxl_view view[2] = {{"a", t->camera, 1}, {"b", t->camera, 0}};
+    oxl_image image[2];
     oxl_scene *scene = NULL;
     for (int v = 0; v < 2; v++) CHECK_OK(oxl_render(test_ctx, &t->model, &t->camera, NULL, &image[v], NULL));
     for (int i = 0; i < 3 * SEAM_TEST_W * SEAM_TEST_H; i++)
         if (i % SEAM_TEST_W >= first && i % SEAM_TEST_W < end) image[0].rgb[i] += error;
     image[0].weight = weight;
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, NULL, 0, &scene));
-    image[0].weight  = NULL;
+    image[0].weight = NULL;
     scene->origin[1] = 100; /* the border is at world y = 99.5, and the camera at local y = -0.5 */
     for (int v = 0; v < 2; v++) oxl_image_free(test_ctx, &image[v]);
     return scene;
 }
 
-static struct seam seam_test_run(const struct seam_test *t, oxl_split split, float error, int first, int end, float *weight)
+static struct seam seam_test_run(const struct seam_test *t, oxl_split split, float error, int first, int end,
+                                 float *weight)
 {
-    struct seam seam  = {0};
-    oxl_scene  *scene = seam_test_scene(t, error, first, end, weight);
+    struct seam seam = {0};
+    oxl_scene *scene = seam_test_scene(t, error, first, end, weight);
     CHECK_OK(seam_measure(test_ctx, &t->partition, &t->model, scene, split, &seam));
     oxl_scene_free(test_ctx, scene);
     return seam;
@@ -67,9 +71,9 @@ static struct seam seam_test_run(const struct seam_test *t, oxl_split split, flo
 
 TEST(seam_sees_an_error_beside_a_border_there_and_only_there)
 {
-    const size_t     beside = (SEAM_TEST_END - SEAM_TEST_FIRST) * SEAM_TEST_H;
+    const size_t beside = (SEAM_TEST_END - SEAM_TEST_FIRST) * SEAM_TEST_H;
     struct seam_test t;
-    struct seam      s;
+    struct seam s;
     seam_test_create(&t);
     s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, SEAM_TEST_FIRST, SEAM_TEST_END, NULL);
     CHECK(s.near_pixels == beside && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H - beside);
@@ -85,23 +89,25 @@ TEST(seam_sees_an_error_beside_a_border_there_and_only_there)
 TEST(seam_knows_where_a_pixel_lies_along_each_axis_of_the_camera)
 {
     static const double across[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, away[9] = {0, 0, 1, 1, 0, 0, 0, 1, 0};
-    struct seam_test    t;
-    struct seam         s;
+    struct seam_test t;
+    struct seam s;
     seam_test_create(&t);
-    memcpy(t.partition.rotation, across, sizeof across); /* the image's rows go from the block above 0 to the one below */
+    /* the image's rows go from the block above 0 to the one below */
+    memcpy(t.partition.rotation, across, sizeof across);
     t.partition.origin[0] = 0.25;
-    s                     = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
+    s = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
     CHECK(s.near_pixels == 12 * SEAM_TEST_W);
-    t.camera.cy           = 10; /* the border is 10 rows above that: at the image's edge, and all of one block is below */
+    /* the border is 10 rows above that: at the image's edge, and all of one block is below */
+    t.camera.cy = 10;
     t.partition.origin[0] = 0.5;
-    s                     = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
+    s = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
     CHECK(s.near_pixels == 4 * SEAM_TEST_W);
     memcpy(t.partition.rotation, away, sizeof away);
     t.partition.origin[2] = 2.09; /* the wall is at 2 */
-    s                     = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
+    s = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
     CHECK(s.near_pixels == SEAM_TEST_W * SEAM_TEST_H);
     t.partition.origin[2] = 2.11;
-    s                     = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
+    s = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
     CHECK(s.near_pixels == 0);
     oxl_model_free(test_ctx, &t.model);
 }
@@ -109,7 +115,7 @@ TEST(seam_knows_where_a_pixel_lies_along_each_axis_of_the_camera)
 TEST(seam_divides_the_error_of_all_views_of_the_split_by_their_pixels)
 {
     struct seam_test t;
-    struct seam      s;
+    struct seam s;
     seam_test_create(&t);
     s = seam_test_run(&t, OXL_SPLIT_ALL, 0.1f, 0, SEAM_TEST_W, NULL);
     CHECK(s.near_pixels + s.elsewhere_pixels == 2 * SEAM_TEST_W * SEAM_TEST_H);
@@ -122,8 +128,8 @@ TEST(seam_divides_the_error_of_all_views_of_the_split_by_their_pixels)
 TEST(seam_leaves_out_masked_pixels)
 {
     struct seam_test t;
-    struct seam      s;
-    float            weight[SEAM_TEST_W * SEAM_TEST_H];
+    struct seam s;
+    float weight[SEAM_TEST_W * SEAM_TEST_H];
     for (int i = 0; i < SEAM_TEST_W * SEAM_TEST_H; i++) weight[i] = i % SEAM_TEST_W < SEAM_TEST_END - 1;
     seam_test_create(&t);
     s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, SEAM_TEST_END - 1, SEAM_TEST_W, weight);
@@ -135,22 +141,23 @@ TEST(seam_leaves_out_masked_pixels)
 TEST(seam_calls_nothing_near_where_nothing_was_drawn_or_there_is_one_block)
 {
     struct seam_test t;
-    struct seam      s;
-    struct text      json = {.ctx = test_ctx};
+    struct seam s;
+    struct text json = {.ctx = test_ctx};
     seam_test_create(&t);
     t.model.plane[OXL_OPACITY][0] = -20;
-    s                             = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_W, NULL);
+    s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_W, NULL);
     CHECK(s.near_pixels == 0 && isnan(s.near_psnr) && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H);
     CHECK_CLOSE(s.elsewhere_psnr, 20, 0.2);
     t.model.plane[OXL_OPACITY][0] = 9;
-    t.partition.block_count       = 1;
-    t.block[0].box.high[0]        = INFINITY;
-    s                             = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_W, NULL);
+    t.partition.block_count = 1;
+    t.block[0].box.high[0] = INFINITY;
+    s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_W, NULL);
     CHECK(s.near_pixels == 0 && isnan(s.near_psnr) && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H);
     s.elsewhere_psnr = 20.5;
     seam_add_json(&json, &s);
-    CHECK(json.data && !strcmp(json.data, "  \"seam\": {\"width\": 0.02, \"near_psnr\": null, \"near_pixels\": 0, "
-                                          "\"elsewhere_psnr\": 20.5, \"elsewhere_pixels\": 3072},\n"));
+    CHECK(json.data &&
+          !strcmp(json.data, "  \"seam\": {\"width\": 0.02, \"near_psnr\": null, \"near_pixels\": 0, "
+                             "\"elsewhere_psnr\": 20.5, \"elsewhere_pixels\": 3072},\n"));
     text_free(&json);
     oxl_model_free(test_ctx, &t.model);
 }

@@ -1,4 +1,5 @@
-/* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree with each other. */
+/* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree
+ * with each other. */
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
 #include "../lab/synth_fish.c"
@@ -11,17 +12,17 @@
 static synth_options synth_test_options(const char *name)
 {
     synth_options o = synth_options_default();
-    o.out           = test_path(name);
-    o.views         = 6;
-    o.width         = 96;
-    o.height        = 64;
+    o.out = test_path(name);
+    o.views = 6;
+    o.width = 96;
+    o.height = 64;
     return o;
 }
 
 /* Makes the survey and reads its text files back as any reader would. */
 static void synth_test_make(const synth_options *o, struct colmap *survey)
 {
-    char       folder[600];
+    char folder[600];
     oxl_result rc = synth_run(test_ctx, o);
     CHECK(rc == OXL_OK);
     if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
@@ -39,27 +40,28 @@ static struct colmap_observed synth_test_observe(const synth_options *o, const s
 static void synth_test_to_camera(const struct colmap_image *image, const double p[3], double out[3])
 {
     const double *q = image->rotation;
-    const v3      v = {q[1], q[2], q[3]}, x = {p[0], p[1], p[2]}, once = v3_cross(v, x), twice = v3_cross(v, once);
-    const v3      y = v3_along(v3_along(x, once, 2 * q[0]), twice, 2);
-    out[0]          = y.x + image->translation[0];
-    out[1]          = y.y + image->translation[1];
-    out[2]          = y.z + image->translation[2];
+    const v3 v = {q[1], q[2], q[3]}, x = {p[0], p[1], p[2]}, once = v3_cross(v, x), twice = v3_cross(v, once);
+    const v3 y = v3_along(v3_along(x, once, 2 * q[0]), twice, 2);
+    out[0] = y.x + image->translation[0];
+    out[1] = y.y + image->translation[1];
+    out[2] = y.z + image->translation[2];
 }
 
 /* Where a point should be seen, minus where it was; *z gets its depth. */
-static void synth_test_residual(const struct colmap *c, const struct colmap_observed *o, const struct colmap_point *p,
-                                const struct colmap_track *t, double out[2], double *z)
+static void synth_test_residual(const struct colmap *c, const struct colmap_observed *o,
+                                const struct colmap_point *p, const struct colmap_track *t, double out[2],
+                                double *z)
 {
     const struct colmap_image *image = &c->image[t->image_row];
-    const double              *k     = c->camera[0].parameter;
-    double                     q[3];
+    const double *k = c->camera[0].parameter;
+    double q[3];
     out[0] = out[1] = 1e9;
     CHECK(t->observation < colmap_observed_count(o, t->image_row));
     if (t->observation >= colmap_observed_count(o, t->image_row)) return;
     synth_test_to_camera(image, p->position, q);
     out[0] = k[0] * q[0] / q[2] + k[2] - o->at[o->first[t->image_row] + t->observation].x;
     out[1] = k[1] * q[1] / q[2] + k[3] - o->at[o->first[t->image_row] + t->observation].y;
-    *z     = q[2];
+    *z = q[2];
 }
 
 static void synth_test_outliers(const char *survey, struct os_file_map *out)
@@ -78,10 +80,10 @@ static int synth_test_is_outlier(const struct os_file_map *outliers, int64_t id)
 
 TEST(synth_tracks_and_observations_name_each_other_both_ways)
 {
-    const synth_options    o      = synth_test_options("survey");
-    struct colmap          survey = {0};
+    const synth_options o = synth_test_options("survey");
+    struct colmap survey = {0};
     struct colmap_observed seen;
-    size_t                 named = 0;
+    size_t named = 0;
     synth_test_make(&o, &survey);
     seen = synth_test_observe(&o, &survey);
     CHECK(survey.image_count == 6 && survey.camera_count == 1);
@@ -95,7 +97,8 @@ TEST(synth_tracks_and_observations_name_each_other_both_ways)
         }
     for (size_t i = 0; i < seen.first[survey.image_count]; i++) named += seen.at[i].point >= 0;
     CHECK(named == survey.track_count);
-    CHECK(seen.first[survey.image_count] > named + named / 5); /* keypoints without a point stand between them */
+    /* keypoints without a point stand between them */
+    CHECK(seen.first[survey.image_count] > named + named / 5);
     colmap_observed_free(&seen);
     colmap_free(test_ctx, &survey);
 }
@@ -106,7 +109,7 @@ TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
         {0.9, 0.3, -0.2, 0.24}, {0.1, 0.9, 0.4, -0.1}, {0.2, -0.1, 0.95, 0.2}, {0.05, 0.3, 0.1, 0.94}};
     for (size_t i = 0; i < OXL_COUNT(quaternion); i++) {
         struct colmap_image image = {.rotation = {0}};
-        double              matrix[9], q[4], length = 0;
+        double matrix[9], q[4], length = 0;
         for (int k = 0; k < 4; k++) length += quaternion[i][k] * quaternion[i][k];
         for (int k = 0; k < 4; k++) image.rotation[k] = quaternion[i][k] / sqrt(length);
         for (int k = 0; k < 3; k++) {
@@ -122,9 +125,9 @@ TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
 TEST(synth_ids_are_sparse_unordered_and_different)
 {
     enum { COUNT = 1000 };
-    const struct synth_ids ids             = synth_ids_for(COUNT);
-    unsigned char          seen[2 * COUNT] = {0};
-    int                    falls           = 0;
+    const struct synth_ids ids = synth_ids_for(COUNT);
+    unsigned char seen[2 * COUNT] = {0};
+    int falls = 0;
     for (uint64_t i = 0; i < COUNT; i++) {
         const uint64_t id = synth_id(ids, i);
         CHECK(id >= 1 && id < 2 * COUNT && !seen[id]);
@@ -136,10 +139,10 @@ TEST(synth_ids_are_sparse_unordered_and_different)
 
 TEST(synth_every_view_sees_hundreds_of_points_and_most_points_have_three_views)
 {
-    const synth_options    o      = synth_test_options("survey");
-    struct colmap          survey = {0};
+    const synth_options o = synth_test_options("survey");
+    struct colmap survey = {0};
     struct colmap_observed seen;
-    size_t                 three = 0;
+    size_t three = 0;
     synth_test_make(&o, &survey);
     seen = synth_test_observe(&o, &survey);
     for (size_t i = 0; i < survey.image_count; i++) CHECK(colmap_observed_count(&seen, i) >= 300);
@@ -155,18 +158,18 @@ TEST(synth_every_view_sees_hundreds_of_points_and_most_points_have_three_views)
 /* Also far from the origin, where floats would be off by decimetres. */
 static void synth_test_reprojection(const synth_options *o)
 {
-    struct os_file_map     list   = {0};
-    struct colmap          survey = {0};
+    struct os_file_map list = {0};
+    struct colmap survey = {0};
     struct colmap_observed seen;
-    double                 square = 0;
-    size_t                 count = 0, outliers = 0;
+    double square = 0;
+    size_t count = 0, outliers = 0;
     synth_test_make(o, &survey);
     seen = synth_test_observe(o, &survey);
     synth_test_outliers(o->out, &list);
     for (size_t i = 0; i < survey.point_count; i++) {
-        const struct colmap_point *p    = &survey.point[i];
-        const int                  odd  = synth_test_is_outlier(&list, p->id);
-        double                     mean = 0;
+        const struct colmap_point *p = &survey.point[i];
+        const int odd = synth_test_is_outlier(&list, p->id);
+        double mean = 0;
         outliers += (size_t)odd;
         for (uint32_t k = 0; k < p->track_count; k++) {
             double r[2], z;
@@ -188,10 +191,10 @@ TEST(synth_points_reproject_onto_their_observations_within_the_stated_noise)
 {
     synth_options o = synth_test_options("survey");
     synth_test_reprojection(&o);
-    o              = synth_test_options("survey far off");
-    o.origin[0]    = 431500;
-    o.origin[1]    = 4581200;
-    o.origin[2]    = -32;
+    o = synth_test_options("survey far off");
+    o.origin[0] = 431500;
+    o.origin[1] = 4581200;
+    o.origin[2] = -32;
     o.write_images = 0;
     synth_test_reprojection(&o);
     CHECK(!os_is_folder(test_path("survey far off/images")));
@@ -200,18 +203,19 @@ TEST(synth_points_reproject_onto_their_observations_within_the_stated_noise)
 /* (H,W) depths of a view, rows from the top; free() it. */
 static float *synth_test_depth(const synth_options *o, const char *name)
 {
-    const size_t       count = (size_t)o->width * (size_t)o->height;
-    float             *depth = malloc(count * sizeof *depth);
-    struct os_file_map map   = {0};
-    char               path[600], header[64];
+    const size_t count = (size_t)o->width * (size_t)o->height;
+    float *depth = malloc(count * sizeof *depth);
+    struct os_file_map map = {0};
+    char path[600], header[64];
     snprintf(path, sizeof path, "%s/truth/depth/%.9s.pfm", o->out, name);
     CHECK_OK(os_read_file(test_ctx, path, &map));
     snprintf(header, sizeof header, "Pf\n%d %d\n-1.0\n", o->width, o->height);
     CHECK(map.size == strlen(header) + 4 * count && memcmp(map.data, header, strlen(header)) == 0);
     for (size_t i = 0; depth && i < count && map.size == strlen(header) + 4 * count; i++) {
-        const size_t row = i / (size_t)o->width, at = ((size_t)o->height - 1 - row) * (size_t)o->width + i % (size_t)o->width;
-        const unsigned char *b    = (const unsigned char *)map.data + strlen(header) + 4 * i;
-        const uint32_t       bits = b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
+        const size_t row = i / (size_t)o->width,
+                     at = ((size_t)o->height - 1 - row) * (size_t)o->width + i % (size_t)o->width;
+        const unsigned char *b = (const unsigned char *)map.data + strlen(header) + 4 * i;
+        const uint32_t bits = b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
         memcpy(&depth[at], &bits, 4);
     }
     os_release_file(test_ctx, &map);
@@ -220,11 +224,11 @@ static float *synth_test_depth(const synth_options *o, const char *name)
 
 TEST(synth_points_lie_where_the_depth_maps_say)
 {
-    struct os_file_map     list   = {0};
-    const synth_options    o      = synth_test_options("survey");
-    struct colmap          survey = {0};
+    struct os_file_map list = {0};
+    const synth_options o = synth_test_options("survey");
+    struct colmap survey = {0};
     struct colmap_observed seen;
-    size_t                 checked = 0, near = 0;
+    size_t checked = 0, near = 0;
     synth_test_make(&o, &survey);
     seen = synth_test_observe(&o, &survey);
     synth_test_outliers(o.out, &list);
@@ -232,9 +236,9 @@ TEST(synth_points_lie_where_the_depth_maps_say)
         float *depth = synth_test_depth(&o, survey.names + survey.image[v].name);
         for (size_t i = 0; depth && i < survey.point_count; i++)
             for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
-                const struct colmap_track       *t = &survey.track[survey.point[i].first_track + k];
+                const struct colmap_track *t = &survey.track[survey.point[i].first_track + k];
                 const struct colmap_observation *s = &seen.at[seen.first[v] + t->observation];
-                double                           r[2], z = 0;
+                double r[2], z = 0;
                 if (t->image_row != v || synth_test_is_outlier(&list, survey.point[i].id)) continue;
                 synth_test_residual(&survey, &seen, &survey.point[i], t, r, &z);
                 checked++;
@@ -251,9 +255,9 @@ TEST(synth_points_lie_where_the_depth_maps_say)
 
 static void synth_test_water_text(const char *survey, const char *name, double out[3])
 {
-    char               path[600];
+    char path[600];
     struct os_file_map map = {0};
-    const char        *at;
+    const char *at;
     snprintf(path, sizeof path, "%s/truth/water.txt", survey);
     CHECK_OK(os_read_file(test_ctx, path, &map));
     at = map.data ? strstr(map.data, name) : NULL;
@@ -264,21 +268,21 @@ static void synth_test_water_text(const char *survey, const char *name, double o
 /* The formula again, from the files alone. */
 TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
 {
-    synth_options o         = synth_test_options("survey");
-    struct colmap survey    = {0};
-    double        direct[3] = {0}, scatter[3] = {0}, veil[3] = {0}, square = 0, sum = 0;
-    size_t        count = 0;
-    o.water             = SYNTH_5C;
+    synth_options o = synth_test_options("survey");
+    struct colmap survey = {0};
+    double direct[3] = {0}, scatter[3] = {0}, veil[3] = {0}, square = 0, sum = 0;
+    size_t count = 0;
+    o.water = SYNTH_5C;
     synth_test_make(&o, &survey);
     synth_test_water_text(o.out, "\nbD ", direct);
     synth_test_water_text(o.out, "\nbB ", scatter);
     synth_test_water_text(o.out, "\nBinf ", veil);
     for (size_t v = 0; v < survey.image_count; v++) {
-        const char   *name  = survey.names + survey.image[v].name;
-        const double *k     = survey.camera[0].parameter;
-        float        *depth = synth_test_depth(&o, name);
-        oxl_image     image = {0}, clean = {0};
-        char          path[600];
+        const char *name = survey.names + survey.image[v].name;
+        const double *k = survey.camera[0].parameter;
+        float *depth = synth_test_depth(&o, name);
+        oxl_image image = {0}, clean = {0};
+        char path[600];
         snprintf(path, sizeof path, "%s/images/%s", o.out, name);
         CHECK_OK(oxl_image_read(test_ctx, path, &image));
         snprintf(path, sizeof path, "%s/truth/clean/%s", o.out, name);
@@ -289,8 +293,9 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
                          z = depth[i] * sqrt(1 + x * x + y * y);
             CHECK(depth[i] > 0.5 && depth[i] < 6);
             for (int c = 0; c < 3; c++) {
-                const double wanted = clean.rgb[c * 96 * 64 + i] * exp(-direct[c] * z) + veil[c] * (1 - exp(-scatter[c] * z));
-                const double off    = 255 * (image.rgb[c * 96 * 64 + i] - wanted);
+                const double wanted =
+                    clean.rgb[c * 96 * 64 + i] * exp(-direct[c] * z) + veil[c] * (1 - exp(-scatter[c] * z));
+                const double off = 255 * (image.rgb[c * 96 * 64 + i] - wanted);
                 CHECK(fabs(off) < 6 * o.noise + 1);
                 square += off * off;
                 sum += off;
@@ -302,16 +307,16 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
         free(depth);
     }
     CHECK_CLOSE(sum / (double)count, 0, 0.05);
-    CHECK_CLOSE(sqrt(square / (double)count), sqrt(o.noise * o.noise + 2 / 12.),
-                0.1); /* both images are rounded: 1/12 each, at most */
+    /* both images are rounded: 1/12 each, at most */
+    CHECK_CLOSE(sqrt(square / (double)count), sqrt(o.noise * o.noise + 2 / 12.), 0.1);
     colmap_free(test_ctx, &survey);
 }
 
 static int synth_test_same_files(const char *a, const char *b, const char *name)
 {
     struct os_file_map x = {0}, y = {0};
-    char               path[2][600];
-    int                same;
+    char path[2][600];
+    int same;
     snprintf(path[0], sizeof path[0], "%s/%s", a, name);
     snprintf(path[1], sizeof path[1], "%s/%s", b, name);
     CHECK_OK(os_read_file(test_ctx, path[0], &x));
@@ -324,14 +329,16 @@ static int synth_test_same_files(const char *a, const char *b, const char *name)
 
 TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_another_seed)
 {
-    static const char *const files[] = {"sparse/0/cameras.txt", "sparse/0/images.txt",       "sparse/0/points3D.txt",
-                                        "truth/outliers.txt",   "truth/depth/IMG_00004.pfm", "images/IMG_00004.png",
-                                        "truth/model.txt",      "truth/clean/IMG_00004.png"};
-    synth_options one = synth_test_options("one"), three = synth_test_options("three"), other = synth_test_options("other");
+    static const char *const files[] = {"sparse/0/cameras.txt",      "sparse/0/images.txt",
+                                        "sparse/0/points3D.txt",     "truth/outliers.txt",
+                                        "truth/depth/IMG_00004.pfm", "images/IMG_00004.png",
+                                        "truth/model.txt",           "truth/clean/IMG_00004.png"};
+    synth_options one = synth_test_options("one"), three = synth_test_options("three"),
+                  other = synth_test_options("other");
     struct colmap survey = {0};
-    one.threads          = 1;
-    three.threads        = 3;
-    other.seed           = 2;
+    one.threads = 1;
+    three.threads = 3;
+    other.seed = 2;
     one.path = three.path = other.path = SYNTH_ORBIT;
     one.views = three.views = other.views = 5;
     one.extent = three.extent = other.extent = 4;
@@ -351,8 +358,8 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
 static int synth_test_differences(const char *survey, int view, int *outside, int *covered)
 {
     oxl_image image = {0}, still = {0}, mask = {0};
-    char      name[32], path[600];
-    int       differ = 0;
+    char name[32], path[600];
+    int differ = 0;
     synth_image_name(&(synth_options){0}, view, name);
     snprintf(path, sizeof path, "%s/images/%s", survey, name);
     CHECK_OK(oxl_image_read(test_ctx, path, &image));
@@ -362,8 +369,8 @@ static int synth_test_differences(const char *survey, int view, int *outside, in
     CHECK_OK(oxl_image_read(test_ctx, path, &mask));
     *outside = *covered = 0;
     for (int i = 0; mask.rgb && still.rgb && image.rgb && i < mask.width * mask.height; i++) {
-        const int black   = mask.rgb[i] < 0.5f;
-        int       differs = 0;
+        const int black = mask.rgb[i] < 0.5f;
+        int differs = 0;
         for (int c = 0; c < 3; c++) {
             const int at = i + c * mask.width * mask.height;
             differs |= image.rgb[at] != still.rgb[at];
@@ -379,12 +386,12 @@ static int synth_test_differences(const char *survey, int view, int *outside, in
 /* The survey without fish, to the byte, under truth/still; all that differs from it is behind the masks. */
 TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
 {
-    static const char *const same[] = {"sparse/0/images.txt", "sparse/0/points3D.txt", "truth/clean/IMG_00003.png",
-                                       "truth/depth/IMG_00003.pfm"};
-    synth_options            still = synth_test_options("still"), fish = synth_test_options("fish");
-    struct colmap            survey = {0};
-    fish.fish                       = 5;
-    fish.threads                    = 3;
+    static const char *const same[] = {"sparse/0/images.txt", "sparse/0/points3D.txt",
+                                       "truth/clean/IMG_00003.png", "truth/depth/IMG_00003.pfm"};
+    synth_options still = synth_test_options("still"), fish = synth_test_options("fish");
+    struct colmap survey = {0};
+    fish.fish = 5;
+    fish.threads = 3;
     synth_test_make(&still, &survey);
     colmap_free(test_ctx, &survey);
     synth_test_make(&fish, &survey);
@@ -392,10 +399,10 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
     CHECK(!os_is_folder(test_path("still/truth/masks")));
     for (size_t i = 0; i < OXL_COUNT(same); i++) CHECK(synth_test_same_files(still.out, fish.out, same[i]));
     for (int i = 0; i < fish.views; i++) {
-        char               name[32], path[2][64];
+        char name[32], path[2][64];
         struct os_file_map a = {0}, b = {0};
-        int                outside, covered;
-        const int          differ = synth_test_differences(fish.out, i, &outside, &covered);
+        int outside, covered;
+        const int differ = synth_test_differences(fish.out, i, &outside, &covered);
         CHECK(outside == 0 && covered > 20 && covered < 96 * 64 / 2 && differ > covered * 8 / 10);
         synth_image_name(&fish, i, name);
         snprintf(path[0], sizeof path[0], "still/images/%s", name);
@@ -410,10 +417,10 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
 
 TEST(synth_fish_move_between_images_in_front_of_the_ground)
 {
-    synth_options           o          = synth_test_options("fish");
+    synth_options o = synth_test_options("fish");
     struct synth_trajectory trajectory = {0};
-    struct synth_world      world      = {0};
-    struct synth_fish       at[2][9];
+    struct synth_world world = {0};
+    struct synth_fish at[2][9];
     o.fish = 3;
     CHECK(synth_trajectory_create(&o, &trajectory) &&
           synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_REEF, &world));
@@ -421,7 +428,7 @@ TEST(synth_fish_move_between_images_in_front_of_the_ground)
     for (int k = 0; k < 2; k++) CHECK(synth_fish_near(&o, &world, &trajectory, 2 + k, at[k]) == 9);
     for (int i = 0; i < 6; i++) { /* those born for views 2 and 3 are in both lists */
         const struct synth_fish *now = &at[0][3 + i], *next = &at[1][i];
-        const v3                 way = v3_sub(next->at, now->at);
+        const v3 way = v3_sub(next->at, now->at);
         CHECK(now->seed == next->seed && now->length == next->length);
         CHECK_CLOSE(v3_dot(way, now->ahead), v3_length(way), 1e-12);
         CHECK(v3_length(way) > 0.19 && v3_length(way) < 0.81);
@@ -444,22 +451,24 @@ static double synth_test_depth_ratio(const synth_options *o, const char *name)
 
 TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
 {
-    synth_options           o          = synth_test_options("rov");
+    synth_options o = synth_test_options("rov");
     struct synth_trajectory trajectory = {0};
-    struct synth_world      world      = {0};
-    struct colmap           survey     = {0};
-    int                     wide       = 0;
+    struct synth_world world = {0};
+    struct colmap survey = {0};
+    int wide = 0;
     o.path = SYNTH_ROV, o.views = 6, o.width = 64, o.height = 42;
     CHECK(synth_trajectory_create(&o, &trajectory) &&
           synth_world_create(o.seed, trajectory.half, trajectory.wreck, SYNTH_RIDGE, &world));
     synth_trajectory_set_heights(&trajectory, &world);
     for (int i = 0; i < trajectory.count; i++) {
         const struct synth_camera *c = &trajectory.camera[i];
-        CHECK(c->rotation[2].z < 0 && c->rotation[2].z > -0.6); /* the view direction's z: down, but less than 37 degrees */
+        /* the view direction's z: down, but less than 37 degrees */
+        CHECK(c->rotation[2].z < 0 && c->rotation[2].z > -0.6);
         CHECK(c->centre.z - synth_ground(&world, c->centre.x, c->centre.y) > 0.45);
     }
     synth_test_make(&o, &survey);
-    for (size_t v = 0; v < survey.image_count; v++) wide += synth_test_depth_ratio(&o, survey.names + survey.image[v].name) > 10;
+    for (size_t v = 0; v < survey.image_count; v++)
+        wide += synth_test_depth_ratio(&o, survey.names + survey.image[v].name) > 10;
     CHECK(survey.image_count == 6 && wide >= 4);
     colmap_free(test_ctx, &survey);
     synth_world_free(&world);
@@ -469,15 +478,17 @@ TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
 /* Steeper than the reef's 41 degrees, but not than the slope limit of rays. */
 TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 {
-    struct synth_world world   = {0};
-    double             steep   = 0;
-    int                through = 0;
+    struct synth_world world = {0};
+    double steep = 0;
+    int through = 0;
     CHECK(synth_world_create(1, 8, v3_of(7, 0, 0), SYNTH_RIDGE, &world));
     for (int i = 0; i < 200; i++) {
         const double y = 0.05 * i - 5, z = 0.3 + 0.005 * i;
-        const double range = synth_cast(&world, v3_of(-7, y, synth_ground(&world, -7, y) + z), v3_of(1, 0, 0), 14);
-        const v3     p     = v3_of(-7 + range, y, synth_ground(&world, -7, y) + z);
-        through += range < 0 || synth_distance(&world, p, NULL) > 0.02 || synth_distance(&world, p, NULL) < -0.05;
+        const double range =
+            synth_cast(&world, v3_of(-7, y, synth_ground(&world, -7, y) + z), v3_of(1, 0, 0), 14);
+        const v3 p = v3_of(-7 + range, y, synth_ground(&world, -7, y) + z);
+        through +=
+            range < 0 || synth_distance(&world, p, NULL) > 0.02 || synth_distance(&world, p, NULL) < -0.05;
         for (double x = -5; x < 1; x += 0.1)
             steep = synth_max(steep, (synth_ground(&world, x + 0.1, y) - synth_ground(&world, x, y)) / 0.1);
     }
@@ -489,17 +500,18 @@ TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 /* Points within 4.2 m of the wreck, which is a small part of the area that is flown over. */
 static double synth_test_share_at_the_wreck(const char *name, enum synth_scene scene)
 {
-    synth_options    o    = synth_test_options(name);
-    struct synth_run s    = {.ctx = test_ctx, .options = &o, .water = {.name = "none"}};
-    size_t           near = 0;
-    double           share;
+    synth_options o = synth_test_options(name);
+    struct synth_run s = {.ctx = test_ctx, .options = &o, .water = {.name = "none"}};
+    size_t near = 0;
+    double share;
     o.scene = scene, o.views = 150, o.extent = 15, o.points = 2000, o.write_images = 0;
     CHECK(synth_trajectory_create(&o, &s.trajectory));
     CHECK(synth_world_create(o.seed, s.trajectory.half, s.trajectory.wreck, scene, &s.world));
     synth_trajectory_set_heights(&s.trajectory, &s.world);
     CHECK_OK(synth_points_create(&s, &s.points));
     for (size_t i = 0; i < s.points.count; i++)
-        near += hypot(s.points.point[i].position.x - s.world.wreck.x, s.points.point[i].position.y - s.world.wreck.y) < 4.2;
+        near += hypot(s.points.point[i].position.x - s.world.wreck.x,
+                      s.points.point[i].position.y - s.world.wreck.y) < 4.2;
     CHECK(s.points.count > 1000);
     share = (double)near / (double)s.points.count;
     synth_points_free(&s.points);
@@ -510,7 +522,7 @@ static double synth_test_share_at_the_wreck(const char *name, enum synth_scene s
 
 TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
 {
-    const double reef  = synth_test_share_at_the_wreck("reef", SYNTH_REEF),
+    const double reef = synth_test_share_at_the_wreck("reef", SYNTH_REEF),
                  wreck = synth_test_share_at_the_wreck("wreck", SYNTH_WRECK);
     CHECK(reef < 0.25);
     CHECK(wreck > 0.5);
@@ -524,9 +536,9 @@ TEST(synth_refuses_invalid_options_with_a_fix)
                                            {"--fish", "101", "a whole number from 0 to 100"},
                                            {"--views", "1", "a whole number from 2 to 1000000"},
                                            {"--size", "9x99", "each from 16 to 8192"}};
-    synth_options            o          = synth_test_options("survey");
+    synth_options o = synth_test_options("survey");
     for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
-        char            *words[] = {"oceanxl", "synth", "-o", (char *)o.out, (char *)wrong[i][0], (char *)wrong[i][1]};
+        char *words[] = {"oceanxl", "synth", "-o", (char *)o.out, (char *)wrong[i][0], (char *)wrong[i][1]};
         struct arguments a;
         CHECK(arguments_parse(6, words, &a));
         CHECK_TEXT(a.error, wrong[i][1]);
@@ -560,8 +572,8 @@ static int synth_test_stop(void *user, const char *what, long done, long total)
 TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
 {
     synth_options o = synth_test_options("survey");
-    o.progress      = synth_test_stop;
-    o.user          = "images";
+    o.progress = synth_test_stop;
+    o.user = "images";
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_INTERRUPTED);
     test_write("survey/sparse/0/images.txt", "of an earlier run");
     CHECK(synth_run(test_ctx, &o) == OXL_ERR_INTERRUPTED);
@@ -573,35 +585,39 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
 TEST(synth_numbers_are_written_as_meant)
 {
     static const double value[] = {0, -0.0004, -1.5, 0.9996, 12.3456, 4581200.125};
-    struct output       t       = {0};
-    struct os_file_map  map     = {0};
+    struct output t = {0};
+    struct os_file_map map = {0};
     output_open(&t, test_path("numbers"));
     for (size_t i = 0; i < OXL_COUNT(value); i++) output_add(&t, "%.3f ", value[i]);
-    output_add(&t, "%d%.1f|%.5d|%*s|%-*s|%.2s|%S|%llu", 0, NAN, 12, 3, "a", 2, "b", "cut", "<&'", 18446744073709551615ull);
+    output_add(&t, "%d%.1f|%.5d|%*s|%-*s|%.2s|%S|%llu", 0, NAN, 12, 3, "a", 2, "b", "cut", "<&'",
+               18446744073709551615ull);
     CHECK(output_close(&t));
     CHECK_OK(os_read_file(test_ctx, test_path("numbers"), &map));
-    CHECK(map.data &&
-          strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0|00012|  a|b |cu|&lt;&amp;&#39;|18446744073709551615") ==
-              0);
+    CHECK(
+        map.data &&
+        strcmp(
+            map.data,
+            "0.000 0.000 -1.500 1.000 12.346 4581200.125 0|00012|  a|b |cu|&lt;&amp;&#39;|18446744073709551615") ==
+            0);
     os_release_file(test_ctx, &map);
 }
 
 TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours)
 {
     synth_options o = synth_options_default();
-    oxl_survey    s;
-    oxl_image     image = {0}, soft = {0};
-    char out[512], *const names[]   = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
+    oxl_survey s;
+    oxl_image image = {0}, soft = {0};
+    char out[512], *const names[] = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
     o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = SYNTH_AIR;
     snprintf(out, sizeof out, "%s", test_path("synth"));
     o.out = out;
     CHECK(synth_run(test_ctx, &o) == OXL_OK);
-    lint_heard[0]         = 0;
+    lint_heard[0] = 0;
     test_ctx->options.log = lint_listen;
     CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
     CHECK(s.blurred == 0 && s.badly_exposed == 0 && lint_heard[0] == 0);
     for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
-        char         name[80];
+        char name[80];
         const size_t n = 120 * 80;
         snprintf(name, sizeof name, "synth/images/%s", names[k]);
         CHECK_OK(oxl_image_read(test_ctx, test_path(name), &image));

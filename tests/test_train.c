@@ -1,11 +1,11 @@
 /* test_train.c - density control row by row, and small runs of the whole loop. */
 
-/* ---------------------------------------------------------------- density */
+/* ---------------- density */
 
 /* Four Gaussians 1 apart; statistics as if each had been seen once with the given gradient. */
 struct density_case {
     struct trained_model trained;
-    struct density      *density;
+    struct density *density;
 };
 
 static struct density_case density_case(const float gradient[4])
@@ -19,9 +19,10 @@ static struct density_case density_case(const float gradient[4])
         for (int k = 0; k < oxl_model_planes(&c.trained.model); k++)
             c.trained.mean.plane[k][i] = c.trained.square.plane[k][i] = 7;
         c.trained.model.plane[OXL_MEAN][i] = (float)i;
-        c.density->gradient[i]             = gradient[i];
-        c.density->views[i]                = 1;
-        for (int a = 0; a < 3; a++) c.trained.model.plane[OXL_LOG_SCALE + a][i] = i % 2 ? -1.0f : -7.0f; /* odd ones are large */
+        c.density->gradient[i] = gradient[i];
+        c.density->views[i] = 1;
+        /* odd ones are large */
+        for (int a = 0; a < 3; a++) c.trained.model.plane[OXL_LOG_SCALE + a][i] = i % 2 ? -1.0f : -7.0f;
     }
     return c;
 }
@@ -46,8 +47,8 @@ TEST(density_copy_has_all_that_was_summed_up_so_far)
     CHECK_OK(density_create(test_ctx, &from));
     CHECK_OK(density_set_bands(test_ctx, from, ROWS, 2, 5));
     for (int i = 0; i < ROWS; i++) {
-        from->gradient[i]     = (float)(i + 1);
-        from->views[i]        = (float)(2 * i + 1);
+        from->gradient[i] = (float)(i + 1);
+        from->views[i] = (float)(2 * i + 1);
         from->gradient_mid[i] = (float)(3 * i + 1);
         from->gradient_far[i] = (float)(4 * i + 1);
     }
@@ -63,9 +64,9 @@ TEST(density_copy_has_all_that_was_summed_up_so_far)
 
 TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_moments)
 {
-    struct density_case         c = density_case((float[]){1, 1, 0, 0});
+    struct density_case c = density_case((float[]){1, 1, 0, 0});
     const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
-    const float                *x = c.trained.model.plane[OXL_MEAN];
+    const float *x = c.trained.model.plane[OXL_MEAN];
     CHECK(d.split == 2 && d.removed == 0 && c.trained.model.count == 6 && c.trained.mean.count == 6);
     for (int i = 0; i < 4; i += 2) {
         CHECK(x[i] != x[i + 1]);
@@ -73,18 +74,19 @@ TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_mom
     }
     CHECK(x[4] == 2 && x[5] == 3);
     for (int i = 0; i < 6; i++)
-        CHECK(c.trained.mean.plane[0][i] == (i < 4 ? 0 : 7) && c.trained.square.plane[5][i] == (i < 4 ? 0 : 7));
+        CHECK(c.trained.mean.plane[0][i] == (i < 4 ? 0 : 7) &&
+              c.trained.square.plane[5][i] == (i < 4 ? 0 : 7));
     density_case_free(&c);
 }
 
 TEST(density_control_needs_memory_for_the_new_rows_alone)
 {
     enum { ROWS = 20000, GROWN = ROWS - ROWS / 40 + ROWS / 10 };
-    struct density       *density;
+    struct density *density;
     struct density_change change;
-    struct density_rules  rules = {.gradient = 0.5, .extent = 1};
-    struct trained_model  t;
-    size_t                before;
+    struct density_rules rules = {.gradient = 0.5, .extent = 1};
+    struct trained_model t;
+    size_t before;
     memory_weigh_start();
     CHECK_OK(density_create(test_ctx, &density));
     CHECK_OK(oxl_model_create(test_ctx, ROWS, 3, &t.model));
@@ -100,38 +102,42 @@ TEST(density_control_needs_memory_for_the_new_rows_alone)
     CHECK_OK(test_density(test_ctx, density, &t, &rules, &change));
     CHECK(t.model.count == GROWN);
     CHECK(memory_weighed.most - before <
-          (size_t)4 * OXL_PLANES * 2 * 3 * (GROWN - ROWS)); /* a copy of one of the three has 5 times as much */
+          /* a copy of one of the three has 5 times as much */
+          (size_t)4 * OXL_PLANES * 2 * 3 * (GROWN - ROWS));
     for (size_t i = 1; i < GROWN; i++) CHECK(t.model.plane[OXL_MEAN][i] > t.model.plane[OXL_MEAN][i - 1]);
     model_trained_free(test_ctx, &t);
     density_free(test_ctx, density);
     memory_weigh_end();
 }
 
-/* A needle of the given opacity across the image, rendered; with_children: after a split. (1,32,48) of red. */
+/* A needle of the given opacity across the image, rendered; with_children: after a split. (1,32,48) of
+ * red. */
 static void density_render_needle(float opacity, int with_children, float red[32 * 48])
 {
-    const oxl_camera    camera = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    struct density_case c      = density_case((float[]){1, 0, 0, 0});
-    static const float  row[]  = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
-    oxl_image           image;
+    const oxl_camera camera = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    struct density_case c = density_case((float[]){1, 0, 0, 0});
+    static const float row[] = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
+    oxl_image image;
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < OXL_SH + 3; k++)
             c.trained.model.plane[k][i] = k == OXL_OPACITY  ? (i ? -20 : logf(opacity / (1 - opacity)))
                                           : k < OXL_OPACITY ? row[k]
                                                             : 1;
-    if (with_children) CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
+    if (with_children)
+        CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
     CHECK_OK(oxl_render(test_ctx, &c.trained.model, &camera, NULL, &image, NULL));
     memcpy(red, image.rgb, 32 * 48 * sizeof *red);
     oxl_image_free(test_ctx, &image);
     density_case_free(&c);
 }
 
-/* Sum of alpha, mean, variances, largest difference of a pixel. What is lost: the image below alpha 1/255, and opacity to second order. */
+/* Sum of alpha, mean, variances, largest difference of a pixel. What is lost: the image below alpha 1/255,
+ * and opacity to second order. */
 TEST(density_split_keeps_opacity_place_and_covariance_of_the_rendered_image)
 {
     static const float opacities[2] = {0.1f, 0.5f};
     for (int n = 0; n < 2; n++) {
-        float  image[2][32 * 48];
+        float image[2][32 * 48];
         double sum[2] = {0}, mean[2] = {0}, across[2] = {0}, down[2] = {0}, most = 0;
         for (int k = 0; k < 2; k++) {
             density_render_needle(opacities[n], k, image[k]);
@@ -151,16 +157,18 @@ TEST(density_split_keeps_opacity_place_and_covariance_of_the_rendered_image)
 
 TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
 {
-    struct density_case   c = density_case((float[]){0, 0, 0, 0});
+    struct density_case c = density_case((float[]){0, 0, 0, 0});
     struct density_change d;
-    struct density_rules  rules = {.gradient = 0.5, .extent = 1};
-    for (int k = 0; k < TRAINED_PARTS; k++) CHECK_OK(model_set_lobes(test_ctx, model_trained_part(&c.trained, k), 3));
-    for (int i = 0; i < 3; i++) c.trained.model.plane[OXL_LOBE][i] = c.trained.mean.plane[OXL_LOBE][i] = (float)(10 + i);
-    c.trained.model.plane[OXL_OPACITY][0]  = -9;
+    struct density_rules rules = {.gradient = 0.5, .extent = 1};
+    for (int k = 0; k < TRAINED_PARTS; k++)
+        CHECK_OK(model_set_lobes(test_ctx, model_trained_part(&c.trained, k), 3));
+    for (int i = 0; i < 3; i++)
+        c.trained.model.plane[OXL_LOBE][i] = c.trained.mean.plane[OXL_LOBE][i] = (float)(10 + i);
+    c.trained.model.plane[OXL_OPACITY][0] = -9;
     c.trained.model.plane[OXL_LOBE + 1][2] = NAN;
-    d                                      = density_run(&c, rules);
-    CHECK(d.removed == 2 && c.trained.model.count == 2 && c.trained.model.lobes == 1 && c.trained.mean.lobes == 1 &&
-          c.trained.square.lobes == 1);
+    d = density_run(&c, rules);
+    CHECK(d.removed == 2 && c.trained.model.count == 2 && c.trained.model.lobes == 1 &&
+          c.trained.mean.lobes == 1 && c.trained.square.lobes == 1);
     CHECK(c.trained.model.plane[OXL_MEAN][0] == 1 && c.trained.model.plane[OXL_MEAN][1] == 3);
     CHECK(c.trained.model.plane[OXL_LOBE][0] == 11 && c.trained.mean.plane[OXL_LOBE][0] == 11);
     c.density->gradient[1] = 1, c.density->views[1] = 1;
@@ -171,40 +179,42 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
 
 TEST(density_removes_faint_and_nonfinite_rows)
 {
-    struct density_case   c = density_case((float[]){0, 0, 0, 1});
+    struct density_case c = density_case((float[]){0, 0, 0, 1});
     struct density_change d;
-    c.trained.model.plane[OXL_OPACITY][0]  = -6; /* 0.0025 */
+    c.trained.model.plane[OXL_OPACITY][0] = -6; /* 0.0025 */
     c.trained.model.plane[OXL_MEAN + 1][1] = INFINITY;
-    c.trained.model.plane[OXL_SH + 11][3]  = NAN; /* although its gradient would have it grow */
-    d                                      = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
+    c.trained.model.plane[OXL_SH + 11][3] = NAN; /* although its gradient would have it grow */
+    d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
     CHECK(d.removed == 3 && c.trained.model.count == 1 && c.trained.model.plane[OXL_MEAN][0] == 2);
     density_case_free(&c);
 }
 
-/* Removed, as Kerbl has it, the far water of a turbid survey goes with them, and nothing is left to grow there. */
+/* Removed, as Kerbl has it, the far water of a turbid survey goes with them, and nothing is left to grow
+ * there. */
 TEST(density_splits_large_rows_whatever_their_gradient_but_only_after_a_reset)
 {
-    struct density_case   c     = density_case((float[]){0, 0, 0, 0});
-    struct density_rules  rules = {.gradient = 0.5, .extent = 1};
-    struct density_change d     = density_run(&c, rules);
+    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    struct density_rules rules = {.gradient = 0.5, .extent = 1};
+    struct density_change d = density_run(&c, rules);
     CHECK(d.removed == 0 && d.split == 0);
     rules.split_large = 1;
-    d                 = density_run(&c, rules);
+    d = density_run(&c, rules);
     CHECK(d.removed == 0 && d.split == 2 && c.trained.model.count == 6);
     density_case_free(&c);
 }
 
 TEST(density_cap_splits_the_largest_gradients)
 {
-    struct density_case         c = density_case((float[]){1, 4, 2, 3});
-    const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6});
+    struct density_case c = density_case((float[]){1, 4, 2, 3});
+    const struct density_change d =
+        density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6});
     CHECK(c.trained.model.count == 6 && d.split == 2);
     density_case_free(&c);
 }
 
 TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
 {
-    struct density_case c                 = density_case((float[]){0, 0, 0, 0});
+    struct density_case c = density_case((float[]){0, 0, 0, 0});
     c.trained.model.plane[OXL_OPACITY][1] = -5.5f;
     density_reset_opacity(&c.trained, 0);
     CHECK_CLOSE(1 / (1 + exp(-c.trained.model.plane[OXL_OPACITY][0])), 0.01, 1e-6);
@@ -219,7 +229,7 @@ TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
 /* Rows 0, 1, 2 seen with the same gradient, from near, from the middle and from afar. */
 static struct density_case density_banded_case(void)
 {
-    struct density_case  c = density_case((float[]){0, 0, 0, 0});
+    struct density_case c = density_case((float[]){0, 0, 0, 0});
     struct renderer_sums sums;
     CHECK_OK(density_set_bands(test_ctx, c.density, 4, 2, 4));
     sums = density_sums(c.density, 4);
@@ -233,9 +243,10 @@ static struct density_case density_banded_case(void)
 TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
 {
     for (int i = 0; i < 3; i++) { /* the threshold is met by nobody; by the far one; by the middle one too */
-        struct density_case         c = density_banded_case();
+        struct density_case c = density_banded_case();
         const struct density_change d = density_run(
-            &c, (struct density_rules){.gradient = 0.5, .f_mid = i > 1 ? 2 : 1, .f_far = i > 0 ? 2 : 1.9, .extent = 1});
+            &c, (struct density_rules){
+                    .gradient = 0.5, .f_mid = i > 1 ? 2 : 1, .f_far = i > 0 ? 2 : 1.9, .extent = 1});
         CHECK(d.split == (size_t)i); /* rows 1 and 2 */
         density_case_free(&c);
     }
@@ -243,9 +254,9 @@ TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
 
 TEST(density_mean_gradient_is_unweighted)
 {
-    struct density_case c      = density_banded_case();
+    struct density_case c = density_banded_case();
     c.density->gradient_far[0] = 0.75f; /* seen once more, from afar */
-    c.density->views[0]        = 2;
+    c.density->views[0] = 2;
     CHECK(density_mean_gradient(c.density, 0) == 0.5 && density_mean_gradient(c.density, 2) == 0.25);
     CHECK(density_mean_gradient(c.density, 3) == 0);
     density_case_free(&c);
@@ -254,16 +265,16 @@ TEST(density_mean_gradient_is_unweighted)
 /* Two Gaussians side by side, 1 and 5 away, rendered and compared with nothing. */
 static void density_observe_two(struct density *d)
 {
-    const oxl_camera         camera  = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer         *r;
-    oxl_model                model, gradient;
-    float                   *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
+    struct renderer *r;
+    oxl_model model, gradient;
+    float *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, 2, 0, &gradient));
     CHECK_OK(renderer_create(test_ctx, &r));
     for (int i = 0; i < 2; i++) {
-        model.plane[OXL_MEAN][i]     = i ? 1.0f : -0.2f;
+        model.plane[OXL_MEAN][i] = i ? 1.0f : -0.2f;
         model.plane[OXL_MEAN + 2][i] = i ? 5.0f : 1.0f;
         for (int a = 0; a < 3; a++) model.plane[OXL_LOG_SCALE + a][i] = -2;
     }
@@ -285,7 +296,7 @@ static void density_two_state(struct archive *a, void *user)
 TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 {
     struct density *d, *copy;
-    int             found = 0;
+    int found = 0;
     CHECK_OK(density_create(test_ctx, &d));
     CHECK_OK(density_create(test_ctx, &copy));
     CHECK_OK(density_set_bands(test_ctx, d, 2, 2, 4));
@@ -295,47 +306,57 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
     CHECK(d->gradient[1] == 0 && d->gradient_mid[1] == 0 && d->gradient_far[1] > 0 && d->views[1] == 1);
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", density_two_state, d));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", density_two_state, copy, &found));
-    CHECK(found && copy->gradient_far[1] == d->gradient_far[1] && copy->gradient[0] == d->gradient[0] && copy->views[1] == 1);
+    CHECK(found && copy->gradient_far[1] == d->gradient_far[1] && copy->gradient[0] == d->gradient[0] &&
+          copy->views[1] == 1);
     CHECK_OK(density_set_bands(test_ctx, d, 2, 0, 0)); /* and without bands all is one sum */
     density_observe_two(d);
-    CHECK(d->gradient[0] > 0 && d->gradient[1] == copy->gradient_far[1] && density_mean_gradient(d, 1) == d->gradient[1]);
+    CHECK(d->gradient[0] > 0 && d->gradient[1] == copy->gradient_far[1] &&
+          density_mean_gradient(d, 1) == d->gradient[1]);
     density_free(test_ctx, d);
     density_free(test_ctx, copy);
 }
 
-/* ---------------------------------------------------------------- the loop */
+/* ---------------- the loop */
 
-/* Views of a coloured plane, rendered by our own renderer from a known model: points near the truth, wrong colours. shine: how much
- * the colours change with the view, in bands of degree 1. */
+/* Views of a coloured plane, rendered by our own renderer from a known model: points near the truth, wrong
+ * colours. shine: how much the colours change with the view, in bands of degree 1. */
 static oxl_scene *train_scene_of(int views, double shine)
 {
     enum { SIDE = 48, GRID = 12 };
-    oxl_model  truth;
-    oxl_view   view[16]  = {{0}};
-    oxl_image  image[16] = {{0}};
-    oxl_point  point[GRID * GRID];
+    oxl_model truth;
+    oxl_view view[16] = {{0}};
+    oxl_image image[16] = {{0}};
+    oxl_point point[GRID * GRID];
     oxl_scene *scene = NULL;
     CHECK_OK(oxl_model_create(test_ctx, GRID * GRID, 1, &truth));
     for (int i = 0; i < GRID * GRID; i++) {
         for (int k = 3; k < 12; k++)
-            truth.plane[OXL_SH + k][i] = (float)(shine * (random_unit(random_bits(5, (uint64_t)i, (uint64_t)k)) - 0.5));
+            truth.plane[OXL_SH + k][i] =
+                (float)(shine * (random_unit(random_bits(5, (uint64_t)i, (uint64_t)k)) - 0.5));
         const double x = (i % GRID - 5.5) * 0.3, y = (i / GRID - 5.5) * 0.3;
-        truth.plane[OXL_MEAN][i]     = (float)x;
+        truth.plane[OXL_MEAN][i] = (float)x;
         truth.plane[OXL_MEAN + 1][i] = (float)y;
-        truth.plane[OXL_OPACITY][i]  = 4;
+        truth.plane[OXL_OPACITY][i] = 4;
         for (int a = 0; a < 3; a++) {
             truth.plane[OXL_LOG_SCALE + a][i] = -1.8f;
-            truth.plane[OXL_SH + a][i]        = (float)(3 * random_unit(random_bits(4, (uint64_t)i, (uint64_t)a)) - 1.5);
+            truth.plane[OXL_SH + a][i] =
+                (float)(3 * random_unit(random_bits(4, (uint64_t)i, (uint64_t)a)) - 1.5);
         }
         point[i] = (oxl_point){.position = {x + 0.02, y - 0.02, 0.01}, .rgb = {128, 128, 128}};
     }
     for (int v = 0; v < views; v++) {
         static char names[16][16];
         snprintf(names[v], sizeof names[v], "v%02d.png", v);
-        view[v] = (oxl_view){
-            names[v],
-            {SIDE, SIDE, 50, 50, SIDE / 2.0, SIDE / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.2 * (v - 3), 0.1 * (v % 3), 3}},
-            v == 3};
+        view[v] = (oxl_view){names[v],
+                             {SIDE,
+                              SIDE,
+                              50,
+                              50,
+                              SIDE / 2.0,
+                              SIDE / 2.0,
+                              {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                              {0.2 * (v - 3), 0.1 * (v % 3), 3}},
+                             v == 3};
         CHECK_OK(oxl_render(test_ctx, &truth, &view[v].camera, NULL, &image[v], NULL));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, GRID * GRID, &scene));
@@ -352,15 +373,15 @@ static oxl_scene *train_scene(int views)
 static oxl_train_options train_options(int iterations)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    o.iterations        = iterations;
-    o.sh_degree         = 1;
+    o.iterations = iterations;
+    o.sh_degree = 1;
     return o;
 }
 
 static double train_psnr(oxl_scene *scene, const oxl_model *model)
 {
     oxl_metrics metrics;
-    double      psnr;
+    double psnr;
     CHECK_OK(oxl_evaluate(test_ctx, model, scene, OXL_SPLIT_TEST, &metrics));
     psnr = metrics.psnr;
     oxl_metrics_free(test_ctx, &metrics);
@@ -369,10 +390,11 @@ static double train_psnr(oxl_scene *scene, const oxl_model *model)
 
 TEST(train_learns_views_that_it_has_not_seen)
 {
-    oxl_scene        *scene   = train_scene(7);
+    oxl_scene *scene = train_scene(7);
     oxl_train_options options = train_options(300);
-    oxl_model         start, model;
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &start));
+    oxl_model start, model;
+    CHECK_OK(
+        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &start));
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &start) < 15);
     CHECK(train_psnr(scene, &model) > 25);
@@ -385,17 +407,18 @@ TEST(train_learns_views_that_it_has_not_seen)
 static int train_same(const oxl_model *a, const oxl_model *b)
 {
     int same = a->count == b->count && a->sh_degree == b->sh_degree;
-    for (int k = 0; same && k < oxl_model_planes(a); k++) same = !memcmp(a->plane[k], b->plane[k], a->count * sizeof(float));
+    for (int k = 0; same && k < oxl_model_planes(a); k++)
+        same = !memcmp(a->plane[k], b->plane[k], a->count * sizeof(float));
     return same;
 }
 
 TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
 {
-    oxl_scene        *scene   = train_scene(7);
+    oxl_scene *scene = train_scene(7);
     oxl_train_options options = train_options(160); /* densifies at 100 */
-    oxl_model         model[3];
+    oxl_model model[3];
     for (int i = 0; i < 3; i++) {
-        test_ctx->threads     = i == 0 ? 1 : i == 1 ? 2 : 7;
+        test_ctx->threads = i == 0 ? 1 : i == 1 ? 2 : 7;
         options.densify_until = 0.9f;
         CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[i]));
     }
@@ -407,9 +430,9 @@ TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
 
 TEST(train_depends_on_the_seed)
 {
-    oxl_scene        *scene   = train_scene(7);
+    oxl_scene *scene = train_scene(7);
     oxl_train_options options = train_options(20);
-    oxl_model         a, b;
+    oxl_model a, b;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &a));
     test_ctx->options.seed = 2;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &b));
@@ -427,11 +450,11 @@ static int train_stop_at_7(void *user, const oxl_progress *progress)
 
 TEST(train_stops_when_the_callback_asks_and_leaves_a_usable_model)
 {
-    oxl_scene         *scene   = train_scene(7);
-    oxl_train_options  options = train_options(100);
-    int                last    = 0;
-    const oxl_callback stop    = {train_stop_at_7, &last};
-    oxl_model          model;
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options options = train_options(100);
+    int last = 0;
+    const oxl_callback stop = {train_stop_at_7, &last};
+    oxl_model model;
     CHECK(oxl_train(test_ctx, scene, &options, &stop, &model) == OXL_ERR_INTERRUPTED);
     CHECK(last == 7 && model.count == oxl_scene_point_count(scene));
     CHECK_TEXT(oxl_error_text(test_ctx), "interrupted at iteration 7 of 100");
@@ -457,14 +480,14 @@ static int train_note_calls(void *user, const oxl_progress *progress)
 
 TEST(train_allocates_no_memory_between_steps_after_the_first)
 {
-    oxl_scene         *scene     = train_scene(7);
-    oxl_train_options  options   = train_options(90);
-    int                calls[91] = {0};
-    const oxl_callback note      = {train_note_calls, calls};
-    oxl_model          model;
-    options.densify_until        = 0;
-    train_calls                  = 0;
-    train_allocator              = test_ctx->options.reallocate;
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options options = train_options(90);
+    int calls[91] = {0};
+    const oxl_callback note = {train_note_calls, calls};
+    oxl_model model;
+    options.densify_until = 0;
+    train_calls = 0;
+    train_allocator = test_ctx->options.reallocate;
     test_ctx->options.reallocate = train_count;
     CHECK_OK(oxl_train(test_ctx, scene, &options, &note, &model));
     test_ctx->options.reallocate = train_allocator;
@@ -476,11 +499,11 @@ TEST(train_allocates_no_memory_between_steps_after_the_first)
 
 TEST(train_without_points_starts_from_random_ones)
 {
-    oxl_scene        *with = train_scene(4), *scene = NULL;
+    oxl_scene *with = train_scene(4), *scene = NULL;
     oxl_train_options options = train_options(3);
-    oxl_view          view[4];
-    oxl_image         image[4];
-    oxl_model         model;
+    oxl_view view[4];
+    oxl_image image[4];
+    oxl_model model;
     for (int v = 0; v < 4; v++) {
         view[v] = *oxl_scene_view(with, v);
         CHECK_OK(oxl_scene_image(test_ctx, with, v, &image[v]));
@@ -496,24 +519,25 @@ TEST(train_without_points_starts_from_random_ones)
 
 TEST(train_refuses_invalid_options)
 {
-    oxl_scene        *scene   = train_scene(2);
+    oxl_scene *scene = train_scene(2);
     oxl_train_options options = train_options(0);
-    oxl_model         model;
+    oxl_model model;
     CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_USAGE && model.count == 0);
     oxl_scene_free(test_ctx, scene);
 }
 
-/* ---------------------------------------------------------------- schedule */
+/* ---------------- schedule */
 
-/* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run after a reset. */
+/* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run
+ * after a reset. */
 TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_starts)
 {
     static const oxl_preset presets[] = {OXL_PRESET_DRAFT, OXL_PRESET_STANDARD, OXL_PRESET_PAPER};
     for (size_t k = 0; k < OXL_COUNT(presets); k++)
         for (int n = 500; n <= 60000; n += n < 3000 ? 100 : 500) {
             oxl_train_options o = oxl_train_options_default(presets[k]);
-            struct prune      p;
-            int               last = 0, count = 0;
+            struct prune p;
+            int last = 0, count = 0;
             o.iterations = n;
             prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, n, (int)(o.densify_until * n), 100, 248);
             for (int step = 1; step <= n; step++)
@@ -524,17 +548,19 @@ TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_star
         }
 }
 
-/* ---------------------------------------------------------------- less work a step */
+/* ---------------- less work a step */
 
-/* 60 steps: each option leaves a model of its own that has still learned the scene, whatever the number of threads. */
+/* 60 steps: each option leaves a model of its own that has still learned the scene, whatever the number of
+ * threads. */
 TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
-    oxl_scene        *scene = train_scene(7);
+    oxl_scene *scene = train_scene(7);
     oxl_train_options o[6];
-    oxl_model         model[6], again;
-    const int         threads = test_ctx->threads;
+    oxl_model model[6], again;
+    const int threads = test_ctx->threads;
     for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0;
-    o[1].coarse = 0.5f, o[2].sh_degree_interval = 0.5f, o[3].short_run_exponent = 0, o[4].cooldown = 0, o[5].alpha_min = 0.04f;
+    o[1].coarse = 0.5f, o[2].sh_degree_interval = 0.5f, o[3].short_run_exponent = 0, o[4].cooldown = 0,
+    o[5].alpha_min = 0.04f;
     for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
@@ -553,9 +579,9 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
 /* One step that moves nothing: 30 000^0.1 = 2.80. */
 TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
 {
-    oxl_scene        *scene = train_scene(7);
-    oxl_train_options o     = train_options(1);
-    oxl_model         usual, hasty;
+    oxl_scene *scene = train_scene(7);
+    oxl_train_options o = train_options(1);
+    oxl_model usual, hasty;
     o.lr_position = o.lr_position_final = 1e-30f;
     o.lr_scale = o.lr_opacity = 0;
     for (int i = 0; i < 2; i++) {
@@ -564,7 +590,8 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     }
     CHECK(usual.count == hasty.count);
     for (size_t i = 0; i < usual.count; i++) {
-        CHECK_CLOSE(usual.plane[OXL_LOG_SCALE + 1][i] - hasty.plane[OXL_LOG_SCALE + 1][i], 0.03 * log(30000 / 500), 1e-5);
+        CHECK_CLOSE(usual.plane[OXL_LOG_SCALE + 1][i] - hasty.plane[OXL_LOG_SCALE + 1][i],
+                    0.03 * log(30000 / 500), 1e-5);
         CHECK_CLOSE(vecmath_sigmoid(usual.plane[OXL_OPACITY][i]), 0.1, 1e-6);
         CHECK_CLOSE(vecmath_sigmoid(hasty.plane[OXL_OPACITY][i]), 0.1 * pow(30000 / 500, 0.07), 1e-6);
     }
@@ -575,11 +602,11 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
 
 TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
 {
-    oxl_train_options o     = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene         scene = {.view_count = 40};
-    oxl_view          view[40];
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene scene = {.view_count = 40};
+    oxl_view view[40];
     memset(view, 0, sizeof view);
-    scene.view             = view;
+    scene.view = view;
     scene.stats.mean_track = 4.5;
     for (int i = 0; i < 11; i++) view[i].is_test = 1;
     CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.4, 0);
@@ -587,7 +614,7 @@ TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
     CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.2, 1e-12);
     o.iterations = 30 * 29;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
-    o.iterations           = 60 * 29;
+    o.iterations = 60 * 29;
     scene.stats.mean_track = 4.6;
     CHECK(schedule_dropout_rate(&o, &scene) == 0);
     scene.stats.mean_track = 0;
@@ -610,9 +637,9 @@ TEST(train_auto_halves_large_images_only)
 
 TEST(train_refuses_shares_of_a_run_outside_0_to_1)
 {
-    oxl_scene        *scene = train_scene(4);
-    oxl_train_options o     = train_options(5);
-    oxl_model         model;
+    oxl_scene *scene = train_scene(4);
+    oxl_train_options o = train_options(5);
+    oxl_model model;
     o.coarse = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.coarse = 0, o.sh_degree_interval = 0;
@@ -628,16 +655,17 @@ TEST(train_refuses_shares_of_a_run_outside_0_to_1)
     oxl_scene_free(test_ctx, scene);
 }
 
-static struct adam_params train_adam_params_at(int step, int iterations, float short_run_exponent, float cooldown)
+static struct adam_params train_adam_params_at(int step, int iterations, float short_run_exponent,
+                                               float cooldown)
 {
-    oxl_train_options  o     = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene         *scene = train_scene(2);
-    const struct train t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene *scene = train_scene(2);
+    const struct train t = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
     struct adam_params adam;
-    o.iterations         = iterations;
+    o.iterations = iterations;
     o.short_run_exponent = short_run_exponent;
-    o.cooldown           = cooldown;
-    adam                 = schedule_adam_params(&t);
+    o.cooldown = cooldown;
+    adam = schedule_adam_params(&t);
     oxl_scene_free(test_ctx, scene);
     return adam;
 }
@@ -650,10 +678,10 @@ static struct adam_params train_adam_params_of(int iterations, float short_run_e
 /* Of 10 001 steps, so that shares of the run are round. */
 TEST(train_cooldown_reduces_all_rates_to_a_tenth_at_the_end)
 {
-    const struct adam_params usual  = train_adam_params_at(10001, 10001, 0, 0),
+    const struct adam_params usual = train_adam_params_at(10001, 10001, 0, 0),
                              before = train_adam_params_at(8000, 10001, 0, 0.2f),
                              within = train_adam_params_at(9001, 10001, 0, 0.2f),
-                             end    = train_adam_params_at(10001, 10001, 0, 0.2f);
+                             end = train_adam_params_at(10001, 10001, 0, 0.2f);
     for (int k = 0; k < OXL_PLANES; k++) {
         CHECK_CLOSE(end.rate[k] / usual.rate[k], 0.1, 1e-6);
         if (k < OXL_LOG_SCALE) continue; /* means shrink in the whole run */
@@ -666,10 +694,11 @@ TEST(train_cooldown_reduces_all_rates_to_a_tenth_at_the_end)
 /* But for those of positions; h = (30 000 / 10 001)^0.4. */
 TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_from_its_middle_on)
 {
-    const double             h       = pow(30000.0 / 10001, 0.4);
-    const struct adam_params start   = train_adam_params_at(1, 10001, 0.4f, 0),
+    const double h = pow(30000.0 / 10001, 0.4);
+    const struct adam_params start = train_adam_params_at(1, 10001, 0.4f, 0),
                              quarter = train_adam_params_at(2501, 10001, 0.4f, 0),
-                             middle = train_adam_params_at(5001, 10001, 0.4f, 0), paper = train_adam_params_at(1, 10001, 0, 0);
+                             middle = train_adam_params_at(5001, 10001, 0.4f, 0),
+                             paper = train_adam_params_at(1, 10001, 0, 0);
     CHECK_CLOSE(start.rate[OXL_OPACITY] / middle.rate[OXL_OPACITY], sqrt(h), 1e-5);
     CHECK_CLOSE(quarter.rate[OXL_OPACITY] / middle.rate[OXL_OPACITY], sqrt(sqrt(h)), 1e-5);
     CHECK(middle.rate[OXL_OPACITY] == paper.rate[OXL_OPACITY]);
@@ -679,7 +708,7 @@ TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_f
 TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_with_or_without_cooldown)
 {
     const oxl_train_options o = {.iterations = 1000, .alpha_min = 0.03f};
-    struct train            t = {.options = &o, .step = 800};
+    struct train t = {.options = &o, .step = 800};
     CHECK(schedule_alpha_min(&t) == 0.03f);
     t.step++;
     CHECK(schedule_alpha_min(&t) == 0);
@@ -687,7 +716,8 @@ TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_with_or_with
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)
 {
-    const struct adam_params full = train_adam_params_of(7000, 0.35f), shortened = train_adam_params_of(700, 0.35f),
+    const struct adam_params full = train_adam_params_of(7000, 0.35f),
+                             shortened = train_adam_params_of(700, 0.35f),
                              least = train_adam_params_of(10, 0.35f), usual = train_adam_params_of(700, 0);
     CHECK(full.beta[0] == 0.9 && full.beta[1] == 0.999);
     CHECK(usual.beta[0] == 0.9 && usual.beta[1] == 0.999 && usual.rate[OXL_LOG_SCALE] == 0.005f);

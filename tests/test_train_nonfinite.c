@@ -11,19 +11,20 @@ static void nonfinite_listen(void *user, oxl_log_level level, const char *text)
 
 struct nonfinite_test_case {
     oxl_train_options options;
-    oxl_model         before;
-    struct train      t;
+    oxl_model before;
+    struct train t;
 };
 
 /* A run of which `steps` steps are done. */
 static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
 {
     memset(c, 0, sizeof *c);
-    nonfinite_log[0]      = 0;
+    nonfinite_log[0] = 0;
     test_ctx->options.log = nonfinite_listen;
-    c->options            = train_options(200);
-    c->options.exposure   = OXL_OFF; /* else the target is on the host, not in the renderer */
-    c->t = (struct train){.ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .decisions = {.ctx = test_ctx}};
+    c->options = train_options(200);
+    c->options.exposure = OXL_OFF; /* else the target is on the host, not in the renderer */
+    c->t = (struct train){
+        .ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .decisions = {.ctx = test_ctx}};
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;
@@ -60,12 +61,14 @@ static int nonfinite_test_model_is_finite(const oxl_model *m)
 TEST(nonfinite_pixel_skips_one_step_only)
 {
     struct nonfinite_test_case c;
-    for (int steps = 0; steps < 2; steps++) { /* the first step has nothing of an earlier one to fall back on */
+    /* the first step has nothing of an earlier one to fall back on */
+    for (int steps = 0; steps < 2; steps++) {
         nonfinite_test_begin(&c, steps);
         nonfinite_test_step_with_pixel(&c, steps ? INFINITY : NAN);
         CHECK(train_same(&c.t.trained.model, &c.before));
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
-        CHECK_TEXT(nonfinite_log, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
+        CHECK_TEXT(nonfinite_log,
+                   steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
         CHECK_OK(train_step(&c.t));
         CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.t.trained.model) &&
@@ -79,7 +82,7 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
     static const int planes[] = {OXL_SH + 1, OXL_OPACITY, OXL_MEAN, OXL_LOG_SCALE + 2, OXL_ROTATION + 3};
     for (size_t k = 0; k < OXL_COUNT(planes); k++) {
         struct nonfinite_test_case c;
-        size_t                     bad = 0;
+        size_t bad = 0;
         nonfinite_test_begin(&c, 10);
         c.t.trained.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
         while (c.t.step < 25) {
@@ -87,9 +90,12 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
             CHECK_OK(train_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
-        if (k == 0) CHECK_TEXT(nonfinite_log, "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
-        for (size_t i = 0; i < c.t.trained.model.count; i++) bad += !model_row_is_finite(&c.t.trained.model, i);
-        CHECK(bad == (c.t.nonfinite.cleared == 0)); /* one that no view can see harms none, and goes at the end */
+        if (k == 0)
+            CHECK_TEXT(nonfinite_log, "a value of Gaussian 77 is not finite; its step is skipped, 1 cleared");
+        for (size_t i = 0; i < c.t.trained.model.count; i++)
+            bad += !model_row_is_finite(&c.t.trained.model, i);
+        /* one that no view can see harms none, and goes at the end */
+        CHECK(bad == (c.t.nonfinite.cleared == 0));
         CHECK(c.t.trained.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
         CHECK_OK(nonfinite_end(test_ctx, &c.t.nonfinite, &c.t.trained.model));
         CHECK(nonfinite_test_model_is_finite(&c.t.trained.model) && c.t.nonfinite.cleared == 1);
@@ -100,10 +106,10 @@ TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
 TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
 {
     struct nonfinite_test_case c;
-    struct renderer_nonfinite  aside;
-    struct renderer_loss       loss;
-    struct adam_params         adam = {.beta = RENDERER_BETAS};
-    oxl_model                  gradient;
+    struct renderer_nonfinite aside;
+    struct renderer_loss loss;
+    struct adam_params adam = {.beta = RENDERER_BETAS};
+    oxl_model gradient;
     nonfinite_test_begin(&c, 3);
     CHECK_OK(oxl_model_create(test_ctx, c.t.trained.model.count, c.t.trained.model.sh_degree, &gradient));
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
@@ -112,7 +118,7 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     CHECK_OK(step_loss_of_view(&c.t, 2, &loss));
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &gradient));
     gradient.plane[OXL_ROTATION + 1][40] = NAN;
-    gradient.plane[OXL_SH + 2][41]       = -INFINITY;
+    gradient.plane[OXL_SH + 2][41] = -INFINITY;
     CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.t.trained, &gradient, &adam, &aside));
     CHECK(aside.rows == 2 && aside.first == 40 && !renderer_row_visible(c.t.renderer, 40) &&
           renderer_row_visible(c.t.renderer, 42));
@@ -121,8 +127,10 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
     CHECK(c.t.trained.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] &&
           c.t.trained.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
     nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.t.trained);
-    CHECK_TEXT(nonfinite_log, "step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
-    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && nonfinite_test_model_is_finite(&c.t.trained.model) &&
+    CHECK_TEXT(nonfinite_log,
+               "step 4: v02.png: a value of Gaussian 40 and 1 more is not finite; its step is skipped, 0");
+    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 &&
+          nonfinite_test_model_is_finite(&c.t.trained.model) &&
           nonfinite_test_model_is_finite(&c.t.trained.mean));
     oxl_model_free(test_ctx, &gradient);
     nonfinite_test_free(&c);
@@ -130,27 +138,29 @@ TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
 
 TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
 {
-    const oxl_nonfinite f    = {1, 2, 3, 4, 5};
-    oxl_nonfinite       back = {0}, end = f;
-    struct text         t = {.ctx = test_ctx};
-    oxl_model           m;
-    nonfinite_log[0]      = 0;
+    const oxl_nonfinite f = {1, 2, 3, 4, 5};
+    oxl_nonfinite back = {0}, end = f;
+    struct text t = {.ctx = test_ctx};
+    oxl_model m;
+    nonfinite_log[0] = 0;
     test_ctx->options.log = nonfinite_listen;
     text_add(&t, "{\n");
     nonfinite_add_json(&t, &f);
     text_add(&t, "  \"end\": 0}");
-    CHECK_TEXT(t.data, "\"steps_skipped\": 2,\n  \"gaussian_steps_skipped\": 3,\n  \"gaussians_cleared\": 4,\n");
+    CHECK_TEXT(t.data,
+               "\"steps_skipped\": 2,\n  \"gaussian_steps_skipped\": 3,\n  \"gaussians_cleared\": 4,\n");
     nonfinite_read_json(t.data, &back);
     CHECK(memcmp(&back, &f, sizeof f) == 0);
     nonfinite_add(&back, &f);
     CHECK(back.images == 2 && back.degenerate == 10);
     CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
-    m.plane[OXL_ROTATION][0]      = 0;
+    m.plane[OXL_ROTATION][0] = 0;
     m.plane[OXL_LOG_SCALE + 1][1] = -90;
-    m.plane[OXL_SH][2]            = NAN;
+    m.plane[OXL_SH][2] = NAN;
     CHECK_OK(nonfinite_end(test_ctx, &end, &m));
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
-    CHECK_TEXT(nonfinite_log, "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
+    CHECK_TEXT(nonfinite_log,
+               "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
     CHECK_TEXT(nonfinite_log, "could not be read and were left out: 1");
     CHECK_TEXT(nonfinite_log, "2 Gaussians have a zero quaternion");
     oxl_model_free(test_ctx, &m);
@@ -161,10 +171,11 @@ TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
-        struct text                log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        const struct train_output  place = {.folder = test_folder(), .key = "key", .log = &log, .notes = &notes};
+        struct text log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
+        const struct train_output place = {
+            .folder = test_folder(), .key = "key", .log = &log, .notes = &notes};
         struct nonfinite_test_case c, again;
-        int                        found = 0;
+        int found = 0;
         nonfinite_test_begin(&c, 2);
         c.t.output = &place;
         if (fault == 1) c.t.view[3] = 7;

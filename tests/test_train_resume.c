@@ -12,26 +12,27 @@ static int checkpoint_stop(void *user, const oxl_progress *progress)
 }
 
 struct checkpoint_case {
-    oxl_scene        *scene;
+    oxl_scene *scene;
     oxl_train_options options;
-    struct text       log, notes, decisions;
-    int               first; /* iteration that the last run reported first */
-    oxl_model         whole; /* of a run that nothing disturbed */
+    struct text log, notes, decisions;
+    int first;       /* iteration that the last run reported first */
+    oxl_model whole; /* of a run that nothing disturbed */
 };
 
 static struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options)
 {
     const struct text empty = {.ctx = test_ctx};
-    return (struct checkpoint_case){.scene = scene, .options = options, .log = empty, .notes = empty, .decisions = empty};
+    return (struct checkpoint_case){
+        .scene = scene, .options = options, .log = empty, .notes = empty, .decisions = empty};
 }
 
 /* All options that save work are on: the stops below fall on both sides of their changes. */
 static struct checkpoint_case checkpoint_case(void)
 {
-    struct checkpoint_case c         = checkpoint_of(train_scene(7), train_options(130));
-    c.options.coarse                 = 0.5f;
-    c.options.sh_degree_interval     = 0.76f; /* at 99 */
-    c.options.densify_until          = 0.9f;  /* at 100: rows, moments and statistics change shape */
+    struct checkpoint_case c = checkpoint_of(train_scene(7), train_options(130));
+    c.options.coarse = 0.5f;
+    c.options.sh_degree_interval = 0.76f; /* at 99 */
+    c.options.densify_until = 0.9f;       /* at 100: rows, moments and statistics change shape */
     c.options.opacity_reset_interval = 0;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     return c;
@@ -52,17 +53,17 @@ static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int
     const struct train_output place = {
         .folder = test_folder(), .key = key, .log = &c->log, .notes = &c->notes, .decisions = &c->decisions};
     struct checkpoint_watch watch = {until, 0};
-    const oxl_callback      stop  = {checkpoint_stop, &watch};
-    const oxl_result        rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
-    c->first                      = watch.first;
+    const oxl_callback stop = {checkpoint_stop, &watch};
+    const oxl_result rc = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
+    c->first = watch.first;
     return rc;
 }
 
 TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {1, 29, 99, 100, 101};
-    struct checkpoint_case c       = checkpoint_case();
-    oxl_model              model;
+    static const int stops[] = {1, 29, 99, 100, 101};
+    struct checkpoint_case c = checkpoint_case();
+    oxl_model model;
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
         CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
         oxl_model_free(test_ctx, &model);
@@ -76,7 +77,7 @@ TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 TEST(checkpoint_keeps_the_callers_log)
 {
     struct checkpoint_case c = checkpoint_case();
-    oxl_model              model;
+    oxl_model model;
     text_add(&c.log, "iteration,loss\n");
     CHECK(checkpoint_run(&c, "key", 5, &model) == OXL_ERR_INTERRUPTED);
     oxl_model_free(test_ctx, &model);
@@ -90,7 +91,7 @@ TEST(checkpoint_keeps_the_callers_log)
 static void checkpoint_change_byte(const char *path, long at)
 {
     FILE *file = fopen(path, "r+b");
-    int   byte;
+    int byte;
     CHECK(file != NULL);
     if (!file) return;
     fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
@@ -103,7 +104,7 @@ static void checkpoint_change_byte(const char *path, long at)
 static void checkpoint_cut(const char *path, size_t size)
 {
     struct os_file_map map;
-    FILE              *file;
+    FILE *file;
     CHECK_OK(os_read_file(test_ctx, path, &map));
     file = fopen(path, "wb");
     CHECK(file && fwrite(map.data, 1, OXL_MIN(size, map.size), file) > 0);
@@ -114,9 +115,9 @@ static void checkpoint_cut(const char *path, size_t size)
 /* Two checkpoints, the newer damaged in each of several places: the run continues from the older. */
 TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
 {
-    static const long      places[] = {0, 30, 5000, -1, -20};
-    struct checkpoint_case c        = checkpoint_case();
-    oxl_model              model;
+    static const long places[] = {0, 30, 5000, -1, -20};
+    struct checkpoint_case c = checkpoint_case();
+    oxl_model model;
     for (size_t i = 0; i <= OXL_COUNT(places); i++) {
         checkpoint_remove(test_folder(), 0);
         for (int step = 10; step <= 20; step += 10) {
@@ -138,7 +139,7 @@ TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
 TEST(checkpoint_of_another_key_is_left_aside)
 {
     struct checkpoint_case c = checkpoint_case();
-    oxl_model              model;
+    oxl_model model;
     CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
     oxl_model_free(test_ctx, &model);
     CHECK(checkpoint_run(&c, "other", 1, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
@@ -155,7 +156,7 @@ static void checkpoint_numbers(struct archive *a, void *user)
 TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
 {
     oxl_model model = {0}, other = {0};
-    int       found = 0;
+    int found = 0;
     CHECK_OK(oxl_model_create(test_ctx, 3, 0, &model));
     model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
     {
@@ -181,11 +182,11 @@ static void checkpoint_no_state(struct archive *a, void *user)
 TEST(checkpoint_that_cannot_be_opened_does_not_count_as_none)
 {
     struct rlimit old, few;
-    oxl_result    rc;
-    int           found;
+    oxl_result rc;
+    int found;
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_no_state, NULL));
     getrlimit(RLIMIT_NOFILE, &old);
-    few          = old;
+    few = old;
     few.rlim_cur = 3;
     setrlimit(RLIMIT_NOFILE, &few);
     rc = checkpoint_read(test_ctx, test_folder(), "key", checkpoint_no_state, NULL, &found);

@@ -1,4 +1,5 @@
-/* test_train_selection.c - SH bands and second lobes are kept only where trials show a gain; the evidence is recorded. */
+/* test_train_selection.c - SH bands and second lobes are kept only where trials show a gain; the evidence is
+ * recorded. */
 
 TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 {
@@ -13,7 +14,7 @@ TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 TEST(selection_predicts_the_steps_of_its_trials)
 {
     oxl_train_options o = train_options(2000);
-    o.ucd.mode          = OXL_UCD_OFF;
+    o.ucd.mode = OXL_UCD_OFF;
     o.lamp = o.medium = OXL_OFF;
     CHECK(selection_trial_steps(&o, 50) == 0);
     o.sh_degree = -1;
@@ -23,24 +24,25 @@ TEST(selection_predicts_the_steps_of_its_trials)
 }
 
 struct selection_test_case {
-    oxl_scene        *scene;
+    oxl_scene *scene;
     oxl_train_options options;
-    struct text       log, decisions;
-    oxl_model         model;
+    struct text log, decisions;
+    oxl_model model;
 };
 
 /* The same cameras and points before a wall without any pattern. */
 static oxl_scene *selection_test_grey(oxl_scene *scene)
 {
-    oxl_view   view[14];
-    oxl_image  image[14];
+    oxl_view view[14];
+    oxl_image image[14];
     oxl_scene *grey = NULL;
     for (int v = 0; v < 14; v++) {
         view[v] = *oxl_scene_view(scene, v);
         CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++) image[v].rgb[i] = 0.5f;
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 14, oxl_scene_points(scene), oxl_scene_point_count(scene), &grey));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 14, oxl_scene_points(scene),
+                                   oxl_scene_point_count(scene), &grey));
     for (int v = 0; v < 14; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_scene_free(test_ctx, scene);
     return grey;
@@ -49,12 +51,13 @@ static oxl_scene *selection_test_grey(oxl_scene *scene)
 /* Trains; decisions and model are left. */
 static struct selection_test_case selection_test_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
 {
-    struct selection_test_case c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
-    const struct train_output  place = {
-         .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
-    c.options.sh_degree          = sh_degree;
-    c.options.dog                = dog;
-    c.options.short_run_exponent = 0; /* bands take the usual steps: a grey world is rendered to 70 dB by whatever learns fast */
+    struct selection_test_case c = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
+    const struct train_output place = {
+        .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
+    c.options.sh_degree = sh_degree;
+    c.options.dog = dog;
+    /* bands take the usual steps: a grey world is rendered to 70 dB by whatever learns fast */
+    c.options.short_run_exponent = 0;
     CHECK_OK(train_run(test_ctx, c.scene, &c.options, NULL, &place, &c.model));
     return c;
 }
@@ -93,7 +96,8 @@ TEST(selection_follows_explicit_options)
     selection_test_case_free(&c);
 }
 
-/* A run stopped at each of these steps and resumed ends in the bytes of an uninterrupted one. Its decisions are left. */
+/* A run stopped at each of these steps and resumed ends in the bytes of an uninterrupted one. Its decisions
+ * are left. */
 static void selection_test_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
 {
     oxl_model model;
@@ -108,14 +112,15 @@ static void selection_test_check_stops(struct checkpoint_case *c, const int *sto
     oxl_model_free(test_ctx, &model);
 }
 
-/* The trial of second lobes: stopped at any of its steps it is made again, and the decision and the bytes are the same. */
+/* The trial of second lobes: stopped at any of its steps it is made again, and the decision and the bytes are
+ * the same. */
 TEST(selection_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {119, 120, 121, 126, 131, 132, 133, 137, 138, 139};
-    struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
-    c.options.dog                  = OXL_DOG_AUTO;
-    c.options.sh_degree            = -1;
-    c.options.dog_threshold        = -0.5f; /* half of them */
+    static const int stops[] = {119, 120, 121, 126, 131, 132, 133, 137, 138, 139};
+    struct checkpoint_case c = checkpoint_of(train_scene(14), train_options(240));
+    c.options.dog = OXL_DOG_AUTO;
+    c.options.sh_degree = -1;
+    c.options.dog_threshold = -0.5f; /* half of them */
     selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, "\"dog\": {\"chosen\": ") && strstr(c.decisions.data, "without; "));
     checkpoint_case_free(&c);
@@ -123,13 +128,13 @@ TEST(selection_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
 
 TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {60, 62, 64, 90, 119, 200};
-    struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
-    c.options.sh_degree            = 0;
-    c.options.densify_every        = 3; /* 21 densifications from step 60 to 120 */
-    c.options.densify_gradient     = 8e-3f;
-    c.options.ucd.mode             = OXL_UCD_ON;
-    c.options.ucd.learn            = 1;
+    static const int stops[] = {60, 62, 64, 90, 119, 200};
+    struct checkpoint_case c = checkpoint_of(train_scene(14), train_options(240));
+    c.options.sh_degree = 0;
+    c.options.densify_every = 3; /* 21 densifications from step 60 to 120 */
+    c.options.densify_gradient = 8e-3f;
+    c.options.ucd.mode = OXL_UCD_ON;
+    c.options.ucd.learn = 1;
     selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));

@@ -1,21 +1,23 @@
-/* test_train_transients.c - content of one image alone is masked; content of all images, or not learned yet, is not. */
+/* test_train_transients.c - content of one image alone is masked; content of all images, or not learned yet,
+ * is not. */
 
 enum {
-    TRANSIENTS_TEST_SIDE   = 48,
+    TRANSIENTS_TEST_SIDE = 48,
     TRANSIENTS_TEST_PIXELS = TRANSIENTS_TEST_SIDE * TRANSIENTS_TEST_SIDE,
-    TRANSIENTS_TEST_PATCH  = 12
+    TRANSIENTS_TEST_PATCH = 12
 };
 
 struct transients_case {
-    oxl_scene        *scene;
+    oxl_scene *scene;
     struct transients transients;
-    float             rendered[3 * TRANSIENTS_TEST_PIXELS], image[3 * TRANSIENTS_TEST_PIXELS], weight[TRANSIENTS_TEST_PIXELS];
+    float rendered[3 * TRANSIENTS_TEST_PIXELS], image[3 * TRANSIENTS_TEST_PIXELS],
+        weight[TRANSIENTS_TEST_PIXELS];
 };
 
 static struct transients_case *transients_case(void)
 {
     struct transients_case *c = calloc(1, sizeof *c);
-    c->scene                  = train_scene(7);
+    c->scene = train_scene(7);
     CHECK_OK(transients_begin(test_ctx, &c->transients, c->scene, 1));
     return c;
 }
@@ -38,7 +40,8 @@ static void transients_test_paint(float *rgb, int x, int y, float by)
 
 static void transients_test_step(struct transients_case *c, int view, int masked)
 {
-    const struct transients_view v = {&oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered, c->image, c->weight, masked};
+    const struct transients_view v = {
+        &oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered, c->image, c->weight, masked};
     CHECK_OK(transients_mask(test_ctx, &c->transients, c->scene, &v, 1));
 }
 
@@ -52,7 +55,8 @@ static int transients_test_masked(const struct transients_case *c)
 TEST(transients_a_square_in_one_image_is_masked_and_nothing_else)
 {
     struct transients_case *c = transients_case();
-    for (int i = 0; i < 3 * TRANSIENTS_TEST_PIXELS; i++) /* texture that is not learned yet: large errors of zero mean */
+    /* texture that is not learned yet: large errors of zero mean */
+    for (int i = 0; i < 3 * TRANSIENTS_TEST_PIXELS; i++)
         c->image[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->rendered[i] = 0.5f;
     for (int k = 0; k < 30; k++) transients_test_step(c, k % 7, 0);
     CHECK(transients_test_masked(c) == 0);
@@ -61,7 +65,8 @@ TEST(transients_a_square_in_one_image_is_masked_and_nothing_else)
     CHECK(transients_test_masked(c) == TRANSIENTS_TEST_PATCH * TRANSIENTS_TEST_PATCH);
     CHECK(c->weight[20 * TRANSIENTS_TEST_SIDE + 16] == 0 && c->weight[31 * TRANSIENTS_TEST_SIDE + 27] == 0);
     CHECK(c->weight[19 * TRANSIENTS_TEST_SIDE + 16] == 1 && c->weight[31 * TRANSIENTS_TEST_SIDE + 28] == 1);
-    transients_test_paint(c->image, 28, 20, 0.04f); /* a fainter neighbour: one square of it, 4 px wide, is masked too */
+    /* a fainter neighbour: one square of it, 4 px wide, is masked too */
+    transients_test_paint(c->image, 28, 20, 0.04f);
     transients_test_step(c, 3, 0);
     CHECK(transients_test_masked(c) == (TRANSIENTS_TEST_PATCH + 4) * TRANSIENTS_TEST_PATCH);
     CHECK(c->weight[20 * TRANSIENTS_TEST_SIDE + 31] == 0 && c->weight[20 * TRANSIENTS_TEST_SIDE + 32] == 1);
@@ -87,12 +92,14 @@ TEST(transients_errors_common_to_all_views_are_not_masked)
 TEST(transients_masks_are_kept_and_masked_points_are_not_updated)
 {
     struct transients_case *c = transients_case();
-    float                   before, after;
-    size_t                  hidden = 0;
+    float before, after;
+    size_t hidden = 0;
     for (int i = 0; i < TRANSIENTS_TEST_PIXELS; i++) c->weight[i] = i / TRANSIENTS_TEST_SIDE < 24 ? 0 : 1;
     transients_test_step(c, 3, 1);
     CHECK(transients_test_masked(c) == TRANSIENTS_TEST_PIXELS / 2);
-    while (hidden < c->transients.points && (c->transients.place[hidden] < 0 || c->transients.place[hidden] >= 60)) hidden++;
+    while (hidden < c->transients.points &&
+           (c->transients.place[hidden] < 0 || c->transients.place[hidden] >= 60))
+        hidden++;
     CHECK(hidden < c->transients.points); /* 5 of 12 rows of squares: inside the mask */
     before = c->transients.expected[hidden];
     transients_test_step(c, 3, 1);
@@ -106,13 +113,13 @@ TEST(transients_masks_are_kept_and_masked_points_are_not_updated)
 
 TEST(transients_without_points_are_off_with_a_warning)
 {
-    oxl_view          view  = {"a.png", {8, 8, 9, 9, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}}, 0};
-    oxl_image         image = {0};
-    oxl_scene        *scene = NULL;
+    oxl_view view = {"a.png", {8, 8, 9, 9, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}}, 0};
+    oxl_image image = {0};
+    oxl_scene *scene = NULL;
     struct transients r;
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
     CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene));
-    nonfinite_log[0]      = 0;
+    nonfinite_log[0] = 0;
     test_ctx->options.log = nonfinite_listen;
     CHECK_OK(transients_begin(test_ctx, &r, scene, 1));
     CHECK(r.points == 0 && !r.expected);
@@ -122,14 +129,14 @@ TEST(transients_without_points_are_off_with_a_warning)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The scene of train_scene at a tenth of its brightness, which is learned soon, with a square in the image of view 5, fainter than
- * the initial expected error. */
+/* The scene of train_scene at a tenth of its brightness, which is learned soon, with a square in the image of
+ * view 5, fainter than the initial expected error. */
 static oxl_scene *transients_test_scene(int views)
 {
     oxl_scene *scene = train_scene(views), *patched = NULL;
-    oxl_view   view[16];
-    oxl_image  image[16];
-    oxl_point  point[144];
+    oxl_view view[16];
+    oxl_image image[16];
+    oxl_point point[144];
     CHECK(oxl_scene_point_count(scene) == OXL_COUNT(point));
     for (size_t i = 0; i < OXL_COUNT(point); i++) {
         point[i] = oxl_scene_points(scene)[i];
@@ -150,9 +157,9 @@ static oxl_scene *transients_test_scene(int views)
 /* Stopped before and after masking begins, and in the trial of SH bands. */
 TEST(transients_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {20, 61, 99, 122, 125, 127, 150};
-    struct checkpoint_case c       = checkpoint_of(transients_test_scene(14), train_options(240));
-    oxl_model              model, plain;
+    static const int stops[] = {20, 61, 99, 122, 125, 127, 150};
+    struct checkpoint_case c = checkpoint_of(transients_test_scene(14), train_options(240));
+    oxl_model model, plain;
     c.options.sh_degree = -1;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &plain));
     c.options.mask_transients = 1;
@@ -171,12 +178,12 @@ TEST(transients_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 
 TEST(transients_give_the_same_bytes_with_one_and_three_threads)
 {
-    oxl_scene        *scene   = transients_test_scene(9);
+    oxl_scene *scene = transients_test_scene(9);
     oxl_train_options options = train_options(100);
-    oxl_model         one, three;
-    const int         threads = test_ctx->threads;
-    options.mask_transients   = 1;
-    test_ctx->threads         = 1;
+    oxl_model one, three;
+    const int threads = test_ctx->threads;
+    options.mask_transients = 1;
+    test_ctx->threads = 1;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &one));
     test_ctx->threads = 3;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &three));
@@ -187,15 +194,16 @@ TEST(transients_give_the_same_bytes_with_one_and_three_threads)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* ---------------------------------------------------------------- free space */
+/* ---------------- free space */
 
-/* Points 10 in front of the cameras of scene_survey, all over their images, seen from `track` images; and one at depth 3 that two saw. */
+/* Points 10 in front of the cameras of scene_survey, all over their images, seen from `track` images; and one
+ * at depth 3 that two saw. */
 static oxl_scene *carve_scene(int track)
 {
-    const char       *path    = scene_survey("carve", 4, 0, 1);
-    struct text       points  = {.ctx = test_ctx};
+    const char *path = scene_survey("carve", 4, 0, 1);
+    struct text points = {.ctx = test_ctx};
     oxl_scene_options options = oxl_scene_options_default();
-    oxl_scene        *scene;
+    oxl_scene *scene;
     for (int i = 0; i < 23 * 13; i++) {
         text_add(&points, "%d %g %g 10 10 20 30 0.5", 2 + i, i % 23 * 0.5 - 4, i / 23 * 0.5 - 3);
         for (int k = 0; k < track; k++) text_add(&points, " %d 0", 10 + k);
@@ -210,22 +218,25 @@ static oxl_scene *carve_scene(int track)
 
 static int carve_free(const struct free_space *f, const oxl_scene *scene, double x, double y, double z)
 {
-    const double *o    = oxl_scene_origin(scene);
-    const double  p[3] = {x - o[0], y - o[1], z - o[2]};
+    const double *o = oxl_scene_origin(scene);
+    const double p[3] = {x - o[0], y - o[1], z - o[2]};
     return free_space_contains(f, p);
 }
 
 TEST(carve_free_space_lies_between_training_cameras_and_the_points_of_their_tracks)
 {
-    oxl_scene        *scene = carve_scene(3);
-    struct free_space f     = {0};
-    char              words[160];
+    oxl_scene *scene = carve_scene(3);
+    struct free_space f = {0};
+    char words[160];
     CHECK_OK(free_space_begin(test_ctx, &f, scene));
     CHECK(f.views == 3);
     free_space_describe(&f, words, sizeof words);
-    CHECK_TEXT(words, "65 % of the cells of 3 training views"); /* the third saw no point, and rims have few neighbours */
+    CHECK_TEXT(
+        words,
+        "65 % of the cells of 3 training views"); /* the third saw no point, and rims have few neighbours */
     CHECK(carve_free(&f, scene, 1.5, 0, 3) && carve_free(&f, scene, 1.5, 0, 6.9));
-    CHECK(!carve_free(&f, scene, 1.5, 0, 7.1) && !carve_free(&f, scene, 1.5, 0, 11) && !carve_free(&f, scene, 1.5, 0, -3));
+    CHECK(!carve_free(&f, scene, 1.5, 0, 7.1) && !carve_free(&f, scene, 1.5, 0, 11) &&
+          !carve_free(&f, scene, 1.5, 0, -3));
     CHECK(!carve_free(&f, scene, -0.8, 0, 3)); /* seen by the held-out view alone */
     CHECK(!carve_free(&f, scene, 3.8, 0, 3));  /* and by one that is in no track */
     free_space_free(test_ctx, &f);
@@ -239,15 +250,15 @@ TEST(carve_free_space_lies_between_training_cameras_and_the_points_of_their_trac
 
 TEST(carve_removes_gaussians_in_free_space_and_nothing_where_there_are_no_tracks)
 {
-    oxl_scene        *scene   = carve_scene(3), *plain;
+    oxl_scene *scene = carve_scene(3), *plain;
     oxl_train_options options = train_options(200);
-    struct free_space f       = {0};
-    oxl_model         model, same;
+    struct free_space f = {0};
+    oxl_model model, same;
     CHECK_OK(free_space_begin(test_ctx, &f, scene));
     for (int carve = 0; carve < 2; carve++) {
         uint8_t *carved;
-        size_t   count = 0;
-        options.carve  = carve;
+        size_t count = 0;
+        options.carve = carve;
         CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
         CHECK_OK(free_space_carve(test_ctx, &f, &model, &carved));
         for (size_t i = 0; i < model.count; i++) count += carved[i];

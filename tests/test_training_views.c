@@ -9,9 +9,10 @@ static oxl_model tviews_model(void)
     CHECK_OK(oxl_model_create(test_ctx, TVIEWS_GAUSSIANS, 0, &m));
     for (size_t i = 0; i < m.count; i++) {
         for (int k = 0; k < 3; k++) {
-            m.plane[OXL_MEAN + k][i]      = (float)((k < 2 ? 8 : 0.4) * (random_unit(random_bits(5, i, (uint64_t)k)) - 0.5));
+            m.plane[OXL_MEAN + k][i] =
+                (float)((k < 2 ? 8 : 0.4) * (random_unit(random_bits(5, i, (uint64_t)k)) - 0.5));
             m.plane[OXL_LOG_SCALE + k][i] = (float)(-2.6 + random_unit(random_bits(6, i, (uint64_t)k)));
-            m.plane[OXL_SH + k][i]        = (float)(3 * random_unit(random_bits(7, i, (uint64_t)k)) - 1);
+            m.plane[OXL_SH + k][i] = (float)(3 * random_unit(random_bits(7, i, (uint64_t)k)) - 1);
         }
         m.plane[OXL_OPACITY][i] = 2;
     }
@@ -19,13 +20,15 @@ static oxl_model tviews_model(void)
 }
 
 /* A third of the light from the scene is left, and the medium is bright. */
-static const struct medium tviews_medium = {
-    .on = 1, .attenuation = {0.4f, 0.3f, 0.2f}, .backscatter = {0.3f, 0.2f, 0.2f}, .veiling_light = {0.1f, 0.35f, 0.45f}};
+static const struct medium tviews_medium = {.on = 1,
+                                            .attenuation = {0.4f, 0.3f, 0.2f},
+                                            .backscatter = {0.3f, 0.2f, 0.2f},
+                                            .veiling_light = {0.1f, 0.35f, 0.45f}};
 
 static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_medium, oxl_image *out)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer         *r       = NULL;
+    struct renderer *r = NULL;
     CHECK_OK(renderer_create(test_ctx, &r));
     renderer_set_medium(r, in_medium ? &tviews_medium : NULL, 0);
     CHECK_OK(renderer_draw(test_ctx, r, m, camera, &options, out, NULL));
@@ -35,15 +38,16 @@ static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_med
 /* The views that `broken` names: two with a displaced pose, one darkened, one out of focus. */
 static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 {
-    oxl_view   view[TVIEWS];
-    oxl_image  image[TVIEWS];
-    oxl_point  point[TVIEWS];
-    char       name[TVIEWS][16];
+    oxl_view view[TVIEWS];
+    oxl_image image[TVIEWS];
+    oxl_point point[TVIEWS];
+    char name[TVIEWS][16];
     oxl_scene *scene = NULL;
     for (int v = 0; v < TVIEWS; v++) {
         const double x = 0.7 * (v % 6) - 1.75, y = 0.8 * (v / 6) - 1.2;
         snprintf(name[v], sizeof name[v], "v%02d", v);
-        view[v]  = (oxl_view){name[v], {TVIEWS_W, TVIEWS_H, 90, 90, 48, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, -y, 4}}, 0};
+        view[v] = (oxl_view){
+            name[v], {TVIEWS_W, TVIEWS_H, 90, 90, 48, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, -y, 4}}, 0};
         point[v] = (oxl_point){.position = {x, y, 0}, .rgb = {90, 90, 90}};
         tviews_draw(m, &view[v].camera, in_medium, &image[v]);
         for (size_t i = 0; i < 3 * TVIEWS_W * TVIEWS_H; i++)
@@ -53,8 +57,9 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
         for (size_t i = 0; broken && v == 20 && i < 3 * TVIEWS_W * TVIEWS_H; i++) image[v].rgb[i] *= 0.6f;
         for (int pass = 0; broken && v == 3 && pass < 2; pass++) /* a running mean of 5 px along the rows */
             for (size_t i = 2; i + 3 < 3 * TVIEWS_W * TVIEWS_H; i++)
-                image[v].rgb[i] =
-                    (image[v].rgb[i - 2] + image[v].rgb[i - 1] + image[v].rgb[i] + image[v].rgb[i + 1] + image[v].rgb[i + 2]) / 5;
+                image[v].rgb[i] = (image[v].rgb[i - 2] + image[v].rgb[i - 1] + image[v].rgb[i] +
+                                   image[v].rgb[i + 1] + image[v].rgb[i + 2]) /
+                                  5;
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, TVIEWS, point, TVIEWS, &scene));
     if (in_medium) scene->imaging.medium = tviews_medium;
@@ -64,15 +69,15 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 
 static void tviews_check_flags(int in_medium)
 {
-    oxl_model   m     = tviews_model();
-    oxl_scene  *scene = tviews_scene(&m, 1, in_medium);
-    struct text t     = {.ctx = test_ctx};
+    oxl_model m = tviews_model();
+    oxl_scene *scene = tviews_scene(&m, 1, in_medium);
+    struct text t = {.ctx = test_ctx};
     colmap_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("worst")));
     CHECK(colmap_warned.count == 4);
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"flagged\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
-        char        name[16], flag[16];
+        char name[16], flag[16];
         const char *wanted;
         oxl_json_text(oxl_json_member(row, "name"), name, sizeof name);
         oxl_json_text(oxl_json_member(row, "flag"), flag, sizeof flag);
@@ -101,9 +106,9 @@ TEST(training_views_behind_a_medium_are_compared_with_what_the_model_shows_throu
 
 TEST(training_views_of_a_valid_survey_are_not_flagged)
 {
-    oxl_model   m     = tviews_model();
-    oxl_scene  *scene = tviews_scene(&m, 0, 0);
-    struct text t     = {.ctx = test_ctx};
+    oxl_model m = tviews_model();
+    oxl_scene *scene = tviews_scene(&m, 0, 0);
+    struct text t = {.ctx = test_ctx};
     colmap_listen();
     CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, NULL));
     CHECK(colmap_warned.count == 0);

@@ -1,30 +1,32 @@
 /* test_ucd.c - how fast contrast fades, whether weights by depth are needed, and how they are learned. */
 
-/* ---------------------------------------------------------------- contrast */
+/* ---------------- contrast */
 
 enum { WALL_VIEWS = 12, WALL_POINTS = 35, WALL_WIDTH = 160, WALL_HEIGHT = 120 };
 
-/* Waves of 0.54 on a wall seen straight from z: 100 levels x exp(-beta z), on the left half a third of that. */
+/* Waves of 0.54 on a wall seen straight from z: 100 levels x exp(-beta z), on the left half a third of
+ * that. */
 static void wall_draw(oxl_image *image, double z, double beta)
 {
     for (int i = 0; i < 3 * WALL_WIDTH * WALL_HEIGHT; i++) {
-        const double x = (i % WALL_WIDTH + 0.5 - 80) * z / 100, y = (i / WALL_WIDTH % WALL_HEIGHT + 0.5 - 60) * z / 100;
+        const double x = (i % WALL_WIDTH + 0.5 - 80) * z / 100,
+                     y = (i / WALL_WIDTH % WALL_HEIGHT + 0.5 - 60) * z / 100;
         const double wave = sin(x * 6.283 / 0.54) * sin(y * 6.283 / 0.54);
-        image->rgb[i]     = (float)(0.5 + 100 / 255.0 * exp(-beta * z) * wave * (x < -0.4 ? 0.33 : 1));
+        image->rgb[i] = (float)(0.5 + 100 / 255.0 * exp(-beta * z) * wave * (x < -0.4 ? 0.33 : 1));
     }
 }
 
-/* View v stands at z = 4 + v / 4. Points on the dull half are seen by the nearer views alone: an average over points would say that
- * contrast grows with depth. */
+/* View v stands at z = 4 + v / 4. Points on the dull half are seen by the nearer views alone: an average over
+ * points would say that contrast grows with depth. */
 static oxl_scene *wall_scene(double beta)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    oxl_scene  *scene = NULL;
+    oxl_scene *scene = NULL;
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 120 100 100 80 60\n");
     for (int v = 0; v < WALL_VIEWS; v++) {
         oxl_image image;
-        char      name[64];
+        char name[64];
         snprintf(name, sizeof name, "survey/images/v%02d.png", v);
         text_add(&images, "%d 1 0 0 0 0 0 %d.%02d 1 v%02d.png\n\n", v + 1, 4 + v / 4, v % 4 * 25, v);
         CHECK_OK(oxl_image_create(test_ctx, WALL_WIDTH, WALL_HEIGHT, &image));
@@ -53,7 +55,7 @@ TEST(contrast_decay_follows_the_water_and_not_the_texture_of_points)
 {
     static const double waters[] = {0, 0.1, 0.3};
     for (size_t i = 0; i < OXL_COUNT(waters); i++) {
-        oxl_scene      *scene = wall_scene(waters[i]);
+        oxl_scene *scene = wall_scene(waters[i]);
         struct contrast c;
         CHECK_OK(contrast_measure(test_ctx, scene, &c));
         CHECK(c.measured && c.points == WALL_POINTS && c.error > 0 && c.error < 0.02);
@@ -64,9 +66,9 @@ TEST(contrast_decay_follows_the_water_and_not_the_texture_of_points)
 
 static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn)
 {
-    oxl_ucd    options = option_default_ucd();
+    oxl_ucd options = option_default_ucd();
     struct ucd u;
-    options.mode  = mode;
+    options.mode = mode;
     options.learn = learn;
     CHECK_OK(ucd_begin(test_ctx, &u, scene, &options));
     return u;
@@ -75,7 +77,7 @@ static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn)
 /* To ask again for every point took minutes where 15 images of 1000 points each were turned. */
 TEST(contrast_reads_each_image_once_even_when_it_cannot_be_read)
 {
-    oxl_scene      *scene = wall_scene(0.1);
+    oxl_scene *scene = wall_scene(0.1);
     struct contrast c;
     test_write("survey/images/v03.png", "no image");
     CHECK_OK(contrast_measure(test_ctx, scene, &c));
@@ -90,11 +92,11 @@ static int contrast_is_stopped(void *user)
 
 TEST(contrast_is_left_at_the_image_where_it_is_stopped)
 {
-    oxl_scene      *scene = wall_scene(0.1);
+    oxl_scene *scene = wall_scene(0.1);
     struct contrast c;
-    int             asked     = 0;
+    int asked = 0;
     test_ctx->options.stopped = contrast_is_stopped;
-    test_ctx->options.user    = &asked;
+    test_ctx->options.user = &asked;
     CHECK(contrast_measure(test_ctx, scene, &c) == OXL_ERR_INTERRUPTED);
     CHECK(!c.measured && asked == 2);
     test_ctx->options.stopped = NULL;
@@ -104,8 +106,8 @@ TEST(contrast_is_left_at_the_image_where_it_is_stopped)
 TEST(contrast_of_a_scene_without_tracks_is_not_measured)
 {
     struct prune_case c = prune_two_patches(3, 2, 0);
-    struct contrast   contrast;
-    struct ucd        u;
+    struct contrast contrast;
+    struct ucd u;
     CHECK_OK(contrast_measure(test_ctx, c.scene, &contrast));
     CHECK(!contrast.measured);
     u = ucd_of(c.scene, OXL_UCD_AUTO, 1);
@@ -114,14 +116,14 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
     prune_case_free(&c);
 }
 
-/* ---------------------------------------------------------------- whether */
+/* ---------------- whether */
 
 TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
 {
     for (int turbid = 0; turbid < 2; turbid++) {
         oxl_scene *scene = wall_scene(turbid ? 0.2 : 0);
-        struct ucd u     = ucd_of(scene, OXL_UCD_AUTO, 1);
-        char       text[400];
+        struct ucd u = ucd_of(scene, OXL_UCD_AUTO, 1);
+        char text[400];
         ucd_describe(&u, text, sizeof text);
         CHECK(u.on == turbid);
         CHECK_TEXT(text, turbid ? "depth weights on: from depth" : "depth weights off: from depth");
@@ -133,7 +135,7 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
 TEST(ucd_bands_are_thirds_of_the_largest_depth_without_outliers)
 {
     oxl_scene *scene = wall_scene(0.3);
-    struct ucd u     = ucd_of(scene, OXL_UCD_ON, 1);
+    struct ucd u = ucd_of(scene, OXL_UCD_ON, 1);
     CHECK(fabs(u.z_near - 6.75 / 3) < 0.1 && fabs(u.z_far - 4.5) < 0.2);
     oxl_scene_free(test_ctx, scene);
 }
@@ -141,9 +143,9 @@ TEST(ucd_bands_are_thirds_of_the_largest_depth_without_outliers)
 TEST(ucd_keeps_fixed_weights_and_says_so)
 {
     oxl_scene *scene = wall_scene(0.2);
-    struct ucd u     = ucd_of(scene, OXL_UCD_ON, 0);
-    double     f[2];
-    char       text[400];
+    struct ucd u = ucd_of(scene, OXL_UCD_ON, 0);
+    double f[2];
+    char text[400];
     for (int i = 0; i < 40; i++) {
         ucd_observe(&u, 1.0 / (i + 1));
         ucd_weights(&u, 100 + 10 * (size_t)i, f);
@@ -157,8 +159,9 @@ TEST(ucd_keeps_fixed_weights_and_says_so)
 
 TEST(ucd_options_are_words_or_two_weights_in_order)
 {
-    static const char *const wrong[] = {"", "maybe", "2", "2,1", "0.5,1", "1.5;2", "1.5,2,", "1.5,6", "1,nan", "1.5,2,x"};
-    oxl_ucd                  o;
+    static const char *const wrong[] = {"",      "maybe",  "2",     "2,1",   "0.5,1",
+                                        "1.5;2", "1.5,2,", "1.5,6", "1,nan", "1.5,2,x"};
+    oxl_ucd o;
     CHECK(option_read_ucd("auto", &o));
     CHECK(o.mode == OXL_UCD_AUTO && !o.learn && o.f_mid == 1.5f && o.f_far == 2);
     CHECK(option_read_ucd("off", &o));
@@ -174,19 +177,22 @@ TEST(ucd_options_are_words_or_two_weights_in_order)
     }
 }
 
-/* ---------------------------------------------------------------- the search */
+/* ---------------- the search */
 
-/* A run without images, from (2, 3): within a span the log loss changes by `cost`, a function of the weights in use. */
+/* A run without images, from (2, 3): within a span the log loss changes by `cost`, a function of the weights
+ * in use. */
 struct search {
     struct ucd u;
-    double     log_loss, count, most_mid, least_mid;
+    double log_loss, count, most_mid, least_mid;
     double (*cost)(const double f[2]);
 };
 
 static struct search search_begin(double (*cost)(const double f[2]), uint64_t seed)
 {
-    struct search s = {.u = {.on = 1, .learns = 1, .f = {2, 3}, .prior = {2, 3}, .seed = seed}, .count = 1000, .least_mid = 9};
-    s.cost          = cost;
+    struct search s = {.u = {.on = 1, .learns = 1, .f = {2, 3}, .prior = {2, 3}, .seed = seed},
+                       .count = 1000,
+                       .least_mid = 9};
+    s.cost = cost;
     ucd_restart(&s.u);
     return s;
 }
@@ -199,12 +205,13 @@ static void search_run(struct search *s, int densifications)
         ucd_weights(&s->u, (size_t)s->count, f);
         CHECK(f[0] >= 1 && f[1] >= f[0] && f[1] <= UCD_CAP);
         s->least_mid = OXL_MIN(s->least_mid, f[0]);
-        s->most_mid  = OXL_MAX(s->most_mid, f[0]);
+        s->most_mid = OXL_MAX(s->most_mid, f[0]);
         s->log_loss += s->cost(f) / UCD_SPAN;
     }
 }
 
-static double search_falling(const double f[2]) /* by 0.01 for each unit of f_mid, and much whatever they are */
+/* by 0.01 for each unit of f_mid, and much whatever they are */
+static double search_falling(const double f[2])
 {
     return -0.08 - 0.01 * f[0];
 }
@@ -236,7 +243,8 @@ TEST(ucd_search_moves_by_slope_over_precision_and_stays_where_costs_are_flat)
         CHECK_CLOSE(s.least_mid, 2 - UCD_SHIFT, 1e-9);
         CHECK_CLOSE(s.most_mid, 2 + UCD_SHIFT, 1e-9);
         s = search_begin(search_falling, seed);
-        search_run(&s, 2 + 17 * UCD_SPAN); /* f_far - f_mid: the effect of f_mid cancels over perpendicular pairs */
+        /* f_far - f_mid: the effect of f_mid cancels over perpendicular pairs */
+        search_run(&s, 2 + 17 * UCD_SPAN);
         CHECK_CLOSE(s.u.f[0], 2 + 8 / 9.0 * 0.01 / UCD_PRECISION, 1e-9);
         CHECK_CLOSE(s.u.f[1] - s.u.f[0], 1, 1e-9);
     }
@@ -291,7 +299,7 @@ TEST(ucd_continues_from_its_archive)
 {
     for (int stop = 1; stop < 3 * UCD_SPAN; stop++) {
         struct search a = search_begin(search_falling, 3), b = a;
-        int           found = 0;
+        int found = 0;
         search_run(&a, 20 + stop);
         CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", ucd_state, &a.u));
         CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", ucd_state, &b.u, &found));

@@ -1,6 +1,7 @@
-/* test_underwater.c - exposure, lamp and medium: gradients, gauge, what is written and read; a run recovers values that are known. */
+/* test_underwater.c - exposure, lamp and medium: gradients, gauge, what is written and read; a run recovers
+ * values that are known. */
 
-/* ---------------------------------------------------------------- gains by hand */
+/* ---------------- gains by hand */
 
 static struct imaging imaging_test_make(int views, const int *known, int count)
 {
@@ -17,7 +18,7 @@ static struct imaging imaging_test_make(int views, const int *known, int count)
 TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighbours)
 {
     struct imaging m = imaging_test_make(9, (int[]){2, 6}, 2);
-    float          gain[3];
+    float gain[3];
     imaging_gain(&m, 3, gain);
     CHECK_CLOSE(gain[1], exp(0.31), 1e-5);
     imaging_gain(&m, 0, gain);
@@ -31,14 +32,15 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
 static oxl_scene *exposure_scene_named(const char *const *names, int views)
 {
     oxl_scene *plain = train_scene(views), *scene = NULL;
-    oxl_view   view[14]  = {{0}};
-    oxl_image  image[14] = {{0}};
+    oxl_view view[14] = {{0}};
+    oxl_image image[14] = {{0}};
     for (int v = 0; v < views; v++) {
-        view[v]      = *oxl_scene_view(plain, v);
+        view[v] = *oxl_scene_view(plain, v);
         view[v].name = names[v];
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
+                                   oxl_scene_point_count(plain), &scene));
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_scene_free(test_ctx, plain);
     return scene;
@@ -46,15 +48,16 @@ static oxl_scene *exposure_scene_named(const char *const *names, int views)
 
 TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
 {
-    static const char *const pairs[]  = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
-                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
-    static const char *const random[] = {"a.png", "b.png", "c.png", "d.png", "e.png", "f.png", "g.png", "h.png"};
-    const char *const *const names[]  = {pairs, random};
-    const double             wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
+    static const char *const pairs[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
+                                        "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
+    static const char *const random[] = {"a.png", "b.png", "c.png", "d.png",
+                                         "e.png", "f.png", "g.png", "h.png"};
+    const char *const *const names[] = {pairs, random};
+    const double wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
     for (int k = 0; k < 2; k++) {
-        oxl_scene     *scene = exposure_scene_named(names[k], 8);
-        struct imaging m     = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
-        float          between[3];
+        oxl_scene *scene = exposure_scene_named(names[k], 8);
+        struct imaging m = imaging_test_make(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
+        float between[3];
         for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
         CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
         imaging_interpolate(&m, 4, between);
@@ -67,9 +70,10 @@ TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
 
 TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
 {
-    struct imaging a = imaging_test_make(9, (int[]){0, 2, 4}, 3), b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all;
-    int            count[9] = {0};
-    const float    of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
+    struct imaging a = imaging_test_make(9, (int[]){0, 2, 4}, 3),
+                   b = imaging_test_make(9, (int[]){2, 4, 8}, 3), all;
+    int count[9] = {0};
+    const float of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
     for (int i = 0; i < 27; i++) b.log_gain[i] += b.known[i / 3] ? 0.7f : 0;
     imaging_merge(&all, count, &a);
@@ -84,9 +88,9 @@ TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
 
 TEST(model_colours_scale_by_a_factor_for_each_channel)
 {
-    const oxl_point point   = {.position = {0, 0, 4}, .rgb = {100, 150, 200}};
-    const double    half[3] = {0.5, 1, 2};
-    oxl_model       model;
+    const oxl_point point = {.position = {0, 0, 4}, .rgb = {100, 150, 200}};
+    const double half[3] = {0.5, 1, 2};
+    oxl_model model;
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 1, &model));
     model_scale_colour(&model, half);
     CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH][0], 50 / 255., 1e-5);
@@ -95,15 +99,16 @@ TEST(model_colours_scale_by_a_factor_for_each_channel)
     oxl_model_free(test_ctx, &model);
 }
 
-/* ---------------------------------------------------------------- the gradient */
+/* ---------------- the gradient */
 
 /* L1 + SSIM of a rendered view times its gains, against its image. */
-static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const double log_gain[3])
+static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model,
+                                          const double log_gain[3])
 {
-    oxl_render_options   o = oxl_render_options_default();
+    oxl_render_options o = oxl_render_options_default();
     struct renderer_loss loss;
-    oxl_image            image;
-    float                gain[3];
+    oxl_image image;
+    float gain[3];
     for (int c = 0; c < 3; c++) gain[c] = (float)exp(log_gain[c]);
     CHECK_OK(oxl_scene_image(test_ctx, scene, 1, &image));
     CHECK_OK(renderer_forward(test_ctx, r, model, &oxl_scene_view(scene, 1)->camera, &o));
@@ -115,17 +120,18 @@ static struct renderer_loss exposure_loss(struct renderer *r, oxl_scene *scene, 
 
 TEST(exposure_gradient_agrees_with_finite_differences)
 {
-    oxl_scene       *scene = train_scene(3);
+    oxl_scene *scene = train_scene(3);
     struct renderer *r;
-    oxl_model        model;
+    oxl_model model;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    CHECK_OK(
+        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
     for (int k = -1; k <= 1; k++)
         for (int c = 0; c < 3; c++) {
-            const double h     = 1e-3;
-            double       at[3] = {0.5 * k, 0.3 * k, -0.4 * k}, here, plus, minus;
-            here               = exposure_loss(r, scene, &model, at).dlog_gain[c];
-            at[c] += h, plus      = exposure_loss(r, scene, &model, at).total;
+            const double h = 1e-3;
+            double at[3] = {0.5 * k, 0.3 * k, -0.4 * k}, here, plus, minus;
+            here = exposure_loss(r, scene, &model, at).dlog_gain[c];
+            at[c] += h, plus = exposure_loss(r, scene, &model, at).total;
             at[c] -= 2 * h, minus = exposure_loss(r, scene, &model, at).total;
             CHECK_CLOSE(here, (plus - minus) / (2 * h), 1e-4 + 5e-3 * fabs(here));
         }
@@ -134,12 +140,13 @@ TEST(exposure_gradient_agrees_with_finite_differences)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* With gains the model's gradient is that of the loss of the exposed image: of the image before it, times the gain. */
+/* With gains the model's gradient is that of the loss of the exposed image: of the image before it, times the
+ * gain. */
 TEST(exposure_gains_multiply_the_gradient_of_the_image)
 {
     const float gain[3] = {0.5f, 1, 2}, x[6] = {1, 2, 3, 4, 5, 6}, dy[6] = {1, -1, 1, -1, 1, -1};
-    float       y[6], map[2], dx[6];
-    double      d[3], shape[LAMP_TERMS];
+    float y[6], map[2], dx[6];
+    double d[3], shape[LAMP_TERMS];
 
     const struct exposure_job job = {{2, 1, 2, 1, 0, 0}, gain, NULL, x, y, map, dy, dx, d, shape};
     exposure_forward(test_ctx->isa, &job);
@@ -150,21 +157,22 @@ TEST(exposure_gains_multiply_the_gradient_of_the_image)
     CHECK_CLOSE(d[2], -2, 1e-12);
 }
 
-/* ---------------------------------------------------------------- runs */
+/* ---------------- runs */
 
 /* The scene of test_train.c, each image brighter or darker by up to a third, in a wave along its views. */
 static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 {
     oxl_scene *plain = train_scene(views), *scene = NULL;
-    oxl_view   view[14]  = {{0}};
-    oxl_image  image[14] = {{0}};
+    oxl_view view[14] = {{0}};
+    oxl_image image[14] = {{0}};
     for (int v = 0; v < views; v++) {
         view[v] = *oxl_scene_view(plain, v);
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
             image[v].rgb[i] = OXL_MIN(1.0f, image[v].rgb[i] * (float)exp(amplitude * sin(speed * v)));
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
+                                   oxl_scene_point_count(plain), &scene));
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_scene_free(test_ctx, plain);
     return scene;
@@ -172,13 +180,13 @@ static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 
 TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 {
-    oxl_scene            *scene   = exposure_scene(14, 0.2f, 0.4);
-    oxl_train_options     options = train_options(600);
-    oxl_model             model;
+    oxl_scene *scene = exposure_scene(14, 0.2f, 0.4);
+    oxl_train_options options = train_options(600);
+    oxl_model model;
     const struct imaging *m;
-    double                off, sum = 0, error = 0, square = 0;
-    int                   n = 0;
-    options.exposure        = OXL_OFF;
+    double off, sum = 0, error = 0, square = 0;
+    int n = 0;
+    options.exposure = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
@@ -202,11 +210,11 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 
 TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 {
-    oxl_scene        *scene   = train_scene(14);
+    oxl_scene *scene = train_scene(14);
     oxl_train_options options = train_options(1000);
-    oxl_model         off, automatic;
+    oxl_model off, automatic;
     options.sh_degree = -1; /* so that validation views stand aside in both */
-    options.exposure  = OXL_OFF;
+    options.exposure = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
     options.exposure = OXL_AUTO;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &automatic));
@@ -219,12 +227,12 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 /* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
 static int exposure_test_takes(double wave, double jump, int parts)
 {
-    struct exposure   e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
+    struct exposure e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
     struct photometry p = {.points = 100, .observations = 900, .parts = parts};
-    float             gain[24];
-    uint8_t           known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
-    char              why[400];
-    int               on;
+    float gain[24];
+    uint8_t known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+    char why[400];
+    int on;
     for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
     p.log_gain = gain, p.known = known;
     exposure_set_from_tracks(&e, &p, why, sizeof why);
@@ -242,12 +250,13 @@ TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_predict_the
 /* Both cameras jump together, or only the right ones do. */
 TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do)
 {
-    static const char *const names[] = {"01_left.png",  "01_right.png", "02_left.png",  "02_right.png", "03_left.png",
-                                        "03_right.png", "04_left.png",  "04_right.png", "05_left.png",  "05_right.png"};
-    oxl_scene               *scene   = exposure_scene_named(names, 10);
+    static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
+                                        "03_left.png", "03_right.png", "04_left.png", "04_right.png",
+                                        "05_left.png", "05_right.png"};
+    oxl_scene *scene = exposure_scene_named(names, 10);
     for (int together = 0; together < 2; together++) {
         struct imaging m = imaging_test_make(10, NULL, 0);
-        float          gain[3];
+        float gain[3];
         for (int v = 0; v < 10; v++) {
             m.known[v] = v != 4;
             for (int c = 0; c < 3; c++) m.log_gain[3 * v + c] = v / 2 % 2 && (together || v % 2) ? 0.3f : 0;
@@ -263,12 +272,12 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
 
 TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {5, 99, 100, 101, 320};
-    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
-    oxl_model              model;
-    struct imaging         whole;
+    static const int stops[] = {5, 99, 100, 101, 320};
+    struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
+    oxl_model model;
+    struct imaging whole;
     c.options.sh_degree = -1;
-    c.options.exposure  = OXL_ON;
+    c.options.exposure = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
     imaging_copy(&c.scene->imaging, &whole);
@@ -285,13 +294,13 @@ TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
     checkpoint_case_free(&c);
 }
 
-/* ---------------------------------------------------------------- the file */
+/* ---------------- the file */
 
 TEST(exposure_is_read_as_it_was_written)
 {
-    oxl_scene     *scene = train_scene(7);
-    struct imaging m     = imaging_test_make(7, (int[]){1, 3, 5}, 3), read;
-    const char    *path  = test_path("imaging.txt");
+    oxl_scene *scene = train_scene(7);
+    struct imaging m = imaging_test_make(7, (int[]){1, 3, 5}, 3), read;
+    const char *path = test_path("imaging.txt");
     CHECK_OK(imaging_write(test_ctx, path, scene, &m));
     CHECK_OK(imaging_read(test_ctx, path, scene, &read));
     CHECK(read.on && !read.known[0] && read.known[3]);
@@ -303,47 +312,54 @@ TEST(exposure_is_read_as_it_was_written)
 
 TEST(exposure_of_a_damaged_file_names_line_and_value)
 {
-    static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",     "lamp 1\n",    "bD 1 2\n",
-                                         "falloff 1\n",        "lamp all 1 2\n", "lantern 1\n", "gain 1 1e9 1 a.png\n"};
-    oxl_scene               *scene    = train_scene(3);
-    struct imaging           read;
+    static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",          "lamp 1\n",
+                                         "bD 1 2\n",           "falloff 1\n",         "lamp all 1 2\n",
+                                         "lantern 1\n",        "gain 1 1e9 1 a.png\n"};
+    oxl_scene *scene = train_scene(3);
+    struct imaging read;
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
         CHECK(imaging_read(test_ctx, test_write("imaging.txt", broken[i]), scene, &read) == OXL_ERR_INPUT);
         CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
         CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
     }
-    CHECK_OK(imaging_read(test_ctx, test_write("imaging.txt", "# nothing\n\ngain 1 1 1 of another survey.png\n"), scene, &read));
+    CHECK_OK(imaging_read(test_ctx,
+                          test_write("imaging.txt", "# nothing\n\ngain 1 1 1 of another survey.png\n"), scene,
+                          &read));
     CHECK(!read.on);
     imaging_free(test_ctx, &read);
     oxl_scene_free(test_ctx, scene);
 }
 
-/* ---------------------------------------------------------------- synth */
+/* ---------------- synth */
 
 /* The image is the formula on clean, depth, lamp and gain, but for noise and rounding. */
 TEST(synth_exposure_and_lamp_are_what_truth_says)
 {
-    synth_options o      = synth_test_options("lamp");
+    synth_options o = synth_test_options("lamp");
     struct colmap survey = {0};
     o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     for (int view = 0; view < o.views; view += 5) {
-        char      name[64], path[96];
+        char name[64], path[96];
         oxl_image seen, clean;
-        const v3  gain = synth_gain(&o, view);
-        double    most = 0;
+        const v3 gain = synth_gain(&o, view);
+        double most = 0;
         synth_image_name(&o, view, name);
         snprintf(path, sizeof path, "lamp/images/%s", name);
         CHECK_OK(oxl_image_read(test_ctx, test_path(path), &seen));
         snprintf(path, sizeof path, "lamp/truth/clean/%s", name);
         CHECK_OK(oxl_image_read(test_ctx, test_path(path), &clean));
         for (int y = 0; y < o.height; y++)
-            for (int x = 0; x < o.width; x++) { /* the falloff is one for all channels: the ratio of red to green is the gains' */
+            /* the falloff is one for all channels: the ratio of red to green is the gains' */
+            for (int x = 0; x < o.width; x++) {
                 const size_t at = (size_t)(y * o.width + x), plane = (size_t)(o.width * o.height);
                 const double red = seen.rgb[at], green = seen.rgb[at + plane];
-                if (red > 0.95 || green > 0.95 || clean.rgb[at] < 0.2 || clean.rgb[at + plane] < 0.2 || red < 0.1) continue;
-                most = OXL_MAX(most, fabs(log(red / green * clean.rgb[at + plane] / clean.rgb[at] * gain.y / gain.x)));
+                if (red > 0.95 || green > 0.95 || clean.rgb[at] < 0.2 || clean.rgb[at + plane] < 0.2 ||
+                    red < 0.1)
+                    continue;
+                most = OXL_MAX(
+                    most, fabs(log(red / green * clean.rgb[at + plane] / clean.rgb[at] * gain.y / gain.x)));
             }
         CHECK(most < 0.06);
         oxl_image_free(test_ctx, &seen);
@@ -353,7 +369,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
     CHECK(synth_lamp_falloff(&o, 3) == 1 && synth_lamp_falloff(&o, 6) == 0.5);
 }
 
-/* ---------------------------------------------------------------- photometry of tracks */
+/* ---------------- photometry of tracks */
 
 static void photometry_test_measure(const char *survey, struct photometry *p)
 {
@@ -365,7 +381,7 @@ static void photometry_test_measure(const char *survey, struct photometry *p)
 
 static synth_options photometry_test_make(const char *name, enum synth_type water)
 {
-    synth_options o      = synth_test_options(name);
+    synth_options o = synth_test_options(name);
     struct colmap survey = {0};
     o.views = 14, o.width = 160, o.height = 104, o.water = water, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5;
@@ -374,14 +390,16 @@ static synth_options photometry_test_make(const char *name, enum synth_type wate
     return o;
 }
 
-static void photometry_test_scale(const synth_options *o, const char *survey, int view, const double factor[3])
+static void photometry_test_scale(const synth_options *o, const char *survey, int view,
+                                  const double factor[3])
 {
-    char      name[32], path[64];
+    char name[32], path[64];
     oxl_image image;
     synth_image_name(o, view, name);
     snprintf(path, sizeof path, "%s/images/%s", survey, name);
     CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
-    for (int i = 0; i < 3 * o->width * o->height; i++) image.rgb[i] *= (float)factor[i / (o->width * o->height)];
+    for (int i = 0; i < 3 * o->width * o->height; i++)
+        image.rgb[i] *= (float)factor[i / (o->width * o->height)];
     CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
     oxl_image_free(test_ctx, &image);
 }
@@ -399,10 +417,10 @@ TEST(photometry_of_tracks_in_air_finds_neither_medium_nor_lamp_nor_gains)
 TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
 {
     enum { N = 16 };
-    synth_options     o      = synth_test_options("lit");
-    struct colmap     survey = {0};
+    synth_options o = synth_test_options("lit");
+    struct colmap survey = {0};
     struct photometry p;
-    double            truth[N * N], mean = 0, error = 0, square = 0;
+    double truth[N * N], mean = 0, error = 0, square = 0;
     o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.lamp = 0;
     synth_test_make(&o, &survey);
@@ -410,7 +428,8 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
     photometry_test_measure("lit", &p);
     CHECK(p.parts == PHOTOMETRY_LAMP);
     for (int i = 0; i < N * N; i++) {
-        truth[i] = log(synth_lamp_radial(&o, (i % N + 0.5) * o.width / N, ((double)(i / N) + 0.5) * o.height / N));
+        truth[i] =
+            log(synth_lamp_radial(&o, (i % N + 0.5) * o.width / N, ((double)(i / N) + 0.5) * o.height / N));
         mean += truth[i] / (N * N);
     }
     for (int i = 0; i < N * N; i++) {
@@ -425,8 +444,8 @@ TEST(photometry_of_a_lamp_in_air_finds_its_shape_and_no_medium)
 /* The right images of stereo pairs get a ramp; without it both cameras have the same shape. */
 TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 {
-    synth_options     o      = synth_test_options("lamps");
-    struct colmap     survey = {0};
+    synth_options o = synth_test_options("lamps");
+    struct colmap survey = {0};
     struct photometry p;
     o.views = 28, o.width = 160, o.height = 104, o.water = SYNTH_AIR, o.path = SYNTH_FORWARD, o.threads = 0;
     o.noise = 0.5, o.stereo = 0.3, o.lamp = 0;
@@ -437,7 +456,7 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
     CHECK(memcmp(p.shape[1], p.shape[2], sizeof p.shape[1]) == 0);
     photometry_free(test_ctx, &p);
     for (int v = 1; v < o.views; v += 2) {
-        char      name[32], path[64];
+        char name[32], path[64];
         oxl_image image;
         synth_image_name(&o, v, name);
         snprintf(path, sizeof path, "lamps/images/%s", name);
@@ -455,13 +474,13 @@ TEST(photometry_gives_each_camera_its_lamp_where_these_differ)
 /* 260 training views, L and R in turn: every other one of all would be those of one camera. */
 TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_stereo_pair)
 {
-    synth_options          o      = synth_test_options("pairs");
-    struct colmap          survey = {0};
-    struct photometry_work w      = {0};
-    struct photometry      out    = {0};
-    oxl_scene_options      all    = oxl_scene_options_default();
-    oxl_scene             *scene;
-    int                    of[2] = {0, 0}, last = -1;
+    synth_options o = synth_test_options("pairs");
+    struct colmap survey = {0};
+    struct photometry_work w = {0};
+    struct photometry out = {0};
+    oxl_scene_options all = oxl_scene_options_default();
+    oxl_scene *scene;
+    int of[2] = {0, 0}, last = -1;
     o.views = 260, o.width = 20, o.height = 16, o.points = 50, o.stereo = 0.3, o.water = SYNTH_AIR;
     all.test_every = 0;
     synth_test_make(&o, &survey);
@@ -471,7 +490,8 @@ TEST(photometry_of_more_images_than_it_fits_takes_as_many_of_each_camera_of_a_st
     CHECK((w.lamps = imaging_set_lamps(scene, w.lamp)) == 3);
     photometry_choose_views(scene, scene_colmap(scene), &w);
     for (int i = 0; i < w.views; last = w.chosen[i++]) {
-        CHECK(w.chosen[i] > last && w.view[scene_source_image(scene, w.chosen[i]) - scene_colmap(scene)->image] == i);
+        CHECK(w.chosen[i] > last &&
+              w.view[scene_source_image(scene, w.chosen[i]) - scene_colmap(scene)->image] == i);
         of[w.lamp_of[i] - 1]++;
     }
     CHECK(of[0] == 64 && of[1] == 64 && last >= 256);
@@ -485,18 +505,19 @@ static int photometry_test_warned;
 static void photometry_test_log(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
-    photometry_test_warned |= level == OXL_LOG_WARNING && strstr(text, "exposure is correlated with the range");
+    photometry_test_warned |=
+        level == OXL_LOG_WARNING && strstr(text, "exposure is correlated with the range");
 }
 
 /* The run's first step warns or does not. */
 static int photometry_test_warns(const char *survey)
 {
     oxl_train_options o = train_options(1);
-    oxl_scene        *scene;
-    oxl_model         model;
-    o.medium = o.exposure  = OXL_AUTO;
+    oxl_scene *scene;
+    oxl_model model;
+    o.medium = o.exposure = OXL_AUTO;
     photometry_test_warned = 0;
-    test_ctx->options.log  = photometry_test_log;
+    test_ctx->options.log = photometry_test_log;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
     test_ctx->options.log = NULL;
@@ -508,18 +529,19 @@ static int photometry_test_warns(const char *survey)
 /* Mean distance of the points that each view has tracks of. */
 static void photometry_test_ranges(const char *survey, double range[14])
 {
-    oxl_scene           *scene;
+    oxl_scene *scene;
     const struct colmap *c;
-    double               x[3], pixel[2];
+    double x[3], pixel[2];
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
     c = scene_colmap(scene);
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const size_t row = (size_t)(scene_source_image(scene, v) - c->image);
-        int          n   = 0;
-        range[v]         = 0;
+        int n = 0;
+        range[v] = 0;
         for (size_t i = 0; i < c->point_count; i++)
             for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-                if (c->track[c->point[i].first_track + k].image_row != row || !scene_project_point(scene, v, i, x, pixel))
+                if (c->track[c->point[i].first_track + k].image_row != row ||
+                    !scene_project_point(scene, v, i, x, pixel))
                     continue;
                 range[v] += sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), n++;
             }
@@ -531,7 +553,7 @@ static void photometry_test_ranges(const char *survey, double range[14])
 TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
 {
     const synth_options o = photometry_test_make("far", SYNTH_7C);
-    double              range[14], least = DBL_MAX, most = 0;
+    double range[14], least = DBL_MAX, most = 0;
     CHECK(!photometry_test_warns("far"));
     photometry_test_ranges("far", range);
     for (int v = 0; v < o.views; v++) least = OXL_MIN(least, range[v]), most = OXL_MAX(most, range[v]);
@@ -546,12 +568,12 @@ TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
 TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
-    synth_options       o         = synth_test_options("tracks");
-    struct colmap       survey    = {0};
-    struct photometry   p, scaled;
-    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_7C, o.path = SYNTH_FORWARD, o.exposure_jitter = 0.4,
-    o.threads = 0;
-    o.noise   = 0.5;
+    synth_options o = synth_test_options("tracks");
+    struct colmap survey = {0};
+    struct photometry p, scaled;
+    o.views = 14, o.width = 160, o.height = 104, o.water = SYNTH_7C, o.path = SYNTH_FORWARD,
+    o.exposure_jitter = 0.4, o.threads = 0;
+    o.noise = 0.5;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     photometry_test_measure("tracks", &p);
@@ -568,7 +590,8 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
     for (int c = 0; c < 3; c++) {
         CHECK_CLOSE(scaled.attenuation[c], p.attenuation[c], 0.03 * p.attenuation[c]);
         CHECK_CLOSE(scaled.backscatter[c], p.backscatter[c], 0.05 * p.backscatter[c]);
-        CHECK_CLOSE(scaled.veiling_light[c], factor[c] * p.veiling_light[c], 0.05 * factor[c] * p.veiling_light[c]);
+        CHECK_CLOSE(scaled.veiling_light[c], factor[c] * p.veiling_light[c],
+                    0.05 * factor[c] * p.veiling_light[c]);
         for (int v = 0; v < o.views - 2; v++) /* the last ones see no more tracks */
             CHECK_CLOSE(scaled.log_gain[3 * v + c], p.log_gain[3 * v + c], 0.03);
     }
@@ -579,12 +602,12 @@ TEST(photometry_of_tracks_finds_the_medium_and_gains_and_scales_with_the_images)
 /* Mean of each channel of a view without the medium, after a short run. */
 static void photometry_test_clear(const char *survey, double mean[3])
 {
-    oxl_train_options        o      = train_options(150);
+    oxl_train_options o = train_options(150);
     const oxl_render_options render = oxl_render_options_default();
-    oxl_scene               *scene;
-    oxl_model                model;
-    oxl_image                image;
-    size_t                   pixels;
+    oxl_scene *scene;
+    oxl_model model;
+    oxl_image image;
+    size_t pixels;
     o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
     CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
@@ -601,27 +624,27 @@ static void photometry_test_clear(const char *survey, double mean[3])
 TEST(tinted_images_in_water_give_the_same_clear_scene_times_the_tint)
 {
     static const double factor[3] = {0.4, 0.5, 0.6};
-    const synth_options o         = photometry_test_make("gauge", SYNTH_3C);
-    double              mean[3] = {0, 0, 0}, tinted[3] = {0, 0, 0};
+    const synth_options o = photometry_test_make("gauge", SYNTH_3C);
+    double mean[3] = {0, 0, 0}, tinted[3] = {0, 0, 0};
     photometry_test_clear("gauge", mean);
     for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "gauge", v, factor);
     photometry_test_clear("gauge", tinted);
     for (int c = 0; c < 3; c++) CHECK_CLOSE(tinted[c], factor[c] * mean[c], 0.04 * factor[c] * mean[c]);
 }
 
-/* ---------------------------------------------------------------- the medium */
+/* ---------------- the medium */
 
-static const struct medium imaging_test_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f,
-                                                 3, 0};
+static const struct medium imaging_test_murky = {
+    1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 0};
 
 /* S = the sum of drgb x the image, rendered through the medium. */
-static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
-                           const float *drgb)
+static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model,
+                           const struct medium *medium, const float *drgb)
 {
-    const size_t       n = 3 * (size_t)camera->width * (size_t)camera->height;
+    const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
     oxl_render_options o = oxl_render_options_default();
-    const float       *rgb;
-    double             sum = 0;
+    const float *rgb;
+    double sum = 0;
     renderer_set_medium(r, medium, 1);
     CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
@@ -634,42 +657,46 @@ static void medium_move(oxl_model *model, const double eye[3], double factor)
     for (size_t i = 0; i < model->count; i++)
         for (int a = 0; a < 3; a++) {
             float *x = &model->plane[OXL_MEAN + a][i];
-            *x       = (float)(eye[a] + factor * (*x - eye[a]));
+            *x = (float)(eye[a] + factor * (*x - eye[a]));
             model->plane[OXL_LOG_SCALE + a][i] += (float)log(factor);
         }
 }
 
 TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_differences)
 {
-    oxl_scene        *scene  = train_scene(3);
+    oxl_scene *scene = train_scene(3);
     const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
-    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
-    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
-    struct medium     m      = imaging_test_murky;
-    struct renderer  *r;
-    oxl_model         model, gradient;
-    double            d[MEDIUM_SUMS];
+    const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
+    float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium m = imaging_test_murky;
+    struct renderer *r;
+    oxl_model model, gradient;
+    double d[MEDIUM_SUMS];
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    CHECK_OK(
+        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, &gradient));
     medium_score(r, camera, &model, &m, drgb);
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     memcpy(d, renderer_medium_gradient(r), sizeof d);
     for (int k = 0; k < MEDIUM_SUMS; k++) {
-        float      *at = k < 3 ? &m.attenuation[k] : k < 6 ? &m.backscatter[k - 3] : k < 9 ? &m.veiling_light[k - 6] : &m.falloff;
+        float *at = k < 3   ? &m.attenuation[k]
+                    : k < 6 ? &m.backscatter[k - 3]
+                    : k < 9 ? &m.veiling_light[k - 6]
+                            : &m.falloff;
         const float is = *at, h = 0.01f;
-        double      plus, minus;
-        *at   = is + h;
-        plus  = medium_score(r, camera, &model, &m, drgb);
-        *at   = is - h;
+        double plus, minus;
+        *at = is + h;
+        plus = medium_score(r, camera, &model, &m, drgb);
+        *at = is - h;
         minus = medium_score(r, camera, &model, &m, drgb);
-        *at   = is;
+        *at = is;
         CHECK_CLOSE(d[k], (plus - minus) / (2 * (double)h), 1e-3 * fabs(d[k]) + 0.05);
     }
     { /* all moved away from the eye and grown alike: the image stays, but for the medium */
         const double h = 1e-3;
-        double       eye[3], slope = 0, plus, minus;
+        double eye[3], slope = 0, plus, minus;
         camera_position(camera, eye);
         for (size_t i = 0; i < model.count; i++)
             for (int a = 0; a < 3; a++) {
@@ -693,21 +720,22 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
 /* From one range only the baked colours are those through the medium; backwards, they are what they were. */
 TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
 {
-    oxl_scene        *scene   = train_scene(1);
-    const oxl_camera *camera  = &oxl_scene_view(scene, 0)->camera;
-    const size_t      n       = 3 * (size_t)camera->width * (size_t)camera->height;
-    float            *drgb    = oxl_alloc(test_ctx, n, sizeof *drgb);
-    struct medium     m       = imaging_test_murky;
-    struct imaging    imaging = {0};
-    struct renderer  *r;
-    oxl_model         model;
-    double            through, clear;
+    oxl_scene *scene = train_scene(1);
+    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
+    const size_t n = 3 * (size_t)camera->width * (size_t)camera->height;
+    float *drgb = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium m = imaging_test_murky;
+    struct imaging imaging = {0};
+    struct renderer *r;
+    oxl_model model;
+    double through, clear;
     memset(m.veiling_light, 0, sizeof m.veiling_light); /* black background, as without the medium */
     for (size_t i = 0; i < n; i++) drgb[i] = 1;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    CHECK_OK(
+        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
     through = medium_score(r, camera, &model, &m, drgb);
-    clear   = medium_score(r, camera, &model, NULL, drgb);
+    clear = medium_score(r, camera, &model, NULL, drgb);
     CHECK(fabs(clear - through) > 0.1 * clear);
     imaging.medium = m;
     medium_bake(scene, &imaging, 0, &model);
@@ -720,27 +748,31 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with a medium, falloff and lamp. */
+/* Means over the views that see a row, weighted by 1 / range^2, or over all views where none does; with a
+ * medium, falloff and lamp. */
 TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 {
-    oxl_scene     *scene   = train_scene(3);
-    struct imaging imaging = {
-        .medium = imaging_test_murky, .lamps = 1, .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
+    oxl_scene *scene = train_scene(3);
+    struct imaging imaging = {.medium = imaging_test_murky,
+                              .lamps = 1,
+                              .lamp = {{.view = -1, .shape = {0.3f, -0.2f, 0.1f, 0.15f, -0.1f}}}};
     const struct medium *m = &imaging.medium;
-    oxl_model            model;
-    int                  unseen = 0, by_some = 0;
+    oxl_model model;
+    int unseen = 0, by_some = 0;
     CHECK_OK(oxl_model_create(test_ctx, 60, 0, &model));
     for (size_t i = 0; i < model.count; i++)
-        for (int a = 0; a < 3; a++) model.plane[OXL_MEAN + a][i] = (float)(5 * random_unit(random_bits(8, i, (uint64_t)a)) - 2.5);
+        for (int a = 0; a < 3; a++)
+            model.plane[OXL_MEAN + a][i] = (float)(5 * random_unit(random_bits(8, i, (uint64_t)a)) - 2.5);
     medium_bake(scene, &imaging, 0, &model);
     for (size_t i = 0; i < model.count; i++) {
-        const double at[3]  = {model.plane[OXL_MEAN][i], model.plane[OXL_MEAN + 1][i], model.plane[OXL_MEAN + 2][i]};
-        double       sum[3] = {0}, all[3] = {0}, weights = 0, all_weights = 0;
-        int          seen = 0;
+        const double at[3] = {model.plane[OXL_MEAN][i], model.plane[OXL_MEAN + 1][i],
+                              model.plane[OXL_MEAN + 2][i]};
+        double sum[3] = {0}, all[3] = {0}, weights = 0, all_weights = 0;
+        int seen = 0;
         for (int v = 0; v < 3; v++) {
             const oxl_camera *camera = &oxl_scene_view(scene, v)->camera;
-            double            eye[3], axes[3], x[2] = {0}, square = 0, gain;
-            const int         here = camera_project(camera, at, (double[3]){0}, axes, x) && x[0] >= 0 && x[1] >= 0 &&
+            double eye[3], axes[3], x[2] = {0}, square = 0, gain;
+            const int here = camera_project(camera, at, (double[3]){0}, axes, x) && x[0] >= 0 && x[1] >= 0 &&
                              x[0] <= camera->width && x[1] <= camera->height;
             camera_position(camera, eye);
             for (int a = 0; a < 3; a++) square += (at[a] - eye[a]) * (at[a] - eye[a]);
@@ -748,9 +780,9 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
                                      (float)(2 * x[1] / camera->height - 1)));
             for (int c = 0; c < 3; c++) {
                 const double r = sqrt(square), near = fmax(r, LAMP_RANGE_MIN * (double)m->reference);
-                const double shown =
-                    0.5 * pow((double)m->reference / near, (double)m->falloff) * exp(-(double)m->attenuation[c] * r) +
-                    (double)m->veiling_light[c] * (1 - exp(-(double)m->backscatter[c] * r));
+                const double shown = 0.5 * pow((double)m->reference / near, (double)m->falloff) *
+                                         exp(-(double)m->attenuation[c] * r) +
+                                     (double)m->veiling_light[c] * (1 - exp(-(double)m->backscatter[c] * r));
                 all[c] += shown / square;
                 if (here) sum[c] += gain * shown / square;
             }
@@ -762,7 +794,8 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
         by_some += seen > 0 && seen < 3;
         for (int c = 0; c < 3; c++) {
             const double expected = seen ? sum[c] / weights : all[c] / all_weights;
-            CHECK_CLOSE(0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH + c][i], expected, 2e-5 * expected);
+            CHECK_CLOSE(0.5 + 0.28209479177387814 * (double)model.plane[OXL_SH + c][i], expected,
+                        2e-5 * expected);
         }
     }
     CHECK(unseen > 3 && by_some > 3);
@@ -773,10 +806,10 @@ TEST(medium_baked_into_the_colours_is_the_mean_over_the_views_that_see_a_row)
 /* No Gaussian in view: the veiling light alone. */
 TEST(medium_alone_shows_its_veil)
 {
-    oxl_scene         *scene = train_scene(3);
-    struct renderer   *r;
-    oxl_model          model;
-    const float       *rgb;
+    oxl_scene *scene = train_scene(3);
+    struct renderer *r;
+    oxl_model model;
+    const float *rgb;
     oxl_render_options o = oxl_render_options_default();
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
@@ -790,7 +823,7 @@ TEST(medium_alone_shows_its_veil)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* ---------------------------------------------------------------- depths of tracks */
+/* ---------------- depths of tracks */
 
 static double depth_z(const oxl_camera *c, const oxl_model *model, size_t row)
 {
@@ -800,12 +833,12 @@ static double depth_z(const oxl_camera *c, const oxl_model *model, size_t row)
 }
 
 /* The sum of 1 - T over the points' pixels: black Gaussians before a white background. */
-static double depth_hidden(struct renderer *r, const oxl_camera *camera, const oxl_model *front, const struct depth_point *point,
-                           int count)
+static double depth_hidden(struct renderer *r, const oxl_camera *camera, const oxl_model *front,
+                           const struct depth_point *point, int count)
 {
     oxl_render_options o = oxl_render_options_default();
-    const float       *rgb;
-    double             sum = 0;
+    const float *rgb;
+    double sum = 0;
     for (int k = 0; k < 3; k++) o.background[k] = 1;
     CHECK_OK(renderer_forward(test_ctx, r, front, camera, &o));
     CHECK_OK(renderer_image(test_ctx, r, &rgb));
@@ -815,13 +848,13 @@ static double depth_hidden(struct renderer *r, const oxl_camera *camera, const o
 
 /* Black Gaussians, each 16th of them half-way to the camera, and three points behind those. */
 struct depth_case {
-    oxl_scene         *scene;
-    const oxl_camera  *camera;
-    struct renderer   *r;
-    float             *drgb; /* 0 */
+    oxl_scene *scene;
+    const oxl_camera *camera;
+    struct renderer *r;
+    float *drgb; /* 0 */
     struct depth_point point[3];
-    oxl_model          model, front, gradient; /* front: those in front of the points */
-    uint8_t           *in_front;               /* (rows of the model) */
+    oxl_model model, front, gradient; /* front: those in front of the points */
+    uint8_t *in_front;                /* (rows of the model) */
 };
 
 /* The next step's gradient, into `out`. */
@@ -836,21 +869,23 @@ static void depth_case_step(struct depth_case *c, int points, oxl_model *out)
 static struct depth_case depth_case_begin(void)
 {
     struct depth_case c = {.scene = train_scene(3)};
-    double            eye[3];
+    double eye[3];
     c.camera = &oxl_scene_view(c.scene, 1)->camera;
-    c.drgb   = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
+    c.drgb = oxl_calloc(test_ctx, 3 * (size_t)c.camera->width * (size_t)c.camera->height, sizeof *c.drgb);
     CHECK_OK(renderer_create(test_ctx, &c.r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(c.scene), oxl_scene_point_count(c.scene), 0, &c.model));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(c.scene), oxl_scene_point_count(c.scene), 0,
+                                   &c.model));
     CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &c.gradient));
     c.in_front = oxl_alloc(test_ctx, c.model.count, 1);
     for (int i = 0; i < 3; i++)
         c.point[i] = (struct depth_point){(float)(8 + (c.camera->width - 16) / 2 * i) + 0.5f,
-                                          (float)(c.camera->height / 2) + 0.5f, (float)scene_depth_quantile(c.scene, 0.5)};
+                                          (float)(c.camera->height / 2) + 0.5f,
+                                          (float)scene_depth_quantile(c.scene, 0.5)};
     camera_position(c.camera, eye);
     for (size_t j = 0; j < c.model.count; j++) {
         for (int a = 0; a < 3 && j % 16 == 0; a++) {
             float *x = &c.model.plane[OXL_MEAN + a][j];
-            *x       = (float)(eye[a] + 0.5 * (*x - eye[a]));
+            *x = (float)(eye[a] + 0.5 * (*x - eye[a]));
         }
         c.in_front[j] = depth_z(c.camera, &c.model, j) < 0.8 * (double)c.point[0].z;
         for (int k = 0; k < 3; k++) {
@@ -875,12 +910,13 @@ static void depth_case_end(struct depth_case *c)
     oxl_scene_free(test_ctx, c->scene);
 }
 
-/* How the sum of depth_hidden changes with the opacity of one of the rows in front, or with all (row SIZE_MAX). */
+/* How the sum of depth_hidden changes with the opacity of one of the rows in front, or with all (row
+ * SIZE_MAX). */
 static double depth_slope(struct depth_case *c, size_t row)
 {
-    const double h     = 0.05;
-    double       slope = 0;
-    oxl_model    moved;
+    const double h = 0.05;
+    double slope = 0;
+    oxl_model moved;
     for (int side = -1; side <= 1; side += 2) {
         CHECK_OK(model_copy(test_ctx, &c->front, &moved));
         for (size_t j = 0; j < moved.count; j++)
@@ -893,11 +929,11 @@ static double depth_slope(struct depth_case *c, size_t row)
 
 TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient)
 {
-    struct depth_case c       = depth_case_begin();
-    double            largest = 0, all = 0;
+    struct depth_case c = depth_case_begin();
+    double largest = 0, all = 0;
     for (size_t j = 0, row = 0; j < c.model.count; row += c.in_front[j++]) {
         const double d = (double)c.gradient.plane[OXL_OPACITY][j];
-        largest        = fmax(largest, d);
+        largest = fmax(largest, d);
         all += d;
         if (c.in_front[j] && fabs(d) > 0.02) CHECK_CLOSE(d, depth_slope(&c, row), 0.01 * fabs(d));
     }
@@ -908,8 +944,8 @@ TEST(depth_loss_lowers_the_opacity_in_front_of_points_by_its_exact_gradient)
 
 TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points)
 {
-    struct depth_case c         = depth_case_begin();
-    double            elsewhere = 0, behind = 0, in_front = 0;
+    struct depth_case c = depth_case_begin();
+    double elsewhere = 0, behind = 0, in_front = 0;
     for (size_t j = 0; j < c.model.count; j++) {
         *(c.in_front[j] ? &in_front : &behind) += fabs((double)c.gradient.plane[OXL_OPACITY][j]);
         for (int p = 0; p < OXL_SH; p++)
@@ -922,11 +958,12 @@ TEST(depth_loss_changes_nothing_but_opacities_in_front_of_points)
 TEST(depth_loss_neither_counts_nor_moves_a_context_in_front)
 {
     struct depth_case c = depth_case_begin();
-    oxl_model         beside;
+    oxl_model beside;
     CHECK_OK(oxl_model_create(test_ctx, c.model.count, 0, &beside));
     renderer_set_context(c.r, &c.front);
     depth_case_step(&c, 3, &beside);
-    for (size_t j = 0; j < c.model.count; j++) CHECK(beside.plane[OXL_OPACITY][j] == c.gradient.plane[OXL_OPACITY][j]);
+    for (size_t j = 0; j < c.model.count; j++)
+        CHECK(beside.plane[OXL_OPACITY][j] == c.gradient.plane[OXL_OPACITY][j]);
     renderer_set_context(c.r, NULL);
     oxl_model_free(test_ctx, &beside);
     depth_case_end(&c);
@@ -942,17 +979,17 @@ TEST(depth_loss_is_that_of_one_step_alone)
 
 TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
 {
-    oxl_scene         *scene = NULL;
-    struct track_depth d     = {0};
+    oxl_scene *scene = NULL;
+    struct track_depth d = {0};
     struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
-    int                count, same;
-    size_t             kept = 0;
+    int count, same;
+    size_t kept = 0;
     photometry_test_make("depth_tracks", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
     CHECK_OK(track_depth_begin(test_ctx, &d, scene, NULL));
     for (int v = 0; v < oxl_scene_view_count(scene); v++) {
         const oxl_view *view = oxl_scene_view(scene, v);
-        const double    full = track_depth_of_step(&d, v, 7, 0, &count, point);
+        const double full = track_depth_of_step(&d, v, 7, 0, &count, point);
         kept += (size_t)OXL_MIN(d.view[v].seen, 1024);
         CHECK(view->is_test ? count == 0 && full == 0 : count > 10 && full > 0);
         if (view->is_test) continue;
@@ -960,11 +997,12 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
         CHECK(same == count && memcmp(point, again, (size_t)count * sizeof *point) == 0);
         CHECK(track_depth_of_step(&d, v, 7, 1, &same, again) == 0);
         for (int i = 0; i < count; i++)
-            CHECK(point[i].z > 0 && point[i].x > -1 && point[i].x < view->camera.width + 1 && point[i].y > -1 &&
-                  point[i].y < view->camera.height + 1);
+            CHECK(point[i].z > 0 && point[i].x > -1 && point[i].x < view->camera.width + 1 &&
+                  point[i].y > -1 && point[i].y < view->camera.height + 1);
     }
     { /* what the prediction of memory says */
-        const double bytes = track_depth_bytes((double)scene->stats.observations, oxl_scene_view_count(scene));
+        const double bytes =
+            track_depth_bytes((double)scene->stats.observations, oxl_scene_view_count(scene));
         CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
     }
     track_depth_free(test_ctx, &d);
@@ -973,14 +1011,14 @@ TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
 
 TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
 {
-    oxl_scene           *scene = NULL;
-    struct track_depth   d     = {0};
-    struct depth_point   point[DEPTH_POINTS];
+    oxl_scene *scene = NULL;
+    struct track_depth d = {0};
+    struct depth_point point[DEPTH_POINTS];
     struct image_window *window;
-    int                  count, views;
+    int count, views;
     photometry_test_make("depth_windows", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
-    views  = oxl_scene_view_count(scene);
+    views = oxl_scene_view_count(scene);
     window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
     for (int v = 0; v < views; v += 2) window[v] = (struct image_window){.width = 8, .height = 8};
     CHECK_OK(track_depth_begin(test_ctx, &d, scene, window));
@@ -996,11 +1034,11 @@ TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
 TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_images)
 {
     const struct image_window window = {.x = 16, .y = 32, .width = 64, .height = 48};
-    struct image_window       all[14];
-    struct train_output       output = {.window = all};
-    struct depth_point        point[DEPTH_POINTS];
-    struct train              t = {.ctx = test_ctx, .output = &output, .step = 7};
-    int                       count;
+    struct image_window all[14];
+    struct train_output output = {.window = all};
+    struct depth_point point[DEPTH_POINTS];
+    struct train t = {.ctx = test_ctx, .output = &output, .step = 7};
+    int count;
     photometry_test_make("depth_window", SYNTH_3C);
     CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
     CHECK_OK(renderer_create(test_ctx, &t.renderer));
@@ -1022,10 +1060,10 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
 
 TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {37, 39, 40, 80};
-    struct checkpoint_case c       = checkpoint_of(train_scene(7), train_options(130));
-    oxl_model              model;
-    struct medium          whole;
+    static const int stops[] = {37, 39, 40, 80};
+    struct checkpoint_case c = checkpoint_of(train_scene(7), train_options(130));
+    oxl_model model;
+    struct medium whole;
     c.options.medium = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     whole = c.scene->imaging.medium;
@@ -1042,9 +1080,9 @@ TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 
 TEST(medium_is_read_as_it_was_written)
 {
-    oxl_scene     *scene = train_scene(3);
-    struct imaging m     = imaging_test_make(3, NULL, 0), read;
-    m.medium             = imaging_test_murky;
+    oxl_scene *scene = train_scene(3);
+    struct imaging m = imaging_test_make(3, NULL, 0), read;
+    m.medium = imaging_test_murky;
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(!read.on && memcmp(&read.medium, &imaging_test_murky, sizeof imaging_test_murky) == 0);
@@ -1053,7 +1091,7 @@ TEST(medium_is_read_as_it_was_written)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* ---------------------------------------------------------------- the lamp */
+/* ---------------- the lamp */
 
 static struct lamp lamp_of(int view)
 {
@@ -1068,10 +1106,11 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
     static float gain[W * H];
     for (int t = 0; t < LAMP_TERMS; t++) {
         struct lamp lamp = {.view = -1};
-        double      sum = 0, square = 0;
+        double sum = 0, square = 0;
         lamp.shape[t] = 0.5f;
         lamp_gain(lamp.shape, &(struct lamp_area){W, H, W, H, 0, 0}, gain);
-        for (int i = 0; i < W * H; i++) sum += log(gain[i]) / (W * H), square += log(gain[i]) * log(gain[i]) / (W * H);
+        for (int i = 0; i < W * H; i++)
+            sum += log(gain[i]) / (W * H), square += log(gain[i]) * log(gain[i]) / (W * H);
         CHECK_CLOSE(sum, 0, 1e-3);
         CHECK(square > 0.008);
     }
@@ -1081,7 +1120,7 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
 static double lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const struct lamp *lamp)
 {
     const double log_gain[3] = {0.1, -0.2, 0.3};
-    double       loss;
+    double loss;
     renderer_set_lamp(r, lamp);
     loss = exposure_loss(r, scene, model, log_gain).total;
     renderer_set_lamp(r, NULL);
@@ -1090,25 +1129,26 @@ static double lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *m
 
 TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differences)
 {
-    oxl_scene       *scene = train_scene(3);
-    struct lamp      lamp  = lamp_of(-1);
+    oxl_scene *scene = train_scene(3);
+    struct lamp lamp = lamp_of(-1);
     struct renderer *r;
-    oxl_model        model, gradient;
-    double           d[LAMP_TERMS], slope = 0, plus, minus;
-    const float      h = 4e-3f;
+    oxl_model model, gradient;
+    double d[LAMP_TERMS], slope = 0, plus, minus;
+    const float h = 4e-3f;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    CHECK_OK(
+        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
     lamp_loss(r, scene, &model, &lamp);
     memcpy(d, renderer_lamp_gradient(r), sizeof d);
     CHECK_OK(renderer_backward(test_ctx, r, NULL, &gradient));
     for (int t = 0; t < LAMP_TERMS; t++) {
         const float is = lamp.shape[t];
-        lamp.shape[t]  = is + h;
-        plus           = lamp_loss(r, scene, &model, &lamp);
-        lamp.shape[t]  = is - h;
-        minus          = lamp_loss(r, scene, &model, &lamp);
-        lamp.shape[t]  = is;
+        lamp.shape[t] = is + h;
+        plus = lamp_loss(r, scene, &model, &lamp);
+        lamp.shape[t] = is - h;
+        minus = lamp_loss(r, scene, &model, &lamp);
+        lamp.shape[t] = is;
         CHECK_CLOSE(d[t], (plus - minus) / (2 * (double)h), 2e-4 + 5e-3 * fabs(d[t]));
     }
     for (size_t i = 0; i < model.count; i++) slope += gradient.plane[OXL_SH + 1][i];
@@ -1124,19 +1164,22 @@ TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differen
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Gradients of a loss through the medium, lamp and gains: of the Gaussians; then of the 10 parameters of the medium, the lamp's, the gains. */
-static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, double d[MEDIUM_SUMS + LAMP_TERMS + 3])
+/* Gradients of a loss through the medium, lamp and gains: of the Gaussians; then of the 10 parameters of the
+ * medium, the lamp's, the gains. */
+static void imaging_test_gradients(int isa, int threads, oxl_model *gradient,
+                                   double d[MEDIUM_SUMS + LAMP_TERMS + 3])
 {
-    const int            isa_before = test_ctx->isa, threads_before = test_ctx->threads;
-    const double         log_gain[3] = {0.1, -0.2, 0.3};
-    const struct lamp    lamp        = lamp_of(-1);
-    oxl_scene           *scene       = train_scene(3);
-    struct renderer     *r;
+    const int isa_before = test_ctx->isa, threads_before = test_ctx->threads;
+    const double log_gain[3] = {0.1, -0.2, 0.3};
+    const struct lamp lamp = lamp_of(-1);
+    oxl_scene *scene = train_scene(3);
+    struct renderer *r;
     struct renderer_loss loss;
-    oxl_model            model;
+    oxl_model model;
     test_ctx->isa = isa, test_ctx->threads = threads;
     CHECK_OK(renderer_create(test_ctx, &r));
-    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    CHECK_OK(
+        oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
     CHECK_OK(oxl_model_create(test_ctx, model.count, 1, gradient));
     renderer_set_medium(r, &imaging_test_murky, 1);
     renderer_set_lamp(r, &lamp);
@@ -1153,7 +1196,7 @@ static void imaging_test_gradients(int isa, int threads, oxl_model *gradient, do
 
 TEST(medium_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_number_of_threads)
 {
-    double    d[3][MEDIUM_SUMS + LAMP_TERMS + 3];
+    double d[3][MEDIUM_SUMS + LAMP_TERMS + 3];
     oxl_model gradient[3];
     imaging_test_gradients(test_ctx->isa, 1, &gradient[0], d[0]);
     imaging_test_gradients(test_ctx->isa, 3, &gradient[1], d[1]);
@@ -1161,30 +1204,34 @@ TEST(medium_lamp_and_gains_have_the_same_gradients_with_avx2_and_avx512_and_any_
     for (int k = 1; k < 3; k++) {
         CHECK(memcmp(d[0], d[k], sizeof d[0]) == 0);
         for (int plane = 0; plane < oxl_model_planes(&gradient[0]); plane++)
-            CHECK(!memcmp(gradient[0].plane[plane], gradient[k].plane[plane], gradient[0].count * sizeof(float)));
+            CHECK(!memcmp(gradient[0].plane[plane], gradient[k].plane[plane],
+                          gradient[0].count * sizeof(float)));
     }
     for (int i = 0; i < MEDIUM_SUMS + LAMP_TERMS + 3; i++) CHECK(d[0][i] != 0);
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &gradient[k]);
 }
 
-/* The scene of test_train.c, each image times the lamp's gain; of two lamps in turn, the one of a left, the other of a right camera. */
+/* The scene of test_train.c, each image times the lamp's gain; of two lamps in turn, the one of a left, the
+ * other of a right camera. */
 static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 {
-    oxl_scene     *plain = train_scene(views), *scene = NULL;
-    struct imaging m         = {.lamps = 1};
-    oxl_view       view[16]  = {{0}};
-    oxl_image      image[16] = {{0}};
-    char           name[16][16];
+    oxl_scene *plain = train_scene(views), *scene = NULL;
+    struct imaging m = {.lamps = 1};
+    oxl_view view[16] = {{0}};
+    oxl_image image[16] = {{0}};
+    char name[16][16];
     for (int v = 0; v < views; v++) {
         m.lamp[0] = lamp[v % lamps];
         snprintf(name[v], sizeof name[v], "%02d%s.png", v, lamps == 1 ? "" : v % 2 ? "_right" : "_left");
-        view[v]      = *oxl_scene_view(plain, v);
+        view[v] = *oxl_scene_view(plain, v);
         view[v].name = name[v];
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
         CHECK_OK(imaging_apply_lamp(test_ctx, plain, &m, v, &image[v]));
-        for (int i = 0; i < 3 * image[v].width * image[v].height; i++) image[v].rgb[i] = OXL_MIN(1.0f, 0.7f * image[v].rgb[i]);
+        for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
+            image[v].rgb[i] = OXL_MIN(1.0f, 0.7f * image[v].rgb[i]);
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain),
+                                   oxl_scene_point_count(plain), &scene));
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_scene_free(test_ctx, plain);
     return scene;
@@ -1192,12 +1239,12 @@ static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 
 TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
 {
-    const struct lamp lamp    = {-1, {0, -0.25f, 0, 0, 0.1f, 0, 0, 0, -0.2f}};
-    oxl_scene        *scene   = lamp_scene(14, &lamp, 1);
+    const struct lamp lamp = {-1, {0, -0.25f, 0, 0, 0.1f, 0, 0, 0, -0.2f}};
+    oxl_scene *scene = lamp_scene(14, &lamp, 1);
     oxl_train_options options = train_options(500);
-    oxl_model         model;
-    oxl_metrics       metrics;
-    double            off;
+    oxl_model model;
+    oxl_metrics metrics;
+    double off;
     options.lamp = options.medium = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
@@ -1219,21 +1266,22 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
 TEST(lamp_of_each_camera_begins_with_the_shape_that_its_tracks_have)
 {
     struct photometry p = {.points = 9, .parts = PHOTOMETRY_LAMP};
-    struct lamp_fit   l = {.groups = 3};
-    char              why[400];
+    struct lamp_fit l = {.groups = 3};
+    char why[400];
     for (int g = 0; g < 3; g++) memcpy(p.shape[g], lamp_of(-1).shape, sizeof p.shape[g]), p.shape[g][g] += 1;
     lamp_set_from_tracks(&l, OXL_AUTO, &p, why, sizeof why);
     for (int g = 0; g < 3; g++) CHECK(l.on && memcmp(l.group[g].shape, p.shape[g], sizeof p.shape[g]) == 0);
 }
 
-/* The left camera has eight training views and a lamp of its own, the right one seven and the lamp of all others, as the held-out view. */
+/* The left camera has eight training views and a lamp of its own, the right one seven and the lamp of all
+ * others, as the held-out view. */
 TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
 {
     const struct lamp lamp[2] = {{-1, {0.4f, 0, 0, 0, 0.1f}}, {-1, {-0.4f, 0, 0, 0, 0, 0.1f}}};
-    oxl_scene        *scene   = lamp_scene(16, lamp, 2);
+    oxl_scene *scene = lamp_scene(16, lamp, 2);
     oxl_train_options options = train_options(500);
-    oxl_model         model;
-    double            off;
+    oxl_model model;
+    double off;
     options.lamp = options.medium = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     off = train_psnr(scene, &model);
@@ -1242,19 +1290,20 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &model) > off + 3);
     CHECK(scene->imaging.lamps == 2 && imaging_lamp(&scene->imaging, scene, 3)->view < 0);
-    for (int v = 3; v < 5; v++) CHECK_CLOSE(imaging_lamp(&scene->imaging, scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
+    for (int v = 3; v < 5; v++)
+        CHECK_CLOSE(imaging_lamp(&scene->imaging, scene, v)->shape[0], v % 2 ? -0.4 : 0.4, 0.1);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
 
 TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {9, 10, 11, 60};
-    const struct lamp      lamp    = lamp_of(-1);
-    struct checkpoint_case c       = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
-    oxl_model              model;
-    struct imaging         whole = {0};
-    c.options.lamp               = OXL_ON;
+    static const int stops[] = {9, 10, 11, 60};
+    const struct lamp lamp = lamp_of(-1);
+    struct checkpoint_case c = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
+    oxl_model model;
+    struct imaging whole = {0};
+    c.options.lamp = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     whole.medium = c.scene->imaging.medium, whole.lamp[0] = c.scene->imaging.lamp[0];
     CHECK(whole.lamp[0].shape[1] != 0);
@@ -1274,8 +1323,8 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 {
     static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
-    oxl_scene               *scene   = exposure_scene_named(names, 8);
-    struct imaging           m       = imaging_test_make(8, NULL, 0), read;
+    oxl_scene *scene = exposure_scene_named(names, 8);
+    struct imaging m = imaging_test_make(8, NULL, 0), read;
     m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
@@ -1288,9 +1337,9 @@ TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
 
 TEST(lamp_is_read_as_it_was_written)
 {
-    oxl_scene     *scene = train_scene(3);
-    struct imaging m     = imaging_test_make(3, NULL, 0), read;
-    m.on                 = 0;
+    oxl_scene *scene = train_scene(3);
+    struct imaging m = imaging_test_make(3, NULL, 0), read;
+    m.on = 0;
     m.medium.has_falloff = 1, m.medium.falloff = 1.25f, m.medium.reference = 3.5f;
     m.lamps = 1, m.lamp[0] = lamp_of(-1);
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
@@ -1303,13 +1352,13 @@ TEST(lamp_is_read_as_it_was_written)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* ---------------------------------------------------------------- in blocks */
+/* ---------------- in blocks */
 
 /* The first line of a file that begins so. */
 static const char *blocks_test_line(const char *file, const char *word, char line[300])
 {
     struct os_file_map map = {0};
-    const char        *at;
+    const char *at;
     CHECK_OK(os_read_file(test_ctx, test_path(file), &map));
     at = map.data ? strstr(map.data, word) : NULL;
     snprintf(line, 300, "%.*s", at ? (int)strcspn(at, "\r\n") : 0, at ? at : "");
@@ -1319,11 +1368,11 @@ static const char *blocks_test_line(const char *file, const char *word, char lin
 
 static oxl_job_options blocks_test_options(void)
 {
-    oxl_job_options o        = job_test_options();
-    o.train.iterations       = 120;
-    o.train.exposure         = OXL_OFF;
-    o.train.lamp             = OXL_ON;
-    o.renders                = 0;
+    oxl_job_options o = job_test_options();
+    o.train.iterations = 120;
+    o.train.exposure = OXL_OFF;
+    o.train.lamp = OXL_ON;
+    o.renders = 0;
     o.partition.block_points = 3000;
     photometry_test_make("survey", SYNTH_3C);
     return o;
@@ -1332,15 +1381,16 @@ static oxl_job_options blocks_test_options(void)
 /* scene_clear.ply and scene.ply, each as it is meant to be seen. */
 static void blocks_test_shows_the_images(double viewer)
 {
-    CHECK(job_test_evaluate("out/scene_clear.ply", 1).psnr > 28 && job_test_evaluate("out/scene_clear.ply", 0).psnr < 15);
+    CHECK(job_test_evaluate("out/scene_clear.ply", 1).psnr > 28 &&
+          job_test_evaluate("out/scene_clear.ply", 0).psnr < 15);
     CHECK(job_test_evaluate("out/scene.ply", 0).psnr > viewer);
 }
 
 TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
 {
-    const oxl_job_options o       = blocks_test_options();
-    const char           *word[2] = {"bD 0.3", "lamp all "};
-    char                  line[2][300];
+    const oxl_job_options o = blocks_test_options();
+    const char *word[2] = {"bD 0.3", "lamp all "};
+    char line[2][300];
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
     for (int k = 0; k < 2; k++) {
         CHECK(strlen(blocks_test_line("out/blocks/coarse/imaging.txt", word[k], line[0])) > 20);
@@ -1356,10 +1406,12 @@ TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
 TEST(medium_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
 {
     oxl_job_options o = blocks_test_options();
-    char            line[2][300];
-    for (o.block = 0; o.block < 2; o.block++) CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    char line[2][300];
+    for (o.block = 0; o.block < 2; o.block++)
+        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
     blocks_test_line("out/blocks/coarse/imaging.txt", "bD 0.3", line[0]);
-    CHECK(!strcmp(line[0], blocks_test_line("out/blocks/001/imaging.txt", "bD 0.3", line[1]))); /* read by another process */
+    CHECK(!strcmp(line[0], blocks_test_line("out/blocks/001/imaging.txt", "bD 0.3",
+                                            line[1]))); /* read by another process */
     job_test_limit_memory(test_path("out"), &o, 0.6);
     CHECK_OK(oxl_merge(test_ctx, test_path("out"), NULL));
     CHECK(os_is_file(test_path("out/blocks/whole/groups.txt")));

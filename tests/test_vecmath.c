@@ -33,7 +33,8 @@ TEST(vecmath_exp_ends_in_subnormals_zero_infinity_and_nan)
     CHECK(vecmath_exp(-745) == exp(-745) && vecmath_exp(-745) > 0);
     CHECK(vecmath_exp(-746) == 0 && vecmath_exp(-1e300) == 0 && vecmath_exp(-INFINITY) == 0);
     CHECK(vecmath_test_close(vecmath_exp(709.78), exp(709.78)));
-    CHECK(vecmath_exp(709.79) == INFINITY && vecmath_exp(710) == INFINITY && vecmath_exp(INFINITY) == INFINITY);
+    CHECK(vecmath_exp(709.79) == INFINITY && vecmath_exp(710) == INFINITY &&
+          vecmath_exp(INFINITY) == INFINITY);
     CHECK(isnan(vecmath_exp(NAN)));
 }
 
@@ -63,9 +64,13 @@ TEST(vecmath_sin_and_cos_agree_with_libm_up_to_a_million)
 {
     double worst = 0, worst_far = 0;
     for (uint64_t i = 0; i < 200000; i++) {
-        const double u = vecmath_test_unit(3, i) - 0.5, x = u * (i % 3 == 0 ? 10 : i % 3 == 1 ? 1000 : 2e6), far = u * 2e9;
-        worst     = OXL_MAX(worst, fabs(vecmath_sin(x) - sin(x)));
-        worst     = OXL_MAX(worst, fabs(vecmath_cos(x) - cos(x)));
+        const double u = vecmath_test_unit(3, i) - 0.5,
+                     x = u * (i % 3 == 0   ? 10
+                              : i % 3 == 1 ? 1000
+                                           : 2e6),
+                     far = u * 2e9;
+        worst = OXL_MAX(worst, fabs(vecmath_sin(x) - sin(x)));
+        worst = OXL_MAX(worst, fabs(vecmath_cos(x) - cos(x)));
         worst_far = OXL_MAX(worst_far, fabs(vecmath_sin(far) - sin(far)) / fabs(far));
     }
     CHECK(worst < 3e-16);
@@ -91,16 +96,18 @@ TEST(kernel_exp_of_nan_is_nan)
     CHECK(real_exp(0, -INFINITY) < 1e-37f && real_exp(0, INFINITY) > 1e38f);
 }
 
-/* ---------------------------------------------------------------- eigen.h */
+/* ---------------- eigen.h */
 
-/* A symmetric matrix from rows of random extents: kind 0 all the same, so that it is near a multiple of the identity; 1 a plane; 2 a line. */
+/* A symmetric matrix from rows of random extents: kind 0 all the same, so that it is near a multiple of the
+ * identity; 1 a plane; 2 a line. */
 static void eigen_test_matrix(uint64_t i, double scale, double a[3][3])
 {
     const double extent[3] = {1, i % 3 == 2 ? 1e-9 : 1, i % 3 == 0 ? 1 : 1e-9};
-    double       m[3][3];
+    double m[3][3];
     for (int k = 0; k < 9; k++)
-        m[k / 3][k % 3] = extent[k / 3] * (i % 3 == 0 ? k % 4 == 0 ? 1 : 1e-8 * vecmath_test_unit(31, 9 * i + (uint64_t)k)
-                                                      : 2 * vecmath_test_unit(31, 9 * i + (uint64_t)k) - 1);
+        m[k / 3][k % 3] =
+            extent[k / 3] * (i % 3 == 0 ? k % 4 == 0 ? 1 : 1e-8 * vecmath_test_unit(31, 9 * i + (uint64_t)k)
+                                        : 2 * vecmath_test_unit(31, 9 * i + (uint64_t)k) - 1);
     memset(a, 0, 9 * sizeof(double));
     for (int j = 0; j < 27; j++) a[j / 9][j / 3 % 3] += scale * m[j % 3][j / 9] * m[j % 3][j / 3 % 3];
 }
@@ -110,7 +117,7 @@ TEST(eigenvectors_are_orthonormal_and_are_only_stretched)
     double worst = 0, sum;
     for (uint64_t i = 0; i < 3000; i++) {
         const double scale = vecmath_power_of_two((int)(i % 800) - 400);
-        double       a[3][3], b[3][3], v[3][3];
+        double a[3][3], b[3][3], v[3][3];
         eigen_test_matrix(i, scale, a);
         memcpy(b, a, sizeof a);
         eigen_symmetric(b, v);
@@ -119,7 +126,7 @@ TEST(eigenvectors_are_orthonormal_and_are_only_stretched)
                 sum = -b[r][r] * v[r][k];
                 for (int j = 0; j < 3; j++) sum += a[k][j] * v[r][j];
                 worst = OXL_MAX(worst, fabs(sum) / scale);
-                sum   = v[r][0] * v[k][0] + v[r][1] * v[k][1] + v[r][2] * v[k][2];
+                sum = v[r][0] * v[k][0] + v[r][1] * v[k][1] + v[r][2] * v[k][2];
                 worst = OXL_MAX(worst, fabs(sum - (r == k)));
             }
     }
@@ -133,5 +140,6 @@ TEST(eigenvectors_of_a_diagonal_or_zero_matrix_are_the_axes)
         eigen_symmetric(a, v);
         for (int k = 0; k < 9; k++) CHECK(v[k / 3][k % 3] == (k % 4 == 0));
     }
-    CHECK(eigen_is_backward((const double[]){0.5, -0.8, 0.1}) && !eigen_is_backward((const double[]){-0.5, 0.8, 0.1}));
+    CHECK(eigen_is_backward((const double[]){0.5, -0.8, 0.1}) &&
+          !eigen_is_backward((const double[]){-0.5, 0.8, 0.1}));
 }

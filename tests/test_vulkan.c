@@ -1,7 +1,8 @@
-/* test_vulkan.c - the Vulkan backend against the CPU's: one harness, both behind the same interface, the same input, stated bounds.
+/* test_vulkan.c - the Vulkan backend against the CPU's: one harness, both behind the same interface, the same
+ * input, stated bounds.
  *
- * Wants a build with make VULKAN=1 and a device; Mesa's lavapipe will do, and is what the bounds were seen on. The validation layer
- * listens to every test where it is installed.
+ * Wants a build with make VULKAN=1 and a device; Mesa's lavapipe will do, and is what the bounds were seen
+ * on. The validation layer listens to every test where it is installed.
  */
 #include "test.h"
 
@@ -28,18 +29,19 @@ static void vulkan_test_log(void *user, oxl_log_level level, const char *text)
 static oxl_context *vulkan_test_begin(void)
 {
     oxl_context_options options = test_ctx->options;
-    oxl_context        *ctx;
-    setenv("OXL_VULKAN_VALIDATE", "1", 0);                                           /* or gpu: backends/vulkan/device.c */
-    if (getenv("OXL_TEST_DEVICE")) options.device = atoi(getenv("OXL_TEST_DEVICE")); /* of info --devices; else the best */
+    oxl_context *ctx;
+    setenv("OXL_VULKAN_VALIDATE", "1", 0); /* or gpu: backends/vulkan/device.c */
+    if (getenv("OXL_TEST_DEVICE"))
+        options.device = atoi(getenv("OXL_TEST_DEVICE")); /* of info --devices; else the best */
     options.backend = OXL_BACKEND_VULKAN;
-    options.log     = vulkan_test_log;
+    options.log = vulkan_test_log;
     if (oxl_context_create(&options, &ctx) != OXL_OK) return NULL;
     if (oxl_backend_begin(ctx) == OXL_OK) return ctx;
     oxl_context_free(ctx);
     return NULL;
 }
 
-/* ---------------------------------------------------------------- scenes */
+/* ---------------- scenes */
 
 static double vulkan_random(uint64_t i, uint64_t k)
 {
@@ -48,13 +50,13 @@ static double vulkan_random(uint64_t i, uint64_t k)
 
 static oxl_camera vulkan_camera(int width, int height)
 {
-    return (oxl_camera){.width       = width,
-                        .height      = height,
-                        .fx          = 0.9 * width,
-                        .fy          = 0.95 * width,
-                        .cx          = 0.5 * width + 0.3,
-                        .cy          = 0.5 * height - 0.2,
-                        .rotation    = {0.96, 0, 0.28, 0, 1, 0, -0.28, 0, 0.96},
+    return (oxl_camera){.width = width,
+                        .height = height,
+                        .fx = 0.9 * width,
+                        .fy = 0.95 * width,
+                        .cx = 0.5 * width + 0.3,
+                        .cy = 0.5 * height - 0.2,
+                        .rotation = {0.96, 0, 0.28, 0, 1, 0, -0.28, 0, 0.96},
                         .translation = {0.1, -0.2, 0.3}};
 }
 
@@ -64,10 +66,11 @@ static void vulkan_scene(size_t count, int degree, size_t lobes, oxl_model *out)
     CHECK_OK(oxl_model_create(test_ctx, count, degree, out));
     CHECK_OK(model_set_lobes(test_ctx, out, lobes));
     for (size_t i = 0; i < count; i++) {
-        out->plane[OXL_MEAN][i]     = (float)(2.5 * vulkan_random(i, 0) - 1);
+        out->plane[OXL_MEAN][i] = (float)(2.5 * vulkan_random(i, 0) - 1);
         out->plane[OXL_MEAN + 1][i] = (float)(2 * vulkan_random(i, 1));
         out->plane[OXL_MEAN + 2][i] = (float)(4 + 3.8 * vulkan_random(i, 2));
-        for (uint64_t k = 0; k < 3; k++) out->plane[OXL_LOG_SCALE + k][i] = (float)(-2.5 + 1.2 * vulkan_random(i, 3 + k));
+        for (uint64_t k = 0; k < 3; k++)
+            out->plane[OXL_LOG_SCALE + k][i] = (float)(-2.5 + 1.2 * vulkan_random(i, 3 + k));
         for (uint64_t k = 0; k < 4; k++) out->plane[OXL_ROTATION + k][i] = (float)vulkan_random(i, 6 + k);
         out->plane[OXL_OPACITY][i] = (float)(3 * vulkan_random(i, 10));
         for (int k = OXL_SH; k < oxl_model_planes(out); k++)
@@ -85,8 +88,8 @@ static void vulkan_extremes(oxl_model *m)
                                  INFINITY, -INFINITY, NAN,    88,     -88,   20,     -20};
     for (size_t i = 0; i < m->count; i += 3) {
         const uint64_t bits = random_bits(3, i, 0);
-        const int      k    = (int)(bits % OXL_SH);
-        m->plane[k][i]      = wild[bits / 64 % OXL_COUNT(wild)];
+        const int k = (int)(bits % OXL_SH);
+        m->plane[k][i] = wild[bits / 64 % OXL_COUNT(wild)];
         if (i % 2) m->plane[OXL_LOG_SCALE + bits % 3][i] = (float)(30 * vulkan_random(i, 9));
         if (i % 5 == 0) m->plane[OXL_OPACITY][i] = (float)(60 * vulkan_random(i, 8));
         if (i % 7 == 0)
@@ -95,16 +98,17 @@ static void vulkan_extremes(oxl_model *m)
 }
 
 struct vulkan_twins { /* [0]: the CPU's, [1]: the device's */
-    oxl_context     *ctx[2];
+    oxl_context *ctx[2];
     struct renderer *r[2];
-    oxl_camera       camera;
-    size_t           pixels;
+    oxl_camera camera;
+    size_t pixels;
 };
 
 static struct vulkan_twins vulkan_twins(oxl_context *device, int width, int height)
 {
-    struct vulkan_twins t = {
-        .ctx = {test_ctx, device}, .camera = vulkan_camera(width, height), .pixels = (size_t)width * (size_t)height};
+    struct vulkan_twins t = {.ctx = {test_ctx, device},
+                             .camera = vulkan_camera(width, height),
+                             .pixels = (size_t)width * (size_t)height};
     for (int k = 0; k < 2; k++) CHECK_OK(renderer_create(t.ctx[k], &t.r[k]));
     return t;
 }
@@ -117,7 +121,7 @@ static void vulkan_twins_free(struct vulkan_twins *t)
 static void vulkan_forward_both(struct vulkan_twins *t, const oxl_model *m)
 {
     oxl_render_options options = oxl_render_options_default();
-    options.background[1]      = 0.25f;
+    options.background[1] = 0.25f;
     for (int k = 0; k < 2; k++)
         if (renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options) != OXL_OK)
             test_failed++, printf("  %s\n", oxl_error_text(t->ctx[k]));
@@ -134,36 +138,39 @@ static float *vulkan_noise(size_t count, uint64_t seed)
 static void vulkan_download_rows(oxl_context *device, struct renderer *renderer)
 {
     struct vulkan_renderer *r = renderer->device;
-    struct vulkan          *v = device->backend->vulkan;
-    const size_t            n = r->count, rows = renderer->bins.packs * PACK;
-    float(*a)[4]   = oxl_alloc(device, 3 * n + 1, sizeof *a);
+    struct vulkan *v = device->backend->vulkan;
+    const size_t n = r->count, rows = renderer->bins.packs * PACK;
+    float(*a)[4] = oxl_alloc(device, 3 * n + 1, sizeof *a);
     uint32_t *seen = oxl_alloc(device, n + 1, sizeof *seen);
-    CHECK_OK(oxl_reserve(device, (void **)&renderer->splat, &renderer->splat_capacity, rows, sizeof *renderer->splat));
+    CHECK_OK(oxl_reserve(device, (void **)&renderer->splat, &renderer->splat_capacity, rows,
+                         sizeof *renderer->splat));
     CHECK_OK(oxl_reserve(device, (void **)&renderer->visible, &renderer->visible_capacity, rows / PACK + 1,
                          sizeof *renderer->visible));
-    CHECK_OK(oxl_reserve(device, (void **)&renderer->dmean2d, &renderer->dmean2d_capacity, rows, sizeof *renderer->dmean2d));
+    CHECK_OK(oxl_reserve(device, (void **)&renderer->dmean2d, &renderer->dmean2d_capacity, rows,
+                         sizeof *renderer->dmean2d));
     vulkan_enter(v);
     vulkan_download(v, &r->splat_a, 0, a, n * sizeof *a);
     vulkan_download(v, &r->splat_b, 0, a + n, n * sizeof *a);
     vulkan_download(v, &r->splat_c, 0, a + 2 * n, n * sizeof *a);
     vulkan_download(v, &r->seen, 0, seen, n * sizeof *seen);
-    if (r->mean2d.size >= n * sizeof(float)) vulkan_download(v, &r->mean2d, 0, renderer->dmean2d, n * sizeof(float));
+    if (r->mean2d.size >= n * sizeof(float))
+        vulkan_download(v, &r->mean2d, 0, renderer->dmean2d, n * sizeof(float));
     CHECK(v->rc == OXL_OK);
     memset(renderer->visible, 0, rows / PACK * sizeof *renderer->visible);
     for (size_t i = 0; i < n && v->rc == OXL_OK; i++) {
         const float *b = a[n + i], *c = a[2 * n + i];
         if (!seen[i]) continue;
         renderer->visible[i / PACK] = (uint16_t)(renderer->visible[i / PACK] | 1u << i % PACK);
-        renderer->splat[i]          = (struct splat){.u      = a[i][0],
-                                                     .v      = a[i][1],
-                                                     .a      = a[i][2],
-                                                     .k      = a[i][3],
-                                                     .e      = b[0],
-                                                     .peak   = b[1],
-                                                     .colour = {c[0], c[1], c[2]},
-                                                     .depth  = c[3],
-                                                     .half_x = b[2],
-                                                     .half_y = b[3]};
+        renderer->splat[i] = (struct splat){.u = a[i][0],
+                                            .v = a[i][1],
+                                            .a = a[i][2],
+                                            .k = a[i][3],
+                                            .e = b[0],
+                                            .peak = b[1],
+                                            .colour = {c[0], c[1], c[2]},
+                                            .depth = c[3],
+                                            .half_x = b[2],
+                                            .half_y = b[3]};
     }
     oxl_free(device, a);
     oxl_free(device, seen);
@@ -175,8 +182,8 @@ struct vulkan_distance {
 };
 static struct vulkan_distance vulkan_distance(const float *a, const float *b, size_t count)
 {
-    struct vulkan_distance d   = {0, 0};
-    double                 sum = 0, square = 0;
+    struct vulkan_distance d = {0, 0};
+    double sum = 0, square = 0;
     for (size_t i = 0; i < count; i++) {
         const double off = (double)a[i] - b[i];
         sum += (double)a[i] * a[i], square += off * off;
@@ -186,15 +193,15 @@ static struct vulkan_distance vulkan_distance(const float *a, const float *b, si
     return d;
 }
 
-/* ---------------------------------------------------------------- shaders */
+/* ---------------- shaders */
 
 /* A compiler that assumes numbers to be finite leaves out a test against a constant that it knows. */
 static void vulkan_check_infinity(oxl_context *device)
 {
     (void)device;
     for (int pass = 0; pass < PASS_COUNT; pass++) {
-        const uint32_t *word  = VULKAN_PASSES[pass].words;
-        size_t          known = 0, read = 0;
+        const uint32_t *word = VULKAN_PASSES[pass].words;
+        size_t known = 0, read = 0;
         for (size_t i = 5; i < VULKAN_PASSES[pass].bytes / sizeof *word; i += word[i] >> 16) {
             known += (word[i] & 0xFFFF) == 43 /* OpConstant */ && word[i + 3] == VULKAN_INFINITY;
             read++;
@@ -203,17 +210,17 @@ static void vulkan_check_infinity(oxl_context *device)
     }
 }
 
-/* ---------------------------------------------------------------- sort and scan */
+/* ---------------- sort and scan */
 
 static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
 {
-    struct vulkan          *v    = device->backend->vulkan;
-    const size_t            most = n == 1 << 16 ? n : n + 9000; /* more groups than keys, or all of 32 are full */
-    uint32_t               *host = oxl_alloc(test_ctx, 2 * n + 2, sizeof *host), *got = host + n + 1, count = (uint32_t)n;
+    struct vulkan *v = device->backend->vulkan;
+    const size_t most = n == 1 << 16 ? n : n + 9000; /* more groups than keys, or all of 32 are full */
+    uint32_t *host = oxl_alloc(test_ctx, 2 * n + 2, sizeof *host), *got = host + n + 1, count = (uint32_t)n;
     struct vulkan_renderer *r;
-    void                   *made;
-    size_t                  wrong = 0;
-    int                     end;
+    void *made;
+    size_t wrong = 0;
+    int end;
     CHECK_OK(vulkan_renderer_create(device, &made));
     r = made;
     for (size_t i = 0; i < n; i++) host[i] = (uint32_t)random_bits(5, i, n) & mask;
@@ -229,7 +236,8 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
     end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, most, 32);
     if (n) vulkan_download(v, &r->row_value[end], 0, got, 4 * n);
     for (size_t i = 1; i < n; i++)
-        wrong += host[got[i - 1]] > host[got[i]] || (host[got[i - 1]] == host[got[i]] && got[i - 1] >= got[i]);
+        wrong +=
+            host[got[i - 1]] > host[got[i]] || (host[got[i - 1]] == host[got[i]] && got[i - 1] >= got[i]);
     CHECK(v->rc == OXL_OK && wrong == 0);
     vulkan_renderer_free(r);
     oxl_free(test_ctx, host);
@@ -238,16 +246,17 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
 static void vulkan_check_sorts(oxl_context *device)
 {
     static const size_t sizes[] = {0, 1, 2047, 2048, 2049, 1 << 16, 70001};
-    for (size_t k = 0; k < OXL_COUNT(sizes); k++) vulkan_check_sort(device, sizes[k], k % 2 ? 0xFFFFFFFF : 0x00F0000F);
+    for (size_t k = 0; k < OXL_COUNT(sizes); k++)
+        vulkan_check_sort(device, sizes[k], k % 2 ? 0xFFFFFFFF : 0x00F0000F);
 }
 
 static void vulkan_check_scan(oxl_context *device, size_t n)
 {
-    struct vulkan          *v  = device->backend->vulkan;
-    uint32_t               *in = oxl_alloc(test_ctx, 2 * n, sizeof *in), *out = in + n, total = 0, sum = 0;
+    struct vulkan *v = device->backend->vulkan;
+    uint32_t *in = oxl_alloc(test_ctx, 2 * n, sizeof *in), *out = in + n, total = 0, sum = 0;
     struct vulkan_renderer *r;
-    void                   *made;
-    size_t                  wrong = 0;
+    void *made;
+    size_t wrong = 0;
     CHECK_OK(vulkan_renderer_create(device, &made));
     r = made;
     for (size_t i = 0; i < n; i++) in[i] = (uint32_t)(random_bits(6, i, n) % 7);
@@ -269,7 +278,7 @@ static void vulkan_check_scans(oxl_context *device)
     for (size_t k = 0; k < OXL_COUNT(sizes); k++) vulkan_check_scan(device, sizes[k]);
 }
 
-/* ---------------------------------------------------------------- forward */
+/* ---------------- forward */
 
 /* Which rows are seen, but for those on the very edge, and their splats. */
 static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
@@ -279,8 +288,10 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
     vulkan_download_rows(t->ctx[1], t->r[1]);
     for (size_t i = 0; i < count; i++) {
         const struct splat *a = &t->r[0]->splat[i], *b = &t->r[1]->splat[i];
-        const float         x[10] = {a->u, a->v, a->a, a->k, a->e, a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
-        const float         y[10] = {b->u, b->v, b->a, b->k, b->e, b->peak, b->colour[0], b->depth, b->half_x, b->half_y};
+        const float x[10] = {a->u,    a->v,         a->a,     a->k,      a->e,
+                             a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
+        const float y[10] = {b->u,    b->v,         b->a,     b->k,      b->e,
+                             b->peak, b->colour[0], b->depth, b->half_x, b->half_y};
         other += renderer_row_visible(t->r[0], i) != renderer_row_visible(t->r[1], i);
         if (!renderer_row_visible(t->r[0], i) || !renderer_row_visible(t->r[1], i)) continue;
         seen++;
@@ -298,12 +309,14 @@ static void vulkan_check_projection(oxl_context *device)
 {
     for (int wild = 0; wild < 2; wild++) {
         struct vulkan_twins t = vulkan_twins(device, 150, 101);
-        oxl_model           m;
+        oxl_model m;
         vulkan_scene(1500, 3, 200, &m);
         if (wild) vulkan_extremes(&m);
         vulkan_forward_both(&t, &m);
         vulkan_compare_rows(&t, m.count);
-        if (!wild) CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs, (double)t.r[0]->bins.pair_count, 3);
+        if (!wild)
+            CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs,
+                        (double)t.r[0]->bins.pair_count, 3);
         oxl_model_free(test_ctx, &m);
         vulkan_twins_free(&t);
     }
@@ -312,7 +325,7 @@ static void vulkan_check_projection(oxl_context *device)
 /* A pixel at the threshold of 1/255 may go either way: at most a few. */
 static void vulkan_compare_images(struct vulkan_twins *t)
 {
-    const float           *image[2];
+    const float *image[2];
     struct vulkan_distance d;
     for (int k = 0; k < 2; k++) CHECK_OK(renderer_image(t->ctx[k], t->r[k], &image[k]));
     d = vulkan_distance(image[0], image[1], 3 * t->pixels);
@@ -324,7 +337,7 @@ static void vulkan_check_drawing(oxl_context *device)
 {
     for (size_t lobes = 0; lobes <= 400; lobes += 400) {
         struct vulkan_twins t = vulkan_twins(device, 100, 75);
-        oxl_model           m;
+        oxl_model m;
         vulkan_scene(600, 2, lobes, &m);
         vulkan_forward_both(&t, &m);
         vulkan_compare_images(&t);
@@ -336,18 +349,20 @@ static void vulkan_check_drawing(oxl_context *device)
 static void vulkan_check_alpha_min(oxl_context *device)
 {
     for (size_t lobes = 0; lobes <= 400; lobes += 400) {
-        struct vulkan_twins t       = vulkan_twins(device, 100, 75);
-        oxl_render_options  options = oxl_render_options_default();
-        const float        *image[2];
-        oxl_model           m;
+        struct vulkan_twins t = vulkan_twins(device, 100, 75);
+        oxl_render_options options = oxl_render_options_default();
+        const float *image[2];
+        oxl_model m;
         options.alpha_min = 0.06f;
         vulkan_scene(600, 1, lobes, &m);
         for (int k = 0; k < 2; k++) {
             CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &m, &t.camera, &options));
             CHECK_OK(renderer_image(t.ctx[k], t.r[k], &image[k]));
         }
-        CHECK_CLOSE(vulkan_distance(image[0], image[1], 3 * t.pixels).relative, 0, 1e-3); /* a pixel at the threshold: 0.06 */
-        CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs, (double)t.r[0]->bins.pair_count, 3);
+        /* a pixel at the threshold: 0.06 */
+        CHECK_CLOSE(vulkan_distance(image[0], image[1], 3 * t.pixels).relative, 0, 1e-3);
+        CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs,
+                    (double)t.r[0]->bins.pair_count, 3);
         oxl_model_free(test_ctx, &m);
         vulkan_twins_free(&t);
     }
@@ -356,7 +371,7 @@ static void vulkan_check_alpha_min(oxl_context *device)
 static void vulkan_check_wild_drawing(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 64);
-    oxl_model           m;
+    oxl_model m;
     vulkan_scene(500, 1, 100, &m);
     vulkan_extremes(&m);
     for (size_t i = 0; i < m.count; i++)
@@ -371,7 +386,7 @@ static void vulkan_check_wild_drawing(oxl_context *device)
 static void vulkan_check_nothing(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 40, 30);
-    oxl_model           m;
+    oxl_model m;
     vulkan_scene(5, 0, 0, &m);
     for (size_t i = 0; i < m.count; i++) m.plane[OXL_MEAN + 2][i] = -50; /* behind the camera */
     vulkan_forward_both(&t, &m);
@@ -383,10 +398,10 @@ static void vulkan_check_nothing(oxl_context *device)
 static void vulkan_check_depth(oxl_context *device)
 {
     const oxl_camera camera = vulkan_camera(60, 45);
-    oxl_context     *ctx[2] = {test_ctx, device};
-    float            depth[2][60 * 45];
-    oxl_image        image[2];
-    oxl_model        m;
+    oxl_context *ctx[2] = {test_ctx, device};
+    float depth[2][60 * 45];
+    oxl_image image[2];
+    oxl_model m;
     vulkan_scene(300, 0, 0, &m);
     for (int k = 0; k < 2; k++) CHECK_OK(oxl_render(ctx[k], &m, &camera, NULL, &image[k], depth[k]));
     CHECK_CLOSE(vulkan_distance(depth[0], depth[1], OXL_COUNT(depth[0])).relative, 0, 2e-4);
@@ -394,40 +409,40 @@ static void vulkan_check_depth(oxl_context *device)
     oxl_model_free(test_ctx, &m);
 }
 
-/* ---------------------------------------------------------------- any device */
+/* ---------------- any device */
 
 /* The image of a device with these limits; it must be that of one without. */
 static void vulkan_draw_limited(oxl_context *device, uint32_t slab_rows, uint32_t groups_max, float *rgb)
 {
-    const oxl_camera   camera  = vulkan_camera(2100, 40);
+    const oxl_camera camera = vulkan_camera(2100, 40);
     oxl_render_options options = oxl_render_options_default();
-    struct vulkan      old     = *device->backend->vulkan;
-    struct renderer   *r;
-    const float       *image;
-    oxl_model          m;
+    struct vulkan old = *device->backend->vulkan;
+    struct renderer *r;
+    const float *image;
+    oxl_model m;
     vulkan_scene(2000, 1, 700, &m);
-    device->backend->vulkan->slab_rows  = slab_rows;
+    device->backend->vulkan->slab_rows = slab_rows;
     device->backend->vulkan->groups_max = groups_max;
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
     CHECK_OK(renderer_image(device, r, &image));
     memcpy(rgb, image, 3 * 2100 * 40 * sizeof *rgb);
     renderer_free(device, r);
-    device->backend->vulkan->slab_rows  = old.slab_rows;
+    device->backend->vulkan->slab_rows = old.slab_rows;
     device->backend->vulkan->groups_max = old.groups_max;
     oxl_model_free(test_ctx, &m);
 }
 
 static void vulkan_check_limits(oxl_context *device)
 {
-    const size_t           size = 3 * 2100 * 40;
-    float                 *one = oxl_alloc(test_ctx, 2 * size, sizeof *one), *two = one + size;
-    struct vulkan_twins    t       = vulkan_twins(device, 2100, 40);
-    const oxl_camera       camera  = vulkan_camera(2100, 40);
-    oxl_render_options     options = oxl_render_options_default();
+    const size_t size = 3 * 2100 * 40;
+    float *one = oxl_alloc(test_ctx, 2 * size, sizeof *one), *two = one + size;
+    struct vulkan_twins t = vulkan_twins(device, 2100, 40);
+    const oxl_camera camera = vulkan_camera(2100, 40);
+    oxl_render_options options = oxl_render_options_default();
     struct vulkan_distance d;
-    const float           *image;
-    oxl_model              m;
+    const float *image;
+    oxl_model m;
     vulkan_draw_limited(device, VULKAN_SLAB_ROWS, 65535, one);
     vulkan_draw_limited(device, 512, 21, two);
     CHECK(memcmp(one, two, size * sizeof *one) == 0);
@@ -443,15 +458,16 @@ static void vulkan_check_limits(oxl_context *device)
 
 static void vulkan_check_refusal(oxl_context *device)
 {
-    const oxl_camera   camera  = vulkan_camera(100, 100);
+    const oxl_camera camera = vulkan_camera(100, 100);
     oxl_render_options options = oxl_render_options_default();
-    struct renderer   *r;
-    oxl_model          m;
-    const size_t       range = device->backend->vulkan->range;
+    struct renderer *r;
+    oxl_model m;
+    const size_t range = device->backend->vulkan->range;
     vulkan_scene(1000, 0, 0, &m);
     CHECK_OK(renderer_create(device, &r));
     device->backend->vulkan->range = 8192;
-    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_MEMORY); /* so --backend auto goes on with the CPU */
+    /* so --backend auto goes on with the CPU */
+    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_MEMORY);
     CHECK_TEXT(oxl_error_text(device), "in one array");
     device->backend->vulkan->range = range;
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* still usable */
@@ -459,10 +475,10 @@ static void vulkan_check_refusal(oxl_context *device)
     oxl_model_free(test_ctx, &m);
 }
 
-/* ---------------------------------------------------------------- other drivers, played */
+/* ---------------- other drivers, played */
 
 static VkInstanceCreateFlags vulkan_seen_flags;
-static char                  vulkan_seen_names[400];
+static char vulkan_seen_names[400];
 
 static void vulkan_note_names(const char *const *name, uint32_t count)
 {
@@ -470,7 +486,8 @@ static void vulkan_note_names(const char *const *name, uint32_t count)
     for (uint32_t i = 0; i < count; i++) strcat(strcat(vulkan_seen_names, name[i]), " ");
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance_list(const char *layer, uint32_t *count, VkExtensionProperties *out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance_list(const char *layer, uint32_t *count,
+                                                                VkExtensionProperties *out)
 {
     (void)layer;
     memset(out, 0, 2 * sizeof *out);
@@ -480,8 +497,8 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance_list(const char *laye
     return VK_SUCCESS;
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device_list(VkPhysicalDevice device, const char *layer, uint32_t *count,
-                                                              VkExtensionProperties *out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device_list(VkPhysicalDevice device, const char *layer,
+                                                              uint32_t *count, VkExtensionProperties *out)
 {
     (void)device, (void)layer;
     memset(out, 0, sizeof *out);
@@ -490,8 +507,8 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device_list(VkPhysicalDevice d
     return VK_SUCCESS;
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreateInfo *info, const VkAllocationCallbacks *a,
-                                                           VkInstance *out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreateInfo *info,
+                                                           const VkAllocationCallbacks *a, VkInstance *out)
 {
     (void)a, (void)out;
     vulkan_seen_flags = info->flags;
@@ -502,10 +519,10 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreat
 /* As MoltenVK: listed only on request of portability drivers, and usable when the subset is enabled. */
 static void vulkan_check_portability(oxl_context *device)
 {
-    struct vulkan            v          = {.ctx                                  = device,
-                                           .EnumerateInstanceExtensionProperties = vulkan_play_instance_list,
-                                           .EnumerateDeviceExtensionProperties   = vulkan_play_device_list,
-                                           .CreateInstance                       = vulkan_play_instance};
+    struct vulkan v = {.ctx = device,
+                       .EnumerateInstanceExtensionProperties = vulkan_play_instance_list,
+                       .EnumerateDeviceExtensionProperties = vulkan_play_device_list,
+                       .CreateInstance = vulkan_play_instance};
     struct vulkan_extensions extensions = {0};
     CHECK(vulkan_make_instance(&v, NULL) == VK_ERROR_INCOMPATIBLE_DRIVER);
     CHECK(vulkan_seen_flags == VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR);
@@ -518,8 +535,8 @@ static void vulkan_check_portability(oxl_context *device)
 }
 
 static const struct vulkan *vulkan_behind; /* the device that both of vulkan_play_two are */
-static int                  vulkan_real_ones;
-static char                 vulkan_heard[400];
+static int vulkan_real_ones;
+static char vulkan_heard[400];
 #define VULKAN_BROKEN ((VkPhysicalDevice)(uintptr_t)16)
 
 static void vulkan_hear_devices(void *user, oxl_log_level level, const char *text)
@@ -528,7 +545,8 @@ static void vulkan_hear_devices(void *user, oxl_log_level level, const char *tex
     if (level == OXL_LOG_WARNING) snprintf(vulkan_heard, sizeof vulkan_heard, "%s", text);
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_two(VkInstance instance, uint32_t *count, VkPhysicalDevice *out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_two(VkInstance instance, uint32_t *count,
+                                                      VkPhysicalDevice *out)
 {
     (void)instance;
     out[0] = VULKAN_BROKEN, out[1] = vulkan_behind->physical;
@@ -536,7 +554,8 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_two(VkInstance instance, uint3
     return VK_SUCCESS;
 }
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_properties(VkPhysicalDevice device, VkPhysicalDeviceProperties *out)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_properties(VkPhysicalDevice device,
+                                                         VkPhysicalDeviceProperties *out)
 {
     vulkan_behind->GetPhysicalDeviceProperties(vulkan_behind->physical, out);
     if (device != VULKAN_BROKEN) return;
@@ -544,13 +563,15 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_properties(VkPhysicalDevice device
     strcpy(out->deviceName, "Broken GPU");
 }
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_heaps(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties *out)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_heaps(VkPhysicalDevice device,
+                                                    VkPhysicalDeviceMemoryProperties *out)
 {
     (void)device;
     vulkan_behind->GetPhysicalDeviceMemoryProperties(vulkan_behind->physical, out);
 }
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_families(VkPhysicalDevice device, uint32_t *count, VkQueueFamilyProperties *out)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_families(VkPhysicalDevice device, uint32_t *count,
+                                                       VkQueueFamilyProperties *out)
 {
     (void)device;
     vulkan_behind->GetPhysicalDeviceQueueFamilyProperties(vulkan_behind->physical, count, out);
@@ -558,7 +579,8 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_families(VkPhysicalDevice device, 
 
 static int vulkan_breaks_late; /* when its fences are made, not the device itself */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice device, const VkDeviceCreateInfo *info,
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device(VkPhysicalDevice device,
+                                                         const VkDeviceCreateInfo *info,
                                                          const VkAllocationCallbacks *a, VkDevice *out)
 {
     if (device == VULKAN_BROKEN && !vulkan_breaks_late) return VK_ERROR_INITIALIZATION_FAILED;
@@ -575,32 +597,34 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_fence(VkDevice device, const V
 
 static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_play_lookup(VkDevice device, const char *name)
 {
-    if (vulkan_breaks_late && strcmp(name, "vkCreateFence") == 0) return (PFN_vkVoidFunction)vulkan_play_fence;
+    if (vulkan_breaks_late && strcmp(name, "vkCreateFence") == 0)
+        return (PFN_vkVoidFunction)vulkan_play_fence;
     return vulkan_behind->GetDeviceProcAddr(device, name);
 }
 
-/* The best device cannot be opened: the next one is, and what is said names both and why. The last one's error stays; of a device that
- * is named there is no next. */
+/* The best device cannot be opened: the next one is, and what is said names both and why. The last one's
+ * error stays; of a device that is named there is no next. */
 static void vulkan_check_next_device(oxl_context *device)
 {
     struct vulkan v = *device->backend->vulkan;
-    vulkan_behind   = device->backend->vulkan;
+    vulkan_behind = device->backend->vulkan;
     memset((char *)&v + offsetof(struct vulkan, physical), 0, sizeof v - offsetof(struct vulkan, physical));
-    v.EnumeratePhysicalDevices               = vulkan_play_two;
-    v.GetPhysicalDeviceProperties            = vulkan_play_properties;
-    v.GetPhysicalDeviceMemoryProperties      = vulkan_play_heaps;
+    v.EnumeratePhysicalDevices = vulkan_play_two;
+    v.GetPhysicalDeviceProperties = vulkan_play_properties;
+    v.GetPhysicalDeviceMemoryProperties = vulkan_play_heaps;
     v.GetPhysicalDeviceQueueFamilyProperties = vulkan_play_families;
-    v.EnumerateDeviceExtensionProperties     = vulkan_play_device_list;
-    v.properties2                            = 0;
-    v.CreateDevice                           = vulkan_play_device;
-    v.GetDeviceProcAddr                      = vulkan_play_lookup;
-    device->options.log                      = vulkan_hear_devices;
-    vulkan_real_ones                         = 1;
+    v.EnumerateDeviceExtensionProperties = vulkan_play_device_list;
+    v.properties2 = 0;
+    v.CreateDevice = vulkan_play_device;
+    v.GetDeviceProcAddr = vulkan_play_lookup;
+    device->options.log = vulkan_hear_devices;
+    vulkan_real_ones = 1;
     for (int late = 0; late < 2; late++) {
         vulkan_breaks_late = late;
         CHECK(vulkan_open_best(&v, -1, 1) == OXL_OK);
         CHECK(v.physical == vulkan_behind->physical && v.mapped && v.staging.handle && v.frame[1].fence);
-        CHECK_TEXT(vulkan_heard, late ? "Broken GPU, a fence: no host memory" : "Broken GPU, a device: it could not be started");
+        CHECK_TEXT(vulkan_heard, late ? "Broken GPU, a fence: no host memory"
+                                      : "Broken GPU, a device: it could not be started");
         CHECK_TEXT(vulkan_heard, ": trying ");
         CHECK_TEXT(vulkan_heard, vulkan_behind->properties.deviceName);
         vulkan_close_device(&v);
@@ -624,16 +648,17 @@ static void vulkan_check_shared(oxl_context *device)
     CHECK(v->batch == vulkan_batch(v->properties.limits.maxComputeSharedMemorySize));
 }
 
-/* ---------------------------------------------------------------- loss */
+/* ---------------- loss */
 
-static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked, const float *gain)
+static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked,
+                                 const float *gain)
 {
-    struct vulkan_twins     t      = vulkan_twins(device, width, height);
-    float                  *target = vulkan_noise(3 * t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
-    float                  *drgb = oxl_alloc(test_ctx, 3 * t.pixels, sizeof *drgb);
+    struct vulkan_twins t = vulkan_twins(device, width, height);
+    float *target = vulkan_noise(3 * t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
+    float *drgb = oxl_alloc(test_ctx, 3 * t.pixels, sizeof *drgb);
     struct vulkan_renderer *r;
-    struct renderer_loss    loss[2];
-    oxl_model               m;
+    struct renderer_loss loss[2];
+    oxl_model m;
     for (size_t i = 0; i < t.pixels; i++) weight[i] = weight[i] > -0.98f; /* a fiftieth is masked */
     for (size_t i = 0; i < 3 * t.pixels; i++) target[i] = 0.5f + 0.4f * target[i];
     vulkan_scene(300, 0, 0, &m);
@@ -671,18 +696,20 @@ static void vulkan_check_loss(oxl_context *device)
     vulkan_check_loss_of(device, 33, 20, 0, 0, gain);
 }
 
-/* Images are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
+/* Images are compared as the bytes that they are, whole or at half the sides, kept on the device or passing
+ * through. */
 static void vulkan_check_image_of(oxl_context *device, int width, int height, int masked, int halved)
 {
-    struct vulkan_twins   t      = vulkan_twins(device, width >> halved, height >> halved);
-    const size_t          pixels = (size_t)width * (size_t)height;
-    uint8_t              *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
-    const size_t          stays  = (3 * pixels + 3) / 4 * 4 + (masked ? (pixels + 3) / 4 * 4 : 0); /* whole words */
-    struct training_image image  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
-    struct renderer_loss  loss[2];
-    oxl_model             m;
+    struct vulkan_twins t = vulkan_twins(device, width >> halved, height >> halved);
+    const size_t pixels = (size_t)width * (size_t)height;
+    uint8_t *bytes = oxl_alloc(test_ctx, 4 * pixels, 1);
+    const size_t stays = (3 * pixels + 3) / 4 * 4 + (masked ? (pixels + 3) / 4 * 4 : 0); /* whole words */
+    struct training_image image = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
+    struct renderer_loss loss[2];
+    oxl_model m;
     vulkan_scene(200, 0, 0, &m);
-    for (size_t i = 0; i < 4 * pixels; i++) bytes[i] = (uint8_t)(random_bits(9, i, 0) & (i < 3 * pixels || i % 97 ? 255 : 0));
+    for (size_t i = 0; i < 4 * pixels; i++)
+        bytes[i] = (uint8_t)(random_bits(9, i, 0) & (i < 3 * pixels || i % 97 ? 255 : 0));
     for (int round = 0; round < 2; round++) {
         const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &image;
         vulkan_forward_both(&t, &m);
@@ -693,8 +720,10 @@ static void vulkan_check_image_of(oxl_context *device, int width, int height, in
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
         CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     }
-    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == (device->backend->vulkan->image_bytes_max > 0 ? stays : 0));
-    CHECK(renderer_has_image(t.r[1], 3) == (device->backend->vulkan->image_bytes_max > 0) && !renderer_has_image(t.r[1], 2));
+    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes ==
+          (device->backend->vulkan->image_bytes_max > 0 ? stays : 0));
+    CHECK(renderer_has_image(t.r[1], 3) == (device->backend->vulkan->image_bytes_max > 0) &&
+          !renderer_has_image(t.r[1], 2));
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, bytes);
     vulkan_twins_free(&t);
@@ -709,13 +738,13 @@ static void vulkan_check_images(oxl_context *device)
     vulkan_check_image_of(device, 40, 31, 0, 0);
 }
 
-/* ---------------------------------------------------------------- backward, score, step */
+/* ---------------- backward, score, step */
 
 static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lobes)
 {
-    struct vulkan_twins t    = vulkan_twins(device, 90, 60);
-    float              *drgb = vulkan_noise(3 * t.pixels, 50);
-    oxl_model           m, gradient[2];
+    struct vulkan_twins t = vulkan_twins(device, 90, 60);
+    float *drgb = vulkan_noise(3 * t.pixels, 50);
+    oxl_model m, gradient[2];
     vulkan_scene(700, degree, lobes, &m);
     vulkan_forward_both(&t, &m);
     for (int k = 0; k < 2; k++) {
@@ -754,9 +783,9 @@ static void vulkan_check_small_batches(oxl_context *device)
 static void vulkan_check_score(oxl_context *device)
 {
     for (size_t lobes = 0; lobes <= 200; lobes += 200) {
-        struct vulkan_twins t    = vulkan_twins(device, 80, 50);
-        float              *drgb = vulkan_noise(3 * t.pixels, 51), *score[2];
-        oxl_model           m;
+        struct vulkan_twins t = vulkan_twins(device, 80, 50);
+        float *drgb = vulkan_noise(3 * t.pixels, 51), *score[2];
+        oxl_model m;
         vulkan_scene(400, 0, lobes, &m);
         vulkan_forward_both(&t, &m);
         for (int k = 0; k < 2; k++) {
@@ -773,15 +802,15 @@ static void vulkan_check_score(oxl_context *device)
 
 struct vulkan_run { /* a model that is stepped, and what it takes */
     struct trained_model trained;
-    oxl_model            gradient;
+    oxl_model gradient;
     struct renderer_sums sums;
-    float               *numbers; /* of the sums */
+    float *numbers; /* of the sums */
 };
 
 static struct vulkan_run vulkan_run_begin(size_t count, int degree, size_t lobes)
 {
     struct vulkan_run r;
-    oxl_model *const  rest[] = {&r.trained.mean, &r.trained.square, &r.gradient};
+    oxl_model *const rest[] = {&r.trained.mean, &r.trained.square, &r.gradient};
     vulkan_scene(count, degree, lobes, &r.trained.model);
     for (size_t k = 0; k < OXL_COUNT(rest); k++) {
         CHECK_OK(oxl_model_create(test_ctx, count, degree, rest[k]));
@@ -789,8 +818,8 @@ static struct vulkan_run vulkan_run_begin(size_t count, int degree, size_t lobes
         memset(rest[k]->plane[OXL_ROTATION], 0, rest[k]->capacity * sizeof(float));
     }
     r.numbers = oxl_calloc(test_ctx, 4 * count, sizeof *r.numbers);
-    r.sums =
-        (struct renderer_sums){count, 1, 3.5f, 5, r.numbers, r.numbers + count, r.numbers + 2 * count, r.numbers + 3 * count};
+    r.sums = (struct renderer_sums){
+        count, 1, 3.5f, 5, r.numbers, r.numbers + count, r.numbers + 2 * count, r.numbers + 3 * count};
     return r;
 }
 
@@ -802,12 +831,13 @@ static void vulkan_run_free(struct vulkan_run *r)
 }
 
 /* Steps from..to against noise; so many rows are skipped in each as not finite. */
-static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_camera *camera, struct vulkan_run *run,
-                             const float *drgb, int from, int to, size_t skipped_wanted)
+static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_camera *camera,
+                             struct vulkan_run *run, const float *drgb, int from, int to,
+                             size_t skipped_wanted)
 {
-    oxl_render_options        options = oxl_render_options_default();
+    oxl_render_options options = oxl_render_options_default();
     struct renderer_nonfinite skipped;
-    struct adam_params        adam = {.beta = {0.7, 0.9995}};
+    struct adam_params adam = {.beta = {0.7, 0.9995}};
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
     for (adam.step = from; adam.step <= to; adam.step++) {
         CHECK_OK(renderer_forward(ctx, r, &run->trained.model, camera, &options));
@@ -831,9 +861,9 @@ static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double
 static void vulkan_check_steps(oxl_context *device)
 {
     for (size_t lobes = 0; lobes <= 300; lobes += 300) {
-        struct vulkan_twins t    = vulkan_twins(device, 64, 48);
-        float              *drgb = vulkan_noise(3 * t.pixels, 52);
-        struct vulkan_run   run[2];
+        struct vulkan_twins t = vulkan_twins(device, 64, 48);
+        float *drgb = vulkan_noise(3 * t.pixels, 52);
+        struct vulkan_run run[2];
         device->backend->vulkan->slab_rows = 256; /* several slabs */
         for (int k = 0; k < 2; k++) {
             run[k] = vulkan_run_begin(600, 1, lobes);
@@ -843,7 +873,8 @@ static void vulkan_check_steps(oxl_context *device)
         vulkan_compare_models(&run[0].trained.mean, &run[1].trained.mean, 5e-3);
         vulkan_compare_models(&run[0].trained.square, &run[1].trained.square, 5e-3);
         for (int k = 0; k < 3; k++)
-            CHECK_CLOSE(vulkan_distance(run[0].numbers + 600 * k, run[1].numbers + 600 * k, 600).relative, 0, 5e-3);
+            CHECK_CLOSE(vulkan_distance(run[0].numbers + 600 * k, run[1].numbers + 600 * k, 600).relative, 0,
+                        5e-3);
         CHECK_CLOSE(vulkan_distance(run[0].sums.views, run[1].sums.views, 600).most, 0, 3);
         for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
         oxl_free(test_ctx, drgb);
@@ -854,20 +885,22 @@ static void vulkan_check_steps(oxl_context *device)
 /* When the host looks, and at what, does not show in the result: checkpoints come when they come. */
 static void vulkan_check_downloads(oxl_context *device)
 {
-    const oxl_camera  camera = vulkan_camera(64, 48);
-    float            *drgb   = vulkan_noise((size_t)3 * 64 * 48, 52);
+    const oxl_camera camera = vulkan_camera(64, 48);
+    float *drgb = vulkan_noise((size_t)3 * 64 * 48, 52);
     struct vulkan_run run[2];
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         CHECK_OK(renderer_create(device, &r));
         run[k] = vulkan_run_begin(300, 1, 100);
         if (k == 0) vulkan_run_steps(device, r, &camera, &run[k], drgb, 1, 4, 0);
-        for (int step = 1; k == 1 && step <= 4; step++) vulkan_run_steps(device, r, &camera, &run[k], drgb, step, step, 0);
+        for (int step = 1; k == 1 && step <= 4; step++)
+            vulkan_run_steps(device, r, &camera, &run[k], drgb, step, step, 0);
         renderer_free(device, r);
     }
     for (int k = 0; k < oxl_model_planes(&run[0].trained.model); k++) {
         CHECK(memcmp(run[0].trained.model.plane[k], run[1].trained.model.plane[k], 300 * sizeof(float)) == 0);
-        CHECK(memcmp(run[0].trained.square.plane[k], run[1].trained.square.plane[k], 300 * sizeof(float)) == 0);
+        CHECK(memcmp(run[0].trained.square.plane[k], run[1].trained.square.plane[k], 300 * sizeof(float)) ==
+              0);
     }
     CHECK(memcmp(run[0].numbers, run[1].numbers, 4 * 300 * sizeof(float)) == 0);
     for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
@@ -883,37 +916,38 @@ static void vulkan_check_same_model(const oxl_model *a, const oxl_model *b)
     }
 }
 
-/* After a loss that is not finite: of three rows one holds such a number unseen, one makes such a colour, one holds one among its lobes. They
- * are cleared as on the CPU, and 12 bytes are read. */
+/* After a loss that is not finite: of three rows one holds such a number unseen, one makes such a colour, one
+ * holds one among its lobes. They are cleared as on the CPU, and 12 bytes are read. */
 static void vulkan_check_cleared(oxl_context *device)
 {
-    struct vulkan_twins       t = vulkan_twins(device, 64, 48);
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
     struct renderer_nonfinite cleared[2];
-    struct vulkan_run         run[2];
-    size_t                    read;
+    struct vulkan_run run[2];
+    size_t read;
     device->backend->vulkan->slab_rows = 256;
     for (int k = 0; k < 2; k++) {
         run[k] = vulkan_run_begin(600, 1, 300);
         for (int i = 0; i < 3; i++) run[k].trained.model.plane[OXL_MEAN + i][400] = i == 2 ? 2.6f : -1.5f;
         for (int i = 0; i < 3; i++) run[k].trained.model.plane[OXL_LOG_SCALE + i][400] = 0;
-        for (int i = 0; i < 4; i++)
-            run[k].trained.model.plane[OXL_SH + 3 * i + 2][400] = 3.4e38f; /* each fits a float, their sum does not */
-        run[k].trained.model.plane[OXL_MEAN + 2][500]  = -50;
-        run[k].trained.model.plane[OXL_SH + 5][500]    = NAN;
-        run[k].trained.model.plane[OXL_LOBE + 1][200]  = INFINITY;
-        run[k].trained.mean.plane[OXL_LOG_SCALE][500]  = 1;
+        for (int i = 0; i < 4; i++) /* each fits a float, their sum does not */
+            run[k].trained.model.plane[OXL_SH + 3 * i + 2][400] = 3.4e38f;
+        run[k].trained.model.plane[OXL_MEAN + 2][500] = -50;
+        run[k].trained.model.plane[OXL_SH + 5][500] = NAN;
+        run[k].trained.model.plane[OXL_LOBE + 1][200] = INFINITY;
+        run[k].trained.mean.plane[OXL_LOG_SCALE][500] = 1;
         run[k].trained.square.plane[OXL_LOBE + 1][200] = 1;
-        run[k].trained.square.plane[OXL_OPACITY][201]  = 1;
+        run[k].trained.square.plane[OXL_OPACITY][201] = 1;
     }
     for (int k = 0; k < 2; k++) {
         const oxl_render_options options = oxl_render_options_default();
         CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &run[k].trained.model, &t.camera, &options));
     }
     cleared[0] = nonfinite_clear(t.r[0], &run[0].trained);
-    read       = device->backend->vulkan->read_bytes;
+    read = device->backend->vulkan->read_bytes;
     CHECK_OK(renderer_clear_nonfinite(device, t.r[1], &run[1].trained, &cleared[1]));
     CHECK(device->backend->vulkan->read_bytes - read == 12);
-    for (int k = 0; k < 2; k++) CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
+    for (int k = 0; k < 2; k++)
+        CHECK(cleared[k].rows == 3 && cleared[k].first == 200 && cleared[k].cleared == 3);
     CHECK_OK(renderer_download(device, t.r[1], DOWNLOAD_TO_READ));
     vulkan_check_same_model(&run[0].trained.model, &run[1].trained.model);
     vulkan_check_same_model(&run[0].trained.mean, &run[1].trained.mean);
@@ -924,8 +958,8 @@ static void vulkan_check_cleared(oxl_context *device)
 
 static void vulkan_check_aside(oxl_context *device)
 {
-    struct vulkan_twins t    = vulkan_twins(device, 64, 48);
-    float              *drgb = vulkan_noise(3 * t.pixels, 52);
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
+    float *drgb = vulkan_noise(3 * t.pixels, 52);
     for (int k = 0; k < 2; k++) {
         struct vulkan_run run = vulkan_run_begin(64, 1, 0);
         for (int i = 0; i < 3; i++) run.trained.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
@@ -938,18 +972,18 @@ static void vulkan_check_aside(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* ---------------------------------------------------------------- deferred steps */
+/* ---------------- deferred steps */
 
 struct vulkan_deferral { /* a run whose steps are deferred, against one image */
     struct vulkan_run run;
-    struct renderer  *r;
-    oxl_camera        camera;
-    uint8_t           bytes[3 * 64 * 48];
+    struct renderer *r;
+    oxl_camera camera;
+    uint8_t bytes[3 * 64 * 48];
 };
 
 static void vulkan_deferral_begin(oxl_context *device, struct vulkan_deferral *d)
 {
-    d->run    = vulkan_run_begin(300, 1, 100);
+    d->run = vulkan_run_begin(300, 1, 100);
     d->camera = vulkan_camera(64, 48);
     for (size_t i = 0; i < sizeof d->bytes; i++) d->bytes[i] = (uint8_t)random_bits(9, i, 0);
     CHECK_OK(renderer_create(device, &d->r));
@@ -961,12 +995,13 @@ static void vulkan_deferral_end(oxl_context *device, struct vulkan_deferral *d)
     vulkan_run_free(&d->run);
 }
 
-static void vulkan_step_of(oxl_context *device, struct vulkan_deferral *d, int step, struct renderer_loss *loss)
+static void vulkan_step_of(oxl_context *device, struct vulkan_deferral *d, int step,
+                           struct renderer_loss *loss)
 {
-    const struct training_image image   = {d->camera.width, d->camera.height, d->bytes, NULL};
-    const oxl_render_options    options = oxl_render_options_default();
-    struct adam_params          adam    = {.beta = {0.7, 0.9995}, .step = step};
-    struct renderer_nonfinite   skipped;
+    const struct training_image image = {d->camera.width, d->camera.height, d->bytes, NULL};
+    const oxl_render_options options = oxl_render_options_default();
+    struct adam_params adam = {.beta = {0.7, 0.9995}, .step = step};
+    struct renderer_nonfinite skipped;
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
     CHECK_OK(renderer_set_image(device, d->r, 0, &image, NULL, 0));
     CHECK_OK(renderer_forward(device, d->r, &d->run.trained.model, &d->camera, &options));
@@ -980,19 +1015,21 @@ static void vulkan_check_same_run(const struct vulkan_deferral *a, const struct 
 {
     for (int k = 0; k < oxl_model_planes(&a->run.trained.model); k++) {
         CHECK(memcmp(a->run.trained.model.plane[k], b->run.trained.model.plane[k], 300 * sizeof(float)) == 0);
-        CHECK(memcmp(a->run.trained.square.plane[k], b->run.trained.square.plane[k], 300 * sizeof(float)) == 0);
+        CHECK(memcmp(a->run.trained.square.plane[k], b->run.trained.square.plane[k], 300 * sizeof(float)) ==
+              0);
     }
     CHECK(memcmp(a->run.numbers, b->run.numbers, 4 * 300 * sizeof(float)) == 0);
 }
 
-/* The same losses, one step late, and the same model; the host never waits for a device that has nothing else to do. */
+/* The same losses, one step late, and the same model; the host never waits for a device that has nothing else
+ * to do. */
 static void vulkan_check_deferral(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan                *v = device->backend->vulkan;
-    struct renderer_loss          loss[7], none;
-    struct renderer_report        report;
-    size_t                        waits = 0, dispatches = 0;
+    struct vulkan *v = device->backend->vulkan;
+    struct renderer_loss loss[7], none;
+    struct renderer_report report;
+    size_t waits = 0, dispatches = 0;
     for (int k = 0; k < 2; k++) vulkan_deferral_begin(device, &d[k]);
     for (int step = 1; step <= 6; step++) vulkan_step_of(device, &d[0], step, &loss[step]);
     CHECK(renderer_defer(d[1].r, 1));
@@ -1001,7 +1038,8 @@ static void vulkan_check_deferral(oxl_context *device)
         vulkan_step_of(device, &d[1], step, &none);
         CHECK_OK(renderer_report(device, d[1].r, 0, &report));
         CHECK(report.exists == (step > 1) && report.halt == HALT_NONE && report.skipped.rows == 0);
-        if (step > 1) CHECK(report.loss.total == loss[step - 1].total && report.loss.mse == loss[step - 1].mse);
+        if (step > 1)
+            CHECK(report.loss.total == loss[step - 1].total && report.loss.mse == loss[step - 1].mse);
     }
     CHECK(v->waits == waits && v->dispatches - dispatches <= 5 * 40);
     CHECK_OK(renderer_report(device, d[1].r, 1, &report));
@@ -1013,16 +1051,16 @@ static void vulkan_check_deferral(oxl_context *device)
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
 }
 
-/* A step without room for its pairs, or whose loss is not finite: neither it nor the one behind it changes anything, and what the host then
- * sees are its rows. */
+/* A step without room for its pairs, or whose loss is not finite: neither it nor the one behind it changes
+ * anything, and what the host then sees are its rows. */
 static void vulkan_check_halt(oxl_context *device)
 {
     for (int halt = HALT_PAIRS; halt <= HALT_LOSS; halt++) {
         static struct vulkan_deferral d[2];
-        struct vulkan_renderer       *r;
-        struct renderer_loss          none;
-        struct renderer_report        report;
-        size_t                        room;
+        struct vulkan_renderer *r;
+        struct renderer_loss none;
+        struct renderer_report report;
+        size_t room;
         for (int k = 0; k < 2; k++) {
             vulkan_deferral_begin(device, &d[k]);
             for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d[k], step, &none);
@@ -1042,7 +1080,8 @@ static void vulkan_check_halt(oxl_context *device)
         d[1].camera = d[0].camera;
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
         CHECK(report.exists && (int)report.halt == halt);
-        if (halt == HALT_PAIRS) CHECK(r->report[0].counts[COUNT_PAIRS] == 0 && r->report[0].counts[COUNT_PAIRS_FOUND] > 100);
+        if (halt == HALT_PAIRS)
+            CHECK(r->report[0].counts[COUNT_PAIRS] == 0 && r->report[0].counts[COUNT_PAIRS_FOUND] > 100);
         CHECK_OK(renderer_report(device, d[1].r, 1, &report));
         CHECK(!report.exists);
         renderer_defer(d[1].r, 0);
@@ -1053,19 +1092,21 @@ static void vulkan_check_halt(oxl_context *device)
         vulkan_step_of(device, &d[1], 3, &none); /* the next one does */
         CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         if (halt == HALT_PAIRS)
-            CHECK(memcmp(d[0].run.trained.model.plane[OXL_MEAN], d[1].run.trained.model.plane[OXL_MEAN], 300 * sizeof(float)) !=
-                  0);
+            CHECK(memcmp(d[0].run.trained.model.plane[OXL_MEAN], d[1].run.trained.model.plane[OXL_MEAN],
+                         300 * sizeof(float)) != 0);
         for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
     }
 }
 
-/* Bytes between host and device: a checkpoint reads and sends nothing again, a row that is not finite costs nothing more. */
-/* A deferred step without room is given up for another reason, before it has a report: the next step is done all the same. */
+/* Bytes between host and device: a checkpoint reads and sends nothing again, a row that is not finite costs
+ * nothing more. */
+/* A deferred step without room is given up for another reason, before it has a report: the next step is done
+ * all the same. */
 static void vulkan_check_no_halt_stays(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    const oxl_render_options      options = oxl_render_options_default();
-    struct renderer_loss          none;
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer_loss none;
     for (int k = 0; k < 2; k++) {
         vulkan_deferral_begin(device, &d[k]);
         vulkan_step_of(device, &d[k], 1, &none);
@@ -1085,10 +1126,10 @@ static void vulkan_check_no_halt_stays(oxl_context *device)
 static void vulkan_check_transfers(oxl_context *device)
 {
     static struct vulkan_deferral d;
-    struct vulkan                *v     = device->backend->vulkan;
-    const size_t                  model = 300 * 23 * 4 + 100 * 4 * 4, statistics = 300 * 16, counts = 4 + 32 + 12;
-    struct renderer_loss          loss;
-    size_t                        sent, read;
+    struct vulkan *v = device->backend->vulkan;
+    const size_t model = 300 * 23 * 4 + 100 * 4 * 4, statistics = 300 * 16, counts = 4 + 32 + 12;
+    struct renderer_loss loss;
+    size_t sent, read;
     vulkan_deferral_begin(device, &d);
     for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d, step, &loss);
     read = v->read_bytes, sent = v->sent;
@@ -1099,7 +1140,7 @@ static void vulkan_check_transfers(oxl_context *device)
     CHECK(v->read_bytes - read == counts && v->sent == sent);
     CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_CHANGE));
     for (int i = 0; i < 3; i++) d.run.trained.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
-    d.run.trained.mean.plane[OXL_SH][40]      = NAN;
+    d.run.trained.mean.plane[OXL_SH][40] = NAN;
     d.run.trained.model.plane[OXL_SH + 5][40] = NAN;
     vulkan_step_of(device, &d, 4, &loss);
     read = v->read_bytes, sent = v->sent;
@@ -1111,18 +1152,21 @@ static void vulkan_check_transfers(oxl_context *device)
     vulkan_deferral_end(device, &d);
 }
 
-/* ---------------------------------------------------------------- what goes wrong */
+/* ---------------- what goes wrong */
 
 static int vulkan_lost_calls; /* the one that fails, and those behind it */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint32_t count,
+                                                          const VkFence *fence, VkBool32 all,
                                                           uint64_t timeout)
 {
     (void)device, (void)count, (void)fence, (void)all, (void)timeout;
-    return ++vulkan_lost_calls < 100 ? VK_TIMEOUT : VK_ERROR_DEVICE_LOST; /* who would wait for ever fails here, and ends */
+    /* who would wait for ever fails here, and ends */
+    return ++vulkan_lost_calls < 100 ? VK_TIMEOUT : VK_ERROR_DEVICE_LOST;
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count,
+                                                       const VkSubmitInfo *info, VkFence fence)
 {
     (void)queue, (void)count, (void)info, (void)fence;
     vulkan_lost_calls++;
@@ -1136,7 +1180,7 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_destroy(VkDevice device, const VkA
 }
 
 static PFN_vkGetInstanceProcAddr vulkan_real_lookup;
-static int                       vulkan_stopped_listening;
+static int vulkan_stopped_listening;
 
 static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_note_lookup(VkInstance instance, const char *name)
 {
@@ -1144,25 +1188,27 @@ static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vulkan_note_lookup(VkInstance in
     return vulkan_real_lookup(instance, name);
 }
 
-/* What the host has of the model, and so what the next checkpoint would hold, stays as it was. No other call goes to the device. */
-static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struct vulkan_run *run, const char *words)
+/* What the host has of the model, and so what the next checkpoint would hold, stays as it was. No other call
+ * goes to the device. */
+static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struct vulkan_run *run,
+                                  const char *words)
 {
-    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_camera camera = vulkan_camera(64, 48);
     const oxl_render_options options = oxl_render_options_default();
-    float                   *before  = oxl_alloc(test_ctx, run->trained.model.count, sizeof *before);
-    const float             *image;
-    int                      listens;
+    float *before = oxl_alloc(test_ctx, run->trained.model.count, sizeof *before);
+    const float *image;
+    int listens;
     memcpy(before, run->trained.model.plane[OXL_MEAN], run->trained.model.count * sizeof *before);
     vulkan_lost_calls = 0;
     CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->trained.model.plane[OXL_MEAN], run->trained.model.count * sizeof *before) == 0);
-    device->backend->vulkan->QueueSubmit         = vulkan_play_loss;
-    device->backend->vulkan->DestroyDevice       = vulkan_play_destroy;
-    listens                                      = device->backend->vulkan->messenger != VK_NULL_HANDLE;
-    vulkan_real_lookup                           = device->backend->vulkan->GetInstanceProcAddr;
-    vulkan_stopped_listening                     = 0;
+    device->backend->vulkan->QueueSubmit = vulkan_play_loss;
+    device->backend->vulkan->DestroyDevice = vulkan_play_destroy;
+    listens = device->backend->vulkan->messenger != VK_NULL_HANDLE;
+    vulkan_real_lookup = device->backend->vulkan->GetInstanceProcAddr;
+    vulkan_stopped_listening = 0;
     device->backend->vulkan->GetInstanceProcAddr = vulkan_note_lookup;
     CHECK(renderer_forward(device, r, &run->trained.model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
@@ -1174,14 +1220,15 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     oxl_free(test_ctx, before);
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_nothing(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_nothing(VkQueue queue, uint32_t count,
+                                                          const VkSubmitInfo *info, VkFence fence)
 {
     (void)queue, (void)count, (void)info, (void)fence;
     return VK_SUCCESS;
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_end(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
-                                                      uint64_t timeout)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_end(VkDevice device, uint32_t count, const VkFence *fence,
+                                                      VkBool32 all, uint64_t timeout)
 {
     (void)device, (void)count, (void)fence, (void)all, (void)timeout;
     vulkan_lost_calls++;
@@ -1192,13 +1239,13 @@ enum vulkan_fault { FAULT_TIMEOUT, FAULT_LOST, FAULT_NOTHING_DONE };
 
 static void vulkan_check_loss_of_device(oxl_context *device, enum vulkan_fault fault)
 {
-    const oxl_camera          camera  = vulkan_camera(64, 48);
-    float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
-    struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
-    oxl_render_options        options = oxl_render_options_default();
-    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    const oxl_camera camera = vulkan_camera(64, 48);
+    float *drgb = vulkan_noise((size_t)3 * 64 * 48, 52);
+    struct vulkan_run run = vulkan_run_begin(300, 1, 0);
+    oxl_render_options options = oxl_render_options_default();
+    struct adam_params adam = {.beta = {0.7, 0.9995}, .step = 3};
     struct renderer_nonfinite skipped;
-    struct renderer          *r;
+    struct renderer *r;
     CHECK_OK(renderer_create(device, &r));
     vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
     CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
@@ -1207,7 +1254,8 @@ static void vulkan_check_loss_of_device(oxl_context *device, enum vulkan_fault f
     if (fault == FAULT_TIMEOUT) device->backend->vulkan->WaitForFences = vulkan_play_timeout;
     else device->backend->vulkan->QueueSubmit = fault == FAULT_LOST ? vulkan_play_loss : vulkan_play_nothing;
     if (fault == FAULT_NOTHING_DONE) device->backend->vulkan->WaitForFences = vulkan_play_end;
-    vulkan_check_given_up(device, r, &run, fault == FAULT_TIMEOUT ? "did not answer in time" : "the device is lost");
+    vulkan_check_given_up(device, r, &run,
+                          fault == FAULT_TIMEOUT ? "did not answer in time" : "the device is lost");
     vulkan_run_free(&run);
     oxl_free(test_ctx, drgb);
 }
@@ -1223,33 +1271,34 @@ static void vulkan_check_unfinished(oxl_context *device)
 }
 
 static PFN_vkQueueSubmit vulkan_real_submit;
-static int               vulkan_submits_short; /* this many submissions, from now on, find no memory */
+static int vulkan_submits_short; /* this many submissions, from now on, find no memory */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_submit(VkQueue queue, uint32_t count, const VkSubmitInfo *info,
-                                                               VkFence fence)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_submit(VkQueue queue, uint32_t count,
+                                                               const VkSubmitInfo *info, VkFence fence)
 {
-    return vulkan_submits_short-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : vulkan_real_submit(queue, count, info, fence);
+    return vulkan_submits_short-- > 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY
+                                      : vulkan_real_submit(queue, count, info, fence);
 }
 
-/* A submission that finds no memory is repeated, and the run is the same; where it finds none without images either, the step is not counted,
- * and the device is given up. */
+/* A submission that finds no memory is repeated, and the run is the same; where it finds none without images
+ * either, the step is not counted, and the device is given up. */
 static void vulkan_check_short_submit(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan_renderer       *r;
-    struct vulkan                *v       = device->backend->vulkan;
-    struct adam_params            adam    = {.beta = {0.7, 0.9995}, .step = 7};
-    const oxl_render_options      options = oxl_render_options_default();
-    struct renderer_nonfinite     skipped;
-    struct renderer_loss          none;
-    struct renderer_report        report;
-    size_t                        steps;
+    struct vulkan_renderer *r;
+    struct vulkan *v = device->backend->vulkan;
+    struct adam_params adam = {.beta = {0.7, 0.9995}, .step = 7};
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer_nonfinite skipped;
+    struct renderer_loss none;
+    struct renderer_report report;
+    size_t steps;
     vulkan_real_submit = v->QueueSubmit;
     for (int k = 0; k < 2; k++) {
         vulkan_deferral_begin(device, &d[k]);
         CHECK(renderer_defer(d[k].r, 1));
         for (int step = 1; step <= 6; step++) {
-            v->QueueSubmit       = vulkan_play_short_submit;
+            v->QueueSubmit = vulkan_play_short_submit;
             vulkan_submits_short = k && step % 2;
             vulkan_step_of(device, &d[k], step, &none);
             CHECK_OK(renderer_report(device, d[k].r, 0, &report));
@@ -1261,13 +1310,14 @@ static void vulkan_check_short_submit(oxl_context *device)
     vulkan_check_same_run(&d[0], &d[1]);
     renderer_free(device, d[0].r);
     vulkan_run_free(&d[0].run);
-    r     = d[1].r->device;
+    r = d[1].r->device;
     steps = r->steps;
     CHECK_OK(renderer_forward(device, d[1].r, &d[1].run.trained.model, &d[1].camera, &options));
     CHECK_OK(renderer_loss(device, d[1].r, NULL, NULL, 0.2f, &none));
     CHECK_OK(renderer_backward(device, d[1].r, NULL, &d[1].run.gradient));
     vulkan_submits_short = 3;
-    CHECK(renderer_step(device, d[1].r, &d[1].run.trained, &d[1].run.gradient, &adam, &skipped) == OXL_ERR_FAILED);
+    CHECK(renderer_step(device, d[1].r, &d[1].run.trained, &d[1].run.gradient, &adam, &skipped) ==
+          OXL_ERR_FAILED);
     CHECK(r->steps == steps && v->lost);
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
@@ -1281,18 +1331,18 @@ static void vulkan_check_short_submit(oxl_context *device)
 static void vulkan_check_submit_drops(oxl_context *device)
 {
     static struct vulkan_deferral d;
-    const struct training_image   image = {64, 48, d.bytes, NULL};
-    struct vulkan                *v     = device->backend->vulkan;
-    struct renderer_loss          none;
-    struct renderer_report        report;
+    const struct training_image image = {64, 48, d.bytes, NULL};
+    struct vulkan *v = device->backend->vulkan;
+    struct renderer_loss none;
+    struct renderer_report report;
     vulkan_deferral_begin(device, &d);
     for (int view = 1; view < 3; view++) CHECK_OK(renderer_set_image(device, d.r, view, &image, NULL, 0));
     vulkan_step_of(device, &d, 1, &none);
     CHECK(renderer_has_image(d.r, 0) && renderer_has_image(d.r, 2) && renderer_defer(d.r, 1));
     vulkan_step_of(device, &d, 2, &none);
     CHECK_OK(renderer_set_image(device, d.r, 1, NULL, NULL, 0)); /* named too, by what is not submitted yet */
-    vulkan_real_submit   = v->QueueSubmit;
-    v->QueueSubmit       = vulkan_play_short_submit;
+    vulkan_real_submit = v->QueueSubmit;
+    v->QueueSubmit = vulkan_play_short_submit;
     vulkan_submits_short = 2;
     vulkan_step_of(device, &d, 3, &none);
     CHECK(vulkan_submits_short < 0 && !v->lost);
@@ -1304,7 +1354,7 @@ static void vulkan_check_submit_drops(oxl_context *device)
 }
 
 static PFN_vkEndCommandBuffer vulkan_real_end;
-static int                    vulkan_ends_short;
+static int vulkan_ends_short;
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_end(VkCommandBuffer commands)
 {
@@ -1312,12 +1362,14 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_end(VkCommandBuffer comm
     return vulkan_ends_short-- > 0 ? VK_ERROR_OUT_OF_HOST_MEMORY : result;
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice device, VkQueryPool pool, uint32_t first, uint32_t count,
-                                                        size_t size, void *data, VkDeviceSize stride, VkQueryResultFlags flags)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice device, VkQueryPool pool, uint32_t first,
+                                                        uint32_t count, size_t size, void *data,
+                                                        VkDeviceSize stride, VkQueryResultFlags flags)
 {
     uint64_t *stamp = data;
     (void)device, (void)pool, (void)first, (void)size, (void)stride, (void)flags;
-    for (uint32_t i = 0; i < count; i++) stamp[i] = i % 2 ? 7 : ((uint64_t)1 << 36) - 3; /* ten ticks, past the end of 36 bits */
+    /* ten ticks, past the end of 36 bits */
+    for (uint32_t i = 0; i < count; i++) stamp[i] = i % 2 ? 7 : ((uint64_t)1 << 36) - 3;
     return VK_SUCCESS;
 }
 
@@ -1325,9 +1377,10 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_clock(VkDevice device, VkQuery
 static void vulkan_check_clock(oxl_context *device)
 {
     struct vulkan *v = device->backend->vulkan;
-    CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 && vulkan_stamp_mask(0) == 0);
+    CHECK(vulkan_stamp_mask(64) == UINT64_MAX && vulkan_stamp_mask(36) == ((uint64_t)1 << 36) - 1 &&
+          vulkan_stamp_mask(0) == 0);
     if (vulkan_measure(v) != OXL_OK) return;
-    v->stamp_mask          = vulkan_stamp_mask(36);
+    v->stamp_mask = vulkan_stamp_mask(36);
     v->GetQueryPoolResults = vulkan_play_clock;
     vulkan_check_sort(device, 2048, 255);
     CHECK(v->pass_runs[PASS_SORT_SCATTER] == 4);
@@ -1335,19 +1388,21 @@ static void vulkan_check_clock(oxl_context *device)
 }
 
 static PFN_vkBeginCommandBuffer vulkan_real_begin;
-static int                      vulkan_begins_short;
+static int vulkan_begins_short;
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_begin(VkCommandBuffer commands, const VkCommandBufferBeginInfo *info)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_short_begin(VkCommandBuffer commands,
+                                                              const VkCommandBufferBeginInfo *info)
 {
     return vulkan_begins_short-- > 0 ? VK_ERROR_OUT_OF_HOST_MEMORY : vulkan_real_begin(commands, info);
 }
 
-/* An image whose upload finds no memory is not on the device, and a model whose download finds none not on the host. */
+/* An image whose upload finds no memory is not on the device, and a model whose download finds none not on
+ * the host. */
 static void vulkan_check_short_begin(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan                *v = device->backend->vulkan;
-    struct renderer_loss          none;
+    struct vulkan *v = device->backend->vulkan;
+    struct renderer_loss none;
     vulkan_real_begin = v->BeginCommandBuffer;
     for (int k = 0; k < 2; k++) {
         const struct training_image image = {64, 48, d[k].bytes, NULL};
@@ -1355,9 +1410,10 @@ static void vulkan_check_short_begin(oxl_context *device)
         vulkan_step_of(device, &d[k], 1, &none);
         CHECK(vulkan_finish(v) == OXL_OK);
         v->BeginCommandBuffer = vulkan_play_short_begin;
-        vulkan_begins_short   = k;
+        vulkan_begins_short = k;
         CHECK(renderer_set_image(device, d[k].r, 1, &image, NULL, 0) == (k ? OXL_ERR_MEMORY : OXL_OK));
-        CHECK(renderer_has_image(d[k].r, 1) == !k && vulkan_finish(v) == (k ? OXL_ERR_MEMORY : OXL_OK) && !v->lost);
+        CHECK(renderer_has_image(d[k].r, 1) == !k && vulkan_finish(v) == (k ? OXL_ERR_MEMORY : OXL_OK) &&
+              !v->lost);
         vulkan_enter(v);
         vulkan_begins_short = k;
         CHECK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ) == (k ? OXL_ERR_MEMORY : OXL_OK));
@@ -1369,18 +1425,19 @@ static void vulkan_check_short_begin(oxl_context *device)
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
 }
 
-/* A command buffer that finds no memory at its end: lack of memory where it only draws, a lost device where it holds a step. */
+/* A command buffer that finds no memory at its end: lack of memory where it only draws, a lost device where
+ * it holds a step. */
 static void vulkan_check_short_end(oxl_context *device)
 {
-    const oxl_camera          camera = vulkan_camera(64, 48);
-    float                    *drgb = vulkan_noise((size_t)3 * 64 * 48, 52), *rgb = vulkan_noise((size_t)3 * 64 * 48, 53);
-    struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
-    struct vulkan            *v       = device->backend->vulkan;
-    oxl_render_options        options = oxl_render_options_default();
-    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    const oxl_camera camera = vulkan_camera(64, 48);
+    float *drgb = vulkan_noise((size_t)3 * 64 * 48, 52), *rgb = vulkan_noise((size_t)3 * 64 * 48, 53);
+    struct vulkan_run run = vulkan_run_begin(300, 1, 0);
+    struct vulkan *v = device->backend->vulkan;
+    oxl_render_options options = oxl_render_options_default();
+    struct adam_params adam = {.beta = {0.7, 0.9995}, .step = 3};
     struct renderer_nonfinite skipped;
-    struct renderer          *r;
-    const float              *image;
+    struct renderer *r;
+    const float *image;
     vulkan_real_end = v->EndCommandBuffer;
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
@@ -1390,8 +1447,8 @@ static void vulkan_check_short_end(oxl_context *device)
         v->part = 0;
         CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
         v->EndCommandBuffer = vulkan_play_short_end;
-        vulkan_ends_short   = 1;
-        v->part             = part; /* the image's commands are several submissions then */
+        vulkan_ends_short = 1;
+        v->part = part; /* the image's commands are several submissions then */
         CHECK(renderer_image(device, r, &image) == OXL_ERR_MEMORY && !v->lost);
         CHECK_TEXT(oxl_error_text(device), "recording: no host memory");
         v->EndCommandBuffer = vulkan_real_end;
@@ -1401,7 +1458,7 @@ static void vulkan_check_short_end(oxl_context *device)
     }
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
     v->EndCommandBuffer = vulkan_play_short_end;
-    vulkan_ends_short   = 1;
+    vulkan_ends_short = 1;
     CHECK(renderer_step(device, r, &run.trained, &run.gradient, &adam, &skipped) == OXL_ERR_FAILED);
     CHECK(v->lost);
     renderer_free(device, r);
@@ -1413,25 +1470,27 @@ static void vulkan_check_short_end(oxl_context *device)
 }
 
 static PFN_vkQueueSubmit vulkan_fenced_submit;
-static int               vulkan_unfenced; /* submissions without a fence behind them */
+static int vulkan_unfenced; /* submissions without a fence behind them */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_fence(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_fence(VkQueue queue, uint32_t count,
+                                                        const VkSubmitInfo *info, VkFence fence)
 {
     vulkan_unfenced = fence == VK_NULL_HANDLE ? vulkan_unfenced + 1 : 0;
     return vulkan_fenced_submit(queue, count, info, fence);
 }
 
-/* A command buffer that is lost, with others of its frame under way: they are waited for, and no smaller buffer makes up for it. */
+/* A command buffer that is lost, with others of its frame under way: they are waited for, and no smaller
+ * buffer makes up for it. */
 static void vulkan_check_lost_commands(oxl_context *device)
 {
-    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_camera camera = vulkan_camera(64, 48);
     const oxl_render_options options = oxl_render_options_default();
-    const uint32_t           word    = 0;
-    struct vulkan           *v       = device->backend->vulkan;
-    struct vulkan_buffer     b       = {0};
-    struct vulkan_renderer  *d;
-    struct renderer         *r;
-    oxl_model                m;
+    const uint32_t word = 0;
+    struct vulkan *v = device->backend->vulkan;
+    struct vulkan_buffer b = {0};
+    struct vulkan_renderer *d;
+    struct renderer *r;
+    oxl_model m;
     vulkan_scene(300, 1, 0, &m);
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
@@ -1473,11 +1532,11 @@ static void vulkan_check_lost_commands(oxl_context *device)
 /* What is uploaded when an error comes counts as uploaded: a shape, an image that is kept. */
 static void vulkan_check_uploads(oxl_context *device)
 {
-    struct vulkan                *v = device->backend->vulkan;
+    struct vulkan *v = device->backend->vulkan;
     static struct vulkan_deferral d[2];
-    const oxl_render_options      options = oxl_render_options_default();
-    const size_t                  range   = v->range;
-    struct renderer_loss          loss[2];
+    const oxl_render_options options = oxl_render_options_default();
+    const size_t range = v->range;
+    struct renderer_loss loss[2];
     for (int k = 0; k < 2; k++) {
         const struct training_image image = {64, 48, d[k].bytes, NULL};
         vulkan_deferral_begin(device, &d[k]);
@@ -1488,8 +1547,9 @@ static void vulkan_check_uploads(oxl_context *device)
         CHECK_OK(renderer_set_image(device, d[k].r, 1, &image, NULL, 0));
         if (k) {
             const oxl_camera larger = vulkan_camera(640, 480);
-            v->range                = 64 * 48 * 16;
-            CHECK(renderer_forward(device, d[k].r, &d[k].run.trained.model, &larger, &options) == OXL_ERR_MEMORY);
+            v->range = 64 * 48 * 16;
+            CHECK(renderer_forward(device, d[k].r, &d[k].run.trained.model, &larger, &options) ==
+                  OXL_ERR_MEMORY);
             CHECK_TEXT(oxl_error_text(device), "in one array");
             v->range = range;
         }
@@ -1506,10 +1566,10 @@ static void vulkan_check_uploads(oxl_context *device)
 }
 
 static PFN_vkWaitForFences vulkan_real_wait;
-static uint64_t            vulkan_waited; /* ns: the last wait, at most */
+static uint64_t vulkan_waited; /* ns: the last wait, at most */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_wait(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
-                                                       uint64_t timeout)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_wait(VkDevice device, uint32_t count, const VkFence *fence,
+                                                       VkBool32 all, uint64_t timeout)
 {
     vulkan_waited = timeout;
     return vulkan_real_wait(device, count, fence, all, timeout);
@@ -1527,12 +1587,13 @@ static uint64_t vulkan_timeout_with(struct vulkan *v)
 /* A CPU may take as long as it takes. */
 static void vulkan_check_timeout_of_kinds(oxl_context *device)
 {
-    static const VkPhysicalDeviceType gpu[] = {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU,
-                                               VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU, VK_PHYSICAL_DEVICE_TYPE_OTHER};
-    struct vulkan                    *v     = device->backend->vulkan;
-    const VkPhysicalDeviceType        type  = v->properties.deviceType;
-    vulkan_real_wait                        = v->WaitForFences;
-    v->WaitForFences                        = vulkan_note_wait;
+    static const VkPhysicalDeviceType gpu[] = {
+        VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU,
+        VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU, VK_PHYSICAL_DEVICE_TYPE_OTHER};
+    struct vulkan *v = device->backend->vulkan;
+    const VkPhysicalDeviceType type = v->properties.deviceType;
+    vulkan_real_wait = v->WaitForFences;
+    v->WaitForFences = vulkan_note_wait;
     CHECK(vulkan_timeout_with(v) == (type == VK_PHYSICAL_DEVICE_TYPE_CPU ? UINT64_MAX : VULKAN_WAIT));
     for (size_t i = 0; i < OXL_COUNT(gpu); i++) {
         v->properties.deviceType = gpu[i];
@@ -1544,21 +1605,21 @@ static void vulkan_check_timeout_of_kinds(oxl_context *device)
     v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_CPU;
     vulkan_set_times(v);
     CHECK(vulkan_timeout_with(v) == UINT64_MAX && v->part == 0);
-    v->WaitForFences         = vulkan_real_wait;
+    v->WaitForFences = vulkan_real_wait;
     v->properties.deviceType = type;
 }
 
 /* Another error comes first, while the device is at work. */
 static void vulkan_check_hang(oxl_context *device)
 {
-    struct vulkan_run        run     = vulkan_run_begin(300, 1, 0);
-    const oxl_camera         camera  = vulkan_camera(64, 48);
+    struct vulkan_run run = vulkan_run_begin(300, 1, 0);
+    const oxl_camera camera = vulkan_camera(64, 48);
     const oxl_render_options options = oxl_render_options_default();
-    struct renderer         *r;
+    struct renderer *r;
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &run.trained.model, &camera, &options));
     device->backend->vulkan->WaitForFences = vulkan_play_timeout;
-    device->backend->vulkan->rc            = OXL_ERR_MEMORY;
+    device->backend->vulkan->rc = OXL_ERR_MEMORY;
     vulkan_check_given_up(device, r, &run, "did not answer in time");
     vulkan_run_free(&run);
 }
@@ -1569,26 +1630,28 @@ static void vulkan_check_lost(oxl_context *device)
 }
 
 static PFN_vkAllocateDescriptorSets vulkan_real_sets;
-static int                          vulkan_sets_left;
+static int vulkan_sets_left;
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_sets(VkDevice device, const VkDescriptorSetAllocateInfo *info,
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_sets(VkDevice device,
+                                                       const VkDescriptorSetAllocateInfo *info,
                                                        VkDescriptorSet *out)
 {
     return vulkan_sets_left-- > 0 ? vulkan_real_sets(device, info, out) : VK_ERROR_OUT_OF_HOST_MEMORY;
 }
 
-/* A step over three slabs finds no memory for the second one's: no one may repeat it. For the first one's: anyone may. */
+/* A step over three slabs finds no memory for the second one's: no one may repeat it. For the first one's:
+ * anyone may. */
 static void vulkan_check_half_step(oxl_context *device)
 {
-    struct vulkan_run         run     = vulkan_run_begin(700, 1, 0);
-    struct vulkan            *v       = device->backend->vulkan;
-    const oxl_camera          camera  = vulkan_camera(64, 48);
-    float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
-    oxl_render_options        options = oxl_render_options_default();
-    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct vulkan_run run = vulkan_run_begin(700, 1, 0);
+    struct vulkan *v = device->backend->vulkan;
+    const oxl_camera camera = vulkan_camera(64, 48);
+    float *drgb = vulkan_noise((size_t)3 * 64 * 48, 52);
+    oxl_render_options options = oxl_render_options_default();
+    struct adam_params adam = {.beta = {0.7, 0.9995}, .step = 3};
     struct renderer_nonfinite skipped;
-    struct renderer          *r;
-    v->slab_rows     = 256;
+    struct renderer *r;
+    v->slab_rows = 256;
     vulkan_real_sets = v->AllocateDescriptorSets;
     CHECK_OK(renderer_create(device, &r));
     for (int sets = 0; sets < 2; sets++) {
@@ -1596,8 +1659,9 @@ static void vulkan_check_half_step(oxl_context *device)
         CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
         CHECK(((struct vulkan_renderer *)r->device)->slabs == 3);
         v->AllocateDescriptorSets = vulkan_play_sets;
-        vulkan_sets_left          = sets;
-        CHECK(renderer_step(device, r, &run.trained, &run.gradient, &adam, &skipped) == (sets ? OXL_ERR_FAILED : OXL_ERR_MEMORY));
+        vulkan_sets_left = sets;
+        CHECK(renderer_step(device, r, &run.trained, &run.gradient, &adam, &skipped) ==
+              (sets ? OXL_ERR_FAILED : OXL_ERR_MEMORY));
         CHECK((v->lost != 0) == sets);
         v->AllocateDescriptorSets = vulkan_real_sets;
     }
@@ -1609,18 +1673,20 @@ static void vulkan_check_half_step(oxl_context *device)
     device->backend->vulkan = NULL;
 }
 
-/* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
+/* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair
+ * leaves its splat's slots. */
 static void vulkan_check_slots(oxl_context *device)
 {
-    struct vulkan           *v       = device->backend->vulkan;
-    const oxl_camera         camera  = vulkan_camera(100, 75);
+    struct vulkan *v = device->backend->vulkan;
+    const oxl_camera camera = vulkan_camera(100, 75);
     const oxl_render_options options = oxl_render_options_default();
-    struct vulkan_renderer  *d;
-    struct renderer         *r;
-    oxl_model                m;
+    struct vulkan_renderer *d;
+    struct renderer *r;
+    oxl_model m;
     float(*shape)[4] = oxl_alloc(test_ctx, 600, sizeof *shape);
-    uint32_t *order = oxl_alloc(test_ctx, 2 * 600, sizeof *order), *first = order + 600, (*staged)[2], used[2];
-    size_t    wrong = 0, unused = 0;
+    uint32_t *order = oxl_alloc(test_ctx, 2 * 600, sizeof *order), *first = order + 600, (*staged)[2],
+             used[2];
+    size_t wrong = 0, unused = 0;
     vulkan_scene(600, 0, 0, &m);
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
@@ -1655,10 +1721,11 @@ static void vulkan_check_slots(oxl_context *device)
 }
 
 static PFN_vkAllocateMemory vulkan_real_allocate;
-static int                  vulkan_allocations_left;
+static int vulkan_allocations_left;
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_allocate(VkDevice device, const VkMemoryAllocateInfo *info,
-                                                           const VkAllocationCallbacks *a, VkDeviceMemory *out)
+                                                           const VkAllocationCallbacks *a,
+                                                           VkDeviceMemory *out)
 {
     if (vulkan_allocations_left-- <= 0) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
     return vulkan_real_allocate(device, info, a, out);
@@ -1668,17 +1735,18 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_allocate(VkDevice device, cons
 static void vulkan_play_full(struct vulkan *v, int allocations)
 {
     if (v->AllocateMemory != vulkan_play_allocate) vulkan_real_allocate = v->AllocateMemory;
-    v->AllocateMemory       = vulkan_play_allocate;
+    v->AllocateMemory = vulkan_play_allocate;
     vulkan_allocations_left = allocations;
 }
 
-static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_model *m, int view, struct renderer_loss *loss)
+static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_model *m, int view,
+                                       struct renderer_loss *loss)
 {
-    oxl_render_options    options = oxl_render_options_default();
-    const size_t          bytes   = 4 * t->pixels;
-    uint8_t              *rgb     = oxl_alloc(test_ctx, bytes, 1);
-    struct training_image image   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
-    oxl_result            rc;
+    oxl_render_options options = oxl_render_options_default();
+    const size_t bytes = 4 * t->pixels;
+    uint8_t *rgb = oxl_alloc(test_ctx, bytes, 1);
+    struct training_image image = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
+    oxl_result rc;
     for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
     rc = renderer_set_image(t->ctx[k], t->r[k], view, &image, NULL, 0);
     if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
@@ -1690,7 +1758,8 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
 static VkResult vulkan_shortage; /* what an allocation comes back with */
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, const VkMemoryAllocateInfo *info,
-                                                            const VkAllocationCallbacks *a, VkDeviceMemory *out)
+                                                            const VkAllocationCallbacks *a,
+                                                            VkDeviceMemory *out)
 {
     return vulkan_allocations_left-- > 0 ? vulkan_shortage : vulkan_real_allocate(device, info, a, out);
 }
@@ -1698,20 +1767,20 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, con
 /* At half its sides, then whole: the target grows, where the first allocation fails. */
 static void vulkan_check_image_in_use(oxl_context *device, VkResult shortage)
 {
-    struct vulkan        *v = device->backend->vulkan;
-    static uint8_t        rgb[3 * 64 * 48];
+    struct vulkan *v = device->backend->vulkan;
+    static uint8_t rgb[3 * 64 * 48];
     struct training_image image = {64, 48, rgb, NULL};
-    struct renderer      *r;
+    struct renderer *r;
     CHECK_OK(renderer_create(device, &r));
     for (int view = 0; view < 2; view++) CHECK_OK(renderer_set_image(device, r, view, &image, NULL, 1));
-    vulkan_real_allocate    = v->AllocateMemory;
-    v->AllocateMemory       = vulkan_play_full_once;
+    vulkan_real_allocate = v->AllocateMemory;
+    v->AllocateMemory = vulkan_play_full_once;
     vulkan_allocations_left = 1;
-    vulkan_shortage         = shortage;
+    vulkan_shortage = shortage;
     CHECK_OK(renderer_set_image(device, r, 0, NULL, NULL, 0));
     CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
     CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
-    v->AllocateMemory  = vulkan_real_allocate;
+    v->AllocateMemory = vulkan_real_allocate;
     v->image_bytes_max = 1 << 20;
     renderer_free(device, r);
 }
@@ -1719,18 +1788,21 @@ static void vulkan_check_image_in_use(oxl_context *device, VkResult shortage)
 /* Where memory runs out, images that are kept make room; the one that is worked on stays. */
 static void vulkan_check_full(oxl_context *device)
 {
-    struct vulkan_twins  t = vulkan_twins(device, 64, 48);
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
     struct renderer_loss loss[2];
-    oxl_model            m, larger;
-    int                  tries = 0;
+    oxl_model m, larger;
+    int tries = 0;
     vulkan_check_image_in_use(device, VK_ERROR_OUT_OF_DEVICE_MEMORY);
-    vulkan_check_image_in_use(device, VK_ERROR_TOO_MANY_OBJECTS); /* a driver may allow but 4096 allocations */
+    /* a driver may allow but 4096 allocations */
+    vulkan_check_image_in_use(device, VK_ERROR_TOO_MANY_OBJECTS);
     vulkan_scene(300, 1, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
-    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == 4 * 4 * t.pixels); /* with masks, and not a byte more */
+    /* with masks, and not a byte more */
+    CHECK(((struct vulkan_renderer *)t.r[1]->device)->image_bytes == 4 * 4 * t.pixels);
     CHECK(renderer_has_image(t.r[1], 0) && renderer_has_image(t.r[1], 3));
-    vulkan_play_full(device->backend->vulkan, 0); /* the first fails, images leave, and the second is the real one */
+    /* the first fails, images leave, and the second is the real one */
+    vulkan_play_full(device->backend->vulkan, 0);
     while (vulkan_take_and_draw(&t, 1, &larger, 3, &loss[1]) == OXL_ERR_MEMORY && tries < 60)
         vulkan_play_full(device->backend->vulkan, ++tries);
     CHECK(tries > 0 && tries < 60);
@@ -1743,7 +1815,7 @@ static void vulkan_check_full(oxl_context *device)
 }
 
 static size_t vulkan_budget, vulkan_usage;
-static int    vulkan_said_beyond; /* warnings of allocations beyond it */
+static int vulkan_said_beyond; /* warnings of allocations beyond it */
 
 static void vulkan_hear_beyond(void *user, oxl_log_level level, const char *text)
 {
@@ -1751,7 +1823,8 @@ static void vulkan_hear_beyond(void *user, oxl_log_level level, const char *text
     vulkan_said_beyond += level == OXL_LOG_WARNING && strstr(text, "beyond the memory that is left") != NULL;
 }
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device,
+                                                     VkPhysicalDeviceMemoryProperties2 *out)
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT *budget = out->pNext;
     (void)device;
@@ -1759,17 +1832,19 @@ static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, Vk
         budget->heapBudget[i] = (i + 1) * vulkan_budget, budget->heapUsage[i] = (i + 1) * vulkan_usage;
 }
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_requirements(VkDevice device, VkBuffer buffer, VkMemoryRequirements *out)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_requirements(VkDevice device, VkBuffer buffer,
+                                                           VkMemoryRequirements *out)
 {
     (void)device, (void)buffer;
     *out = (VkMemoryRequirements){256, 64, 7};
 }
 
 static VkMemoryRequirements vulkan_needs;
-static uint32_t             vulkan_full_kinds, vulkan_kinds_tried; /* by bits */
-static int                  vulkan_kind_last, vulkan_first_tried;
+static uint32_t vulkan_full_kinds, vulkan_kinds_tried; /* by bits */
+static int vulkan_kind_last, vulkan_first_tried;
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_needs(VkDevice device, VkBuffer buffer, VkMemoryRequirements *out)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_needs(VkDevice device, VkBuffer buffer,
+                                                    VkMemoryRequirements *out)
 {
     (void)device, (void)buffer;
     *out = vulkan_needs;
@@ -1779,7 +1854,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_kinds(VkDevice device, const V
                                                         const VkAllocationCallbacks *a, VkDeviceMemory *out)
 {
     VkMemoryAllocateInfo given = *info;
-    vulkan_kind_last           = (int)info->memoryTypeIndex;
+    vulkan_kind_last = (int)info->memoryTypeIndex;
     if (!vulkan_kinds_tried) vulkan_first_tried = vulkan_kind_last;
     vulkan_kinds_tried |= 1u << info->memoryTypeIndex;
     if (vulkan_full_kinds >> info->memoryTypeIndex & 1) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
@@ -1791,11 +1866,11 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_kinds(VkDevice device, const V
 static int vulkan_kind_of(struct vulkan *v, VkDeviceSize size, uint32_t full, int for_host)
 {
     struct vulkan_buffer b = {0};
-    v->rc                  = OXL_OK;
-    vulkan_needs           = (VkMemoryRequirements){size, 64, 31};
-    vulkan_full_kinds      = full;
-    vulkan_kinds_tried     = 0;
-    vulkan_kind_last       = -1;
+    v->rc = OXL_OK;
+    vulkan_needs = (VkMemoryRequirements){size, 64, 31};
+    vulkan_full_kinds = full;
+    vulkan_kinds_tried = 0;
+    vulkan_kind_last = -1;
     vulkan_create(v, &b, 256, for_host);
     CHECK((v->rc == OXL_OK) == (b.handle != VK_NULL_HANDLE) && (v->rc == OXL_OK || v->rc == OXL_ERR_MEMORY));
     if (v->rc != OXL_OK) vulkan_kind_last = -1;
@@ -1822,60 +1897,68 @@ static size_t vulkan_play_room_lost(struct vulkan *v, uint32_t but)
     return 0;
 }
 
-/* Of kinds 0 and 1, near, and 2 and 3, the host's: images leave when no near kind has room, within its budget. A device that shares the
- * host's memory has all near. */
+/* Of kinds 0 and 1, near, and 2 and 3, the host's: images leave when no near kind has room, within its
+ * budget. A device that shares the host's memory has all near. */
 static void vulkan_check_near_kinds(struct vulkan *v)
 {
     static const struct {
         VkPhysicalDeviceType type;
-        uint32_t             full;
-        int                  kind, rooms;
+        uint32_t full;
+        int kind, rooms;
     } want[] = {{VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 1, 1, 0},
                 {VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU, 3, 1, 1},
                 {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 3, 2, 0},
                 {VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU, 15, 1, 1}};
     struct vulkan_kinds kinds;
-    VkDeviceMemory      none = VK_NULL_HANDLE;
-    v->evict                 = vulkan_play_room;
+    VkDeviceMemory none = VK_NULL_HANDLE;
+    v->evict = vulkan_play_room;
     for (size_t i = 0; i < OXL_COUNT(want); i++) {
-        vulkan_rooms_made        = 0;
+        vulkan_rooms_made = 0;
         v->properties.deviceType = want[i].type;
-        CHECK(vulkan_kind_of(v, 1 << 20, want[i].full, 0) == want[i].kind && vulkan_rooms_made == want[i].rooms);
+        CHECK(vulkan_kind_of(v, 1 << 20, want[i].full, 0) == want[i].kind &&
+              vulkan_rooms_made == want[i].rooms);
     }
     v->budgets = 1, vulkan_budget = 1 << 19, vulkan_usage = 0; /* of heap 0; of heap 1 twice as much */
     vulkan_rooms_made = 0;
     CHECK(vulkan_kind_of(v, 1 << 20, 0, 0) == 1 && vulkan_rooms_made == 0);
     v->properties.deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
-    v->said_beyond           = 1;
+    v->said_beyond = 1;
     CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) == 0 && vulkan_rooms_made == 1);
     v->portable = 1; /* nothing beyond the budget */
     CHECK(vulkan_kind_of(v, (1 << 20) + 1, 0, 0) != 0);
-    v->portable        = 0;
-    v->budgets         = 0;
-    v->evict           = vulkan_play_room_lost;
-    vulkan_full_kinds  = 3;
+    v->portable = 0;
+    v->budgets = 0;
+    v->evict = vulkan_play_room_lost;
+    vulkan_full_kinds = 3;
     vulkan_kinds_tried = 0;
-    kinds              = vulkan_memory_kinds(v, 31, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    CHECK(vulkan_allocate(v, 256, &kinds, &none) == VK_ERROR_DEVICE_LOST && v->lost && vulkan_kinds_tried == 3);
+    kinds = vulkan_memory_kinds(v, 31, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    CHECK(vulkan_allocate(v, 256, &kinds, &none) == VK_ERROR_DEVICE_LOST && v->lost &&
+          vulkan_kinds_tried == 3);
 }
 
-/* RADV's layout on small APUs: a heap of 16 MiB comes first, and its budget has underflowed. What does not fit is not asked for; what
- * finds no memory is asked of the next kind; the last is AMD's coherent memory, which wants a feature. */
+/* RADV's layout on small APUs: a heap of 16 MiB comes first, and its budget has underflowed. What does not
+ * fit is not asked for; what finds no memory is asked of the next kind; the last is AMD's coherent memory,
+ * which wants a feature. */
 static void vulkan_check_small_heap(struct vulkan *device)
 {
-    const VkMemoryPropertyFlags host = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-    const VkMemoryPropertyFlags own  = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
-    struct vulkan               v    = *device;
-    const VkDeviceSize          gib = 1u << 30, small = 16u << 20, large = 8 * gib - 20 * (gib >> 10);
-    v.memory = (VkPhysicalDeviceMemoryProperties){
-        .memoryTypeCount = 5,
-        .memoryTypes = {{own, 0}, {own, 1}, {host, 2}, {host | VK_MEMORY_PROPERTY_HOST_CACHED_BIT, 2}, {own | host | 0x40, 1}},
-        .memoryHeapCount = 3,
-        .memoryHeaps     = {{small, 1}, {large, 1}, {4 * gib, 0}}};
-    v.budgets                     = 0;
-    v.evict                       = NULL;
-    vulkan_real_allocate          = v.AllocateMemory;
-    v.AllocateMemory              = vulkan_play_kinds;
+    const VkMemoryPropertyFlags host =
+        VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const VkMemoryPropertyFlags own = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
+    struct vulkan v = *device;
+    const VkDeviceSize gib = 1u << 30, small = 16u << 20, large = 8 * gib - 20 * (gib >> 10);
+    v.memory =
+        (VkPhysicalDeviceMemoryProperties){.memoryTypeCount = 5,
+                                           .memoryTypes = {{own, 0},
+                                                           {own, 1},
+                                                           {host, 2},
+                                                           {host | VK_MEMORY_PROPERTY_HOST_CACHED_BIT, 2},
+                                                           {own | host | 0x40, 1}},
+                                           .memoryHeapCount = 3,
+                                           .memoryHeaps = {{small, 1}, {large, 1}, {4 * gib, 0}}};
+    v.budgets = 0;
+    v.evict = NULL;
+    vulkan_real_allocate = v.AllocateMemory;
+    v.AllocateMemory = vulkan_play_kinds;
     v.GetBufferMemoryRequirements = vulkan_play_needs;
     CHECK(vulkan_kind_of(&v, 1 << 20, 0, 0) == 0 && v.kind == 1);
     CHECK(vulkan_kind_of(&v, small + 1, 0, 0) == 1 && !(vulkan_kinds_tried & 1));
@@ -1885,33 +1968,36 @@ static void vulkan_check_small_heap(struct vulkan *device)
     CHECK(vulkan_kind_of(&v, 1 << 20, 31, 0) == -1 && vulkan_kinds_tried == 15);
     CHECK(vulkan_kind_of(&v, 1 << 20, 0, 1) == 3 && vulkan_kind_of(&v, 1 << 20, 8, 1) == 2);
     CHECK(vulkan_kind_of(&v, large, 0, 1) == -1 && vulkan_kinds_tried == 0);
-    v.budgets                               = 1;
+    v.budgets = 1;
     v.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = SIZE_MAX / 2 - 100, vulkan_usage = 64; /* of heap 1: 2^64 - 202 */
     CHECK(vulkan_memory_left(&v, 1) == large - 128);
     vulkan_check_near_kinds(&v);
 }
 
-/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the largest of the device's own. */
+/* As on a GPU with a small heap that the host sees: what counts is the heap of the memory, and for images the
+ * largest of the device's own. */
 static void vulkan_check_heap(const struct vulkan *v)
 {
-    const VkMemoryPropertyFlags host  = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-    const VkMemoryPropertyFlags own   = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
-    struct vulkan               other = *v;
-    struct vulkan_buffer        b     = {0};
-    other.memory                      = (VkPhysicalDeviceMemoryProperties){.memoryTypeCount = 3,
-                                                                           .memoryTypes     = {{host, 2}, {own, 1}, {own | host, 0}},
-                                                                           .memoryHeapCount = 3,
-                                                                           .memoryHeaps     = {{4000, 1}, {5000, 1}, {9000, 0}}};
-    other.budgets                     = 0;
+    const VkMemoryPropertyFlags host =
+        VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const VkMemoryPropertyFlags own = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
+    struct vulkan other = *v;
+    struct vulkan_buffer b = {0};
+    other.memory = (VkPhysicalDeviceMemoryProperties){.memoryTypeCount = 3,
+                                                      .memoryTypes = {{host, 2}, {own, 1}, {own | host, 0}},
+                                                      .memoryHeapCount = 3,
+                                                      .memoryHeaps = {{4000, 1}, {5000, 1}, {9000, 0}}};
+    other.budgets = 0;
     CHECK(vulkan_memory_left(&other, 0) == 9000 && vulkan_memory_left(&other, 1) == 5000 &&
           vulkan_memory_left(&other, 2) == 4000);
     other.GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
-    other.budgets                               = 1;
+    other.budgets = 1;
     vulkan_budget = 100, vulkan_usage = 30; /* of heap 0; twice, three times that of those behind it */
-    CHECK(vulkan_memory_left(&other, 0) == 210 && vulkan_memory_left(&other, 1) == 140 && vulkan_memory_left(&other, 2) == 70);
+    CHECK(vulkan_memory_left(&other, 0) == 210 && vulkan_memory_left(&other, 1) == 140 &&
+          vulkan_memory_left(&other, 2) == 70);
     other.GetBufferMemoryRequirements = vulkan_play_requirements;
-    other.evict                       = NULL;
+    other.evict = NULL;
     vulkan_play_full(&other, 0);
     for (int for_host = 0; for_host < 2; for_host++) {
         other.rc = OXL_OK;
@@ -1920,19 +2006,20 @@ static void vulkan_check_heap(const struct vulkan *v)
     }
 }
 
-/* What other programs use is not there: images are kept in a half of what is left; or up to their share, or number. */
+/* What other programs use is not there: images are kept in a half of what is left; or up to their share, or
+ * number. */
 static void vulkan_check_budget(oxl_context *device)
 {
-    struct vulkan_twins  t     = vulkan_twins(device, 64, 48);
-    struct vulkan       *v     = device->backend->vulkan;
-    const size_t         bytes = 4 * t.pixels, most = v->image_bytes_max;
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
+    struct vulkan *v = device->backend->vulkan;
+    const size_t bytes = 4 * t.pixels, most = v->image_bytes_max;
     struct renderer_loss loss;
-    oxl_model            m, larger;
+    oxl_model m, larger;
     vulkan_scene(30, 0, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     vulkan_check_heap(v);
     vulkan_check_small_heap(v);
-    v->budgets                               = 1;
+    v->budgets = 1;
     v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
     vulkan_budget = 100, vulkan_usage = 30;
     CHECK(vulkan_memory_left(v, v->kind) == 70);
@@ -1940,16 +2027,16 @@ static void vulkan_check_budget(oxl_context *device)
     CHECK(vulkan_memory_left(v, v->kind) == 0);
     for (int view = 0; view < 4; view++) {
         vulkan_usage = 0, vulkan_budget = 2 * bytes - (view == 0);
-        v->image_bytes_max                            = view == 1 ? bytes - 1 : most;
+        v->image_bytes_max = view == 1 ? bytes - 1 : most;
         v->properties.limits.maxMemoryAllocationCount = view == 2 ? 0 : 4096;
         CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss));
         CHECK(renderer_has_image(t.r[1], view) == (view == 3));
     }
     CHECK(renderer_has_image(t.r[1], 3));
     v->image_bytes_max = most;
-    vulkan_budget      = 64; /* allocations succeed, but would move other memory off the device */
+    vulkan_budget = 64; /* allocations succeed, but would move other memory off the device */
     v->said_beyond = vulkan_said_beyond = 0;
-    device->options.log                 = vulkan_hear_beyond;
+    device->options.log = vulkan_hear_beyond;
     CHECK_OK(vulkan_take_and_draw(&t, 1, &larger, 3, &loss));
     CHECK(!renderer_has_image(t.r[1], 3) && vulkan_said_beyond == 1);
     device->options.log = vulkan_test_log;
@@ -1961,20 +2048,22 @@ static void vulkan_check_budget(oxl_context *device)
 /* A view is scored on the CPU, whole, where the device has no memory for its scores. */
 static void vulkan_check_score_falls_back(oxl_context *device)
 {
-    struct vulkan_twins      t       = vulkan_twins(device, 64, 48);
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
     const oxl_render_options options = oxl_render_options_default();
-    float                    one[300], views[2][300], *drgb = vulkan_noise(3 * t.pixels, 51), score[2][300];
-    oxl_model                m;
+    float one[300], views[2][300], *drgb = vulkan_noise(3 * t.pixels, 51), score[2][300];
+    oxl_model m;
     vulkan_scene(300, 1, 0, &m);
     memset(views, 0, sizeof views), memset(score, 0, sizeof score);
     CHECK_OK(renderer_forward(device, t.r[1], &m, &t.camera, &options));
     vulkan_play_full(device->backend->vulkan, 0);
     for (int k = 0; k < 2; k++) {
         struct prune_pass pass = {one, views[k], drgb, 0};
-        CHECK_OK(prune_score_view(t.ctx[k], &(struct prune_of){t.r[k], NULL, &options, &m}, &t.camera, &pass, score[k]));
+        CHECK_OK(prune_score_view(t.ctx[k], &(struct prune_of){t.r[k], NULL, &options, &m}, &t.camera, &pass,
+                                  score[k]));
     }
     CHECK(t.r[1]->device == NULL && score[0][0] + score[0][7] + score[0][11] > 0);
-    CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && memcmp(views[0], views[1], sizeof views[0]) == 0);
+    CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 &&
+          memcmp(views[0], views[1], sizeof views[0]) == 0);
     device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, drgb);
@@ -1982,7 +2071,7 @@ static void vulkan_check_score_falls_back(oxl_context *device)
 }
 
 static VkDeviceSize vulkan_largest; /* bytes of an allocation; larger ones find no memory */
-static int          vulkan_refusals;
+static int vulkan_refusals;
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const VkMemoryAllocateInfo *info,
                                                           const VkAllocationCallbacks *a, VkDeviceMemory *out)
@@ -1995,12 +2084,12 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_largest(VkDevice device, const
 /* Rows that move, or another model, want other memory: whether it is short is found anew. */
 static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral *d)
 {
-    struct vulkan_renderer  *r       = d->r->device;
+    struct vulkan_renderer *r = d->r->device;
     const oxl_render_options options = oxl_render_options_default();
-    uint32_t                 from[300];
-    struct renderer_move     move  = {.from = from, .count = 299, .sh_degree = d->run.trained.model.sh_degree};
-    int                      moved = 0;
-    oxl_model                m;
+    uint32_t from[300];
+    struct renderer_move move = {.from = from, .count = 299, .sh_degree = d->run.trained.model.sh_degree};
+    int moved = 0;
+    oxl_model m;
     for (uint32_t i = 0; i < 299; i++) from[i] = i;
     CHECK(r->low_memory && r->count == 300);
     vulkan_largest = SIZE_MAX;
@@ -2013,23 +2102,23 @@ static void vulkan_check_tight_ends(oxl_context *device, struct vulkan_deferral 
     oxl_model_free(test_ctx, &m);
 }
 
-/* There is memory for the pairs that there are, not for the room that deferred steps would like: they get along with it, one after the other,
- * and do what they do. */
+/* There is memory for the pairs that there are, not for the room that deferred steps would like: they get
+ * along with it, one after the other, and do what they do. */
 static void vulkan_check_tight(oxl_context *device)
 {
     static struct vulkan_deferral d[2];
-    struct vulkan                *v = device->backend->vulkan;
-    struct vulkan_renderer       *r;
-    struct vulkan_buffer          b = {0};
-    struct renderer_loss          none;
-    struct renderer_report        report;
+    struct vulkan *v = device->backend->vulkan;
+    struct vulkan_renderer *r;
+    struct vulkan_buffer b = {0};
+    struct renderer_loss none;
+    struct renderer_report report;
     vulkan_real_allocate = v->AllocateMemory;
     for (int k = 0; k < 2; k++) {
         vulkan_deferral_begin(device, &d[k]);
         vulkan_step_of(device, &d[k], 1, &none);
-        r                 = d[k].r->device;
-        vulkan_largest    = k ? 16 * r->pairs + 4096 : SIZE_MAX;
-        vulkan_refusals   = 0;
+        r = d[k].r->device;
+        vulkan_largest = k ? 16 * r->pairs + 4096 : SIZE_MAX;
+        vulkan_refusals = 0;
         v->AllocateMemory = vulkan_play_largest;
         CHECK(r->pairs > 256 && renderer_defer(d[k].r, 1));
         vulkan_step_of(device, &d[k], 2, &none);
@@ -2043,7 +2132,8 @@ static void vulkan_check_tight(oxl_context *device)
         CHECK_OK(renderer_report(device, d[k].r, 1, &report));
         CHECK(report.exists && (k || report.halt == HALT_NONE));
         renderer_defer(d[k].r, 0);
-        if (report.halt == HALT_PAIRS) vulkan_step_of(device, &d[k], 3, &none); /* a pair more, and it is repeated */
+        /* a pair more, and it is repeated */
+        if (report.halt == HALT_PAIRS) vulkan_step_of(device, &d[k], 3, &none);
         CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_READ));
     }
     vulkan_check_same_run(&d[0], &d[1]);
@@ -2059,9 +2149,9 @@ static void vulkan_check_tight(oxl_context *device)
 /* --backend auto: the CPU continues, with the image that the device had. */
 static void vulkan_check_fallback(oxl_context *device)
 {
-    struct vulkan_twins  t = vulkan_twins(device, 64, 48);
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
     struct renderer_loss loss[2];
-    oxl_model            m;
+    oxl_model m;
     vulkan_scene(300, 1, 0, &m);
     vulkan_play_full(device->backend->vulkan, 3); /* the image fits, the model does not */
     CHECK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]) == OXL_ERR_MEMORY);
@@ -2085,30 +2175,32 @@ static void vulkan_check_fallback(oxl_context *device)
 
 static int vulkan_submits_left; /* submissions until the device is lost, or has no memory for any more */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_late_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info,
-                                                            VkFence fence)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_late_loss(VkQueue queue, uint32_t count,
+                                                            const VkSubmitInfo *info, VkFence fence)
 {
     return vulkan_submits_left-- > 0 ? vulkan_real_submit(queue, count, info, fence) : VK_ERROR_DEVICE_LOST;
 }
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_late_shortage(VkQueue queue, uint32_t count, const VkSubmitInfo *info,
-                                                                VkFence fence)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_late_shortage(VkQueue queue, uint32_t count,
+                                                                const VkSubmitInfo *info, VkFence fence)
 {
-    return vulkan_submits_left-- > 0 ? vulkan_real_submit(queue, count, info, fence) : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return vulkan_submits_left-- > 0 ? vulkan_real_submit(queue, count, info, fence)
+                                     : VK_ERROR_OUT_OF_DEVICE_MEMORY;
 }
 
 /* What the public functions give of a model in one view: the image and its depths, or the gradient. */
 struct vulkan_output {
     oxl_image image;
     oxl_model gradient;
-    float     depth[64 * 48];
+    float depth[64 * 48];
 };
 
-static oxl_result vulkan_output_of(oxl_context *ctx, const oxl_model *m, int gradient, struct vulkan_output *out)
+static oxl_result vulkan_output_of(oxl_context *ctx, const oxl_model *m, int gradient,
+                                   struct vulkan_output *out)
 {
     const oxl_camera camera = vulkan_camera(64, 48);
-    float           *drgb   = vulkan_noise((size_t)3 * 64 * 48, 50);
-    oxl_result       rc;
+    float *drgb = vulkan_noise((size_t)3 * 64 * 48, 50);
+    oxl_result rc;
     memset(out, 0, sizeof *out);
     if (gradient) rc = oxl_render_backward(ctx, m, &camera, NULL, drgb, &out->gradient);
     else rc = oxl_render(ctx, m, &camera, NULL, &out->image, out->depth);
@@ -2123,10 +2215,11 @@ static void vulkan_output_free(oxl_context *ctx, struct vulkan_output *o)
 }
 
 /* Whether it is, to the byte, what the CPU gave, and the next function finds the same. */
-static int vulkan_gives(oxl_context *device, const oxl_model *m, int gradient, const struct vulkan_output *cpu)
+static int vulkan_gives(oxl_context *device, const oxl_model *m, int gradient,
+                        const struct vulkan_output *cpu)
 {
     static struct vulkan_output got;
-    int                         same;
+    int same;
     CHECK_OK(vulkan_output_of(device, m, gradient, &got));
     same = memcmp(got.depth, cpu->depth, sizeof got.depth) == 0;
     if (got.image.rgb) same = same && memcmp(got.image.rgb, cpu->image.rgb, sizeof(float) * 3 * 64 * 48) == 0;
@@ -2145,21 +2238,23 @@ static void vulkan_hear_cpu(void *user, oxl_log_level level, const char *text)
     vulkan_fell_back += level == OXL_LOG_WARNING && strstr(text, ": continuing on the CPU") != NULL;
 }
 
-/* --backend auto: the device is lost in the last submission of a gradient; the CPU computes it, and renders from then on, which is said
- * once. With --backend vulkan that is an error, whatever has been said since. */
-static void vulkan_check_draws_without_device(oxl_context *device, const oxl_model *m, const struct vulkan_output cpu[2])
+/* --backend auto: the device is lost in the last submission of a gradient; the CPU computes it, and renders
+ * from then on, which is said once. With --backend vulkan that is an error, whatever has been said since. */
+static void vulkan_check_draws_without_device(oxl_context *device, const oxl_model *m,
+                                              const struct vulkan_output cpu[2])
 {
     static struct vulkan_output none;
-    struct vulkan              *v      = device->backend->vulkan;
-    const size_t                before = v->submissions;
+    struct vulkan *v = device->backend->vulkan;
+    const size_t before = v->submissions;
     CHECK(!vulkan_gives(device, m, 1, &cpu[1]));
     vulkan_submits_left = (int)(v->submissions - before) - 1;
-    vulkan_real_submit  = v->QueueSubmit;
-    v->QueueSubmit      = vulkan_play_late_loss;
+    vulkan_real_submit = v->QueueSubmit;
+    v->QueueSubmit = vulkan_play_late_loss;
     vulkan_fell_back = device->backend->fell_back = 0;
     CHECK(vulkan_submits_left > 3 && vulkan_gives(device, m, 1, &cpu[1]));
     CHECK(v->lost == VK_ERROR_DEVICE_LOST && vulkan_fell_back == 1);
-    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) && vulkan_fell_back == 1);
+    CHECK(vulkan_gives(device, m, 0, &cpu[0]) && vulkan_gives(device, m, 1, &cpu[1]) &&
+          vulkan_fell_back == 1);
     device->options.backend = OXL_BACKEND_VULKAN;
     for (int gradient = 0; gradient < 2; gradient++) {
         oxl_fail(device, OXL_ERR_INPUT, "another error");
@@ -2175,15 +2270,15 @@ static void vulkan_check_draws_without_device(oxl_context *device, const oxl_mod
 static void vulkan_check_draws_fall_back(oxl_context *device)
 {
     static struct vulkan_output cpu[2], none;
-    struct vulkan              *v = device->backend->vulkan;
-    oxl_model                   m;
+    struct vulkan *v = device->backend->vulkan;
+    oxl_model m;
     vulkan_scene(300, 1, 0, &m);
     device->options.log = vulkan_hear_cpu;
     for (int gradient = 0; gradient < 2; gradient++) {
         int all;
         CHECK_OK(vulkan_output_of(test_ctx, &m, gradient, &cpu[gradient]));
         vulkan_play_full(v, 1000);
-        device->options.backend      = OXL_BACKEND_VULKAN;
+        device->options.backend = OXL_BACKEND_VULKAN;
         device->backend->rendered_on = 0;
         CHECK(!vulkan_gives(device, &m, gradient, &cpu[gradient]));
         CHECK(strcmp(oxl_backend_name(device), v->properties.deviceName) == 0);
@@ -2191,7 +2286,7 @@ static void vulkan_check_draws_fall_back(oxl_context *device)
         vulkan_play_full(v, all - 1);
         CHECK(vulkan_output_of(device, &m, gradient, &none) == OXL_ERR_MEMORY);
         CHECK(!none.image.rgb && none.gradient.count == 0);
-        device->options.backend      = OXL_BACKEND_AUTO;
+        device->options.backend = OXL_BACKEND_AUTO;
         device->backend->rendered_on = 0;
         vulkan_fell_back = device->backend->fell_back = 0;
         for (int k = 0; k < all; k++) {
@@ -2206,22 +2301,23 @@ static void vulkan_check_draws_fall_back(oxl_context *device)
     oxl_model_free(test_ctx, &m);
 }
 
-/* Steps, density control and an opacity reset, steps; the rows downloaded and uploaded (0), moved on the device (1),
- * or to be moved where there is no room (2). */
+/* Steps, density control and an opacity reset, steps; the rows downloaded and uploaded (0), moved on the
+ * device (1), or to be moved where there is no room (2). */
 static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_t lobes, int moves)
 {
     const struct density_rules rules = {.gradient = lobes ? 1e30 : 1e-4, .extent = 1, .f_mid = 1, .f_far = 1};
-    struct density_change      change;
-    struct density            *density;
-    struct renderer_loss       loss;
-    uint32_t                   from[1200];
-    struct renderer_move       move = {.from = from};
-    struct vulkan             *v    = device->backend->vulkan;
-    size_t                     sent, read;
-    int                        moved = 0;
+    struct density_change change;
+    struct density *density;
+    struct renderer_loss loss;
+    uint32_t from[1200];
+    struct renderer_move move = {.from = from};
+    struct vulkan *v = device->backend->vulkan;
+    size_t sent, read;
+    int moved = 0;
     vulkan_deferral_begin(device, d);
     if (!lobes)
-        model_drop_lobes(&d->run.trained.model), model_drop_lobes(&d->run.trained.mean), model_drop_lobes(&d->run.trained.square);
+        model_drop_lobes(&d->run.trained.model), model_drop_lobes(&d->run.trained.mean),
+            model_drop_lobes(&d->run.trained.square);
     for (size_t i = 0; i < 300; i += 7) d->run.trained.model.plane[OXL_OPACITY][i] = -9; /* to be removed */
     CHECK_OK(density_create(test_ctx, &density));
     CHECK_OK(density_clear(test_ctx, density, 300));
@@ -2231,9 +2327,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     CHECK_OK(renderer_download(device, d->r, moves ? DOWNLOAD_SHAPE : DOWNLOAD_TO_CHANGE));
     if (moves) CHECK(v->read_bytes - read == 300 * (OXL_SH * 4 + 16));
     CHECK_OK(density_decide(test_ctx, density, &d->run.trained.model, &rules, &change));
-    move.lobes     = density_sources(density, &d->run.trained.model, from);
+    move.lobes = density_sources(density, &d->run.trained.model, from);
     move.sh_degree = 1;
-    move.count     = 300 - change.removed + change.split;
+    move.count = 300 - change.removed + change.split;
     CHECK(change.removed > 40 && (change.split > 100) == !lobes && move.lobes == (lobes ? 85 : 0));
     if (moves == 2) vulkan_play_full(device->backend->vulkan, 3);
     if (moves) CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
@@ -2267,35 +2363,38 @@ static void vulkan_check_moves(oxl_context *device)
 }
 
 static VKAPI_ATTR void VKAPI_CALL vulkan_play_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
-                                                      VkPipelineStageFlags to, VkDependencyFlags flags, uint32_t memories,
-                                                      const VkMemoryBarrier *memory, uint32_t buffers,
-                                                      const VkBufferMemoryBarrier *buffer, uint32_t images,
-                                                      const VkImageMemoryBarrier *image)
+                                                      VkPipelineStageFlags to, VkDependencyFlags flags,
+                                                      uint32_t memories, const VkMemoryBarrier *memory,
+                                                      uint32_t buffers, const VkBufferMemoryBarrier *buffer,
+                                                      uint32_t images, const VkImageMemoryBarrier *image)
 {
-    (void)commands, (void)from, (void)to, (void)flags, (void)memories, (void)memory, (void)buffers, (void)buffer, (void)images;
+    (void)commands, (void)from, (void)to, (void)flags, (void)memories, (void)memory, (void)buffers,
+        (void)buffer, (void)images;
     (void)image;
 }
 
 static int vulkan_complains(struct vulkan *v)
 {
-    const int messages     = v->validation_messages;
+    const int messages = v->validation_messages;
     v->validation_messages = 0;
     return messages > 0;
 }
 
-/* That validation is silent in the other tests says something when it is not here: barriers left out, and a write past the end of a
- * buffer, which only GPU-assisted validation sees (OXL_VULKAN_VALIDATE=gpu; the device keeps it from harm, or not: on lavapipe it does). */
+/* That validation is silent in the other tests says something when it is not here: barriers left out, and a
+ * write past the end of a buffer, which only GPU-assisted validation sees (OXL_VULKAN_VALIDATE=gpu; the
+ * device keeps it from harm, or not: on lavapipe it does). */
 static void vulkan_check_validation(oxl_context *device)
 {
-    struct vulkan                 *v       = device->backend->vulkan;
+    struct vulkan *v = device->backend->vulkan;
     const PFN_vkCmdPipelineBarrier barrier = v->CmdPipelineBarrier;
-    const int                      gpu     = strcmp(getenv("OXL_VULKAN_VALIDATE"), "gpu") == 0;
-    struct vulkan_buffer           small = {0}, number = {0};
+    const int gpu = strcmp(getenv("OXL_VULKAN_VALIDATE"), "gpu") == 0;
+    struct vulkan_buffer small = {0}, number = {0};
     if (!v->validates) SKIP("no validation layer here");
     vulkan_reserve(v, &small, 1, 4, "numbers");
     vulkan_reserve(v, &number, 1 << 16, 4, "numbers");
     if (!gpu) v->CmdPipelineBarrier = vulkan_play_barrier;
-    VULKAN_RUN(v, UNPACK, 0, 16, VULKAN_PUSH(64, 64, 0, 0, 0), VULKAN_BUFFERS(NULL, gpu ? &small : &number, NULL));
+    VULKAN_RUN(v, UNPACK, 0, 16, VULKAN_PUSH(64, 64, 0, 0, 0),
+               VULKAN_BUFFERS(NULL, gpu ? &small : &number, NULL));
     VULKAN_RUN(v, SCORE, 0, 1, VULKAN_PUSH(1), VULKAN_BUFFERS(NULL, NULL, NULL, &number));
     CHECK(vulkan_finish(v) == OXL_OK);
     CHECK(vulkan_complains(v));
@@ -2304,30 +2403,31 @@ static void vulkan_check_validation(oxl_context *device)
     vulkan_release(v, &number);
 }
 
-/* More parts than a frame has command buffers. A frame is waited for as long as its submissions together may take. */
+/* More parts than a frame has command buffers. A frame is waited for as long as its submissions together may
+ * take. */
 static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
 {
-    const oxl_camera   camera  = vulkan_camera(200, 150);
+    const oxl_camera camera = vulkan_camera(200, 150);
     oxl_render_options options = oxl_render_options_default();
-    float             *rgb     = oxl_alloc(test_ctx, 3 * 200 * 150, sizeof *rgb);
-    struct vulkan     *v       = device->backend->vulkan;
-    struct renderer   *r;
-    const float       *image;
+    float *rgb = oxl_alloc(test_ctx, 3 * 200 * 150, sizeof *rgb);
+    struct vulkan *v = device->backend->vulkan;
+    struct renderer *r;
+    const float *image;
     vulkan_real_wait = v->WaitForFences;
     CHECK_OK(renderer_create(device, &r));
     for (int k = 0; k < 2; k++) {
         const uint64_t timeout_ns = v->timeout_ns;
-        size_t         before     = v->submissions, parts;
+        size_t before = v->submissions, parts;
         CHECK_OK(renderer_forward(device, r, m, &camera, &options));
-        parts            = ((struct vulkan_renderer *)r->device)->pairs / 10;
-        v->timeout_ns    = k ? 1000000000 : timeout_ns;
+        parts = ((struct vulkan_renderer *)r->device)->pairs / 10;
+        v->timeout_ns = k ? 1000000000 : timeout_ns;
         v->WaitForFences = vulkan_note_wait;
-        vulkan_waited    = 0;
+        vulkan_waited = 0;
         if (k) CHECK(parts > VULKAN_COMMANDS && v->submissions - before > parts);
         CHECK_OK(renderer_image(device, r, &image));
         if (k) CHECK(vulkan_waited > v->timeout_ns && vulkan_waited <= VULKAN_COMMANDS * v->timeout_ns);
         v->WaitForFences = vulkan_real_wait;
-        v->timeout_ns    = timeout_ns;
+        v->timeout_ns = timeout_ns;
         if (k == 0) memcpy(rgb, image, 3 * 200 * 150 * sizeof *rgb);
         v->part = 10;
     }
@@ -2339,17 +2439,17 @@ static void vulkan_check_many_parts(oxl_context *device, const oxl_model *m)
 /* Drawn whole and in parts, each a submission. */
 static void vulkan_check_parts(oxl_context *device)
 {
-    const oxl_camera   camera = vulkan_camera(200, 150);
-    const size_t       pixels = 200 * 150;
-    float             *rgb = oxl_alloc(test_ctx, 6 * pixels, sizeof *rgb), *drgb = vulkan_noise(3 * pixels, 57);
+    const oxl_camera camera = vulkan_camera(200, 150);
+    const size_t pixels = 200 * 150;
+    float *rgb = oxl_alloc(test_ctx, 6 * pixels, sizeof *rgb), *drgb = vulkan_noise(3 * pixels, 57);
     oxl_render_options options = oxl_render_options_default();
-    oxl_model          m, gradient[2];
+    oxl_model m, gradient[2];
     vulkan_scene(900, 1, 200, &m);
     vulkan_check_many_parts(device, &m);
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
-        const float     *image;
-        size_t           before       = device->backend->vulkan->submissions;
+        const float *image;
+        size_t before = device->backend->vulkan->submissions;
         device->backend->vulkan->part = k ? 500 : 0;
         CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
         memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
@@ -2374,22 +2474,25 @@ static void vulkan_check_parts(oxl_context *device)
 }
 
 static PFN_vkCmdPushConstants vulkan_real_push;
-static uint32_t               vulkan_drawn[64][2];
-static int                    vulkan_drawn_parts;
+static uint32_t vulkan_drawn[64][2];
+static int vulkan_drawn_parts;
 
-static VKAPI_ATTR void VKAPI_CALL vulkan_note_part(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
-                                                   uint32_t offset, uint32_t size, const void *push)
+static VKAPI_ATTR void VKAPI_CALL vulkan_note_part(VkCommandBuffer commands, VkPipelineLayout layout,
+                                                   VkShaderStageFlags stages, uint32_t offset, uint32_t size,
+                                                   const void *push)
 {
-    if (vulkan_drawn_parts < (int)OXL_COUNT(vulkan_drawn)) memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
+    if (vulkan_drawn_parts < (int)OXL_COUNT(vulkan_drawn))
+        memcpy(vulkan_drawn[vulkan_drawn_parts++], (const char *)push + 4, 8);
     vulkan_real_push(commands, layout, stages, offset, size, push);
 }
 
 /* Of a part, the pairs of its tiles get sums, and no others; returns how many. */
-static size_t vulkan_check_backward_part(struct vulkan_renderer *d, const uint32_t *start, size_t tiles, const uint32_t part[2])
+static size_t vulkan_check_backward_part(struct vulkan_renderer *d, const uint32_t *start, size_t tiles,
+                                         const uint32_t part[2])
 {
-    struct vulkan *v    = d->v;
-    uint32_t      *slot = oxl_alloc(test_ctx, d->pairs, sizeof *slot);
-    float(*sums)[4]     = oxl_alloc(test_ctx, d->pairs, sizeof *sums);
+    struct vulkan *v = d->v;
+    uint32_t *slot = oxl_alloc(test_ctx, d->pairs, sizeof *slot);
+    float(*sums)[4] = oxl_alloc(test_ctx, d->pairs, sizeof *sums);
     size_t wrong = 0, given = 0;
     vulkan_reserve(v, &d->drgb, (size_t)d->view.width * d->view.height, 12, "pixels");
     vulkan_reserve_sums(d, 0);
@@ -2410,38 +2513,43 @@ static size_t vulkan_check_backward_part(struct vulkan_renderer *d, const uint32
     return given;
 }
 
-/* Nine in ten pairs are in three of many tiles: no submission draws more than a part of the pairs and one tile. */
+/* Nine in ten pairs are in three of many tiles: no submission draws more than a part of the pairs and one
+ * tile. */
 static void vulkan_check_unbalanced(oxl_context *device)
 {
-    const oxl_camera         camera  = vulkan_camera(320, 240);
+    const oxl_camera camera = vulkan_camera(320, 240);
     const oxl_render_options options = oxl_render_options_default();
-    struct vulkan           *v       = device->backend->vulkan;
-    struct vulkan_renderer  *d;
-    struct renderer         *r;
-    oxl_model                m;
-    uint32_t                 start[20 * 15 + 1], most_of_tile = 0, most = 0, all = 0, wrong = 0, drawn = 0;
-    size_t                   backward = 0;
-    const float             *image;
+    struct vulkan *v = device->backend->vulkan;
+    struct vulkan_renderer *d;
+    struct renderer *r;
+    oxl_model m;
+    uint32_t start[20 * 15 + 1], most_of_tile = 0, most = 0, all = 0, wrong = 0, drawn = 0;
+    size_t backward = 0;
+    const float *image;
     vulkan_scene(4000, 0, 0, &m);
     for (size_t i = 0; i < 3600; i++) {
-        const double at[3] = {-1.2 + 1e-3 * vulkan_random(i, 0), 0.5 + 1e-3 * vulkan_random(i, 1), 4 + 0.1 * vulkan_random(i, 2)};
-        for (int k = 0; k < 3; k++) m.plane[OXL_MEAN + k][i] = (float)at[k], m.plane[OXL_LOG_SCALE + k][i] = -4;
+        const double at[3] = {-1.2 + 1e-3 * vulkan_random(i, 0), 0.5 + 1e-3 * vulkan_random(i, 1),
+                              4 + 0.1 * vulkan_random(i, 2)};
+        for (int k = 0; k < 3; k++)
+            m.plane[OXL_MEAN + k][i] = (float)at[k], m.plane[OXL_LOG_SCALE + k][i] = -4;
     }
     CHECK_OK(renderer_create(device, &r));
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
     d = r->device;
     vulkan_download(v, &d->start, 0, start, sizeof start);
-    v->part             = 700;
-    vulkan_real_push    = v->CmdPushConstants;
+    v->part = 700;
+    vulkan_real_push = v->CmdPushConstants;
     v->CmdPushConstants = vulkan_note_part;
-    vulkan_drawn_parts  = 0;
+    vulkan_drawn_parts = 0;
     vulkan_draw(d, 0);
     CHECK(vulkan_finish(v) == OXL_OK && vulkan_drawn_parts > 6);
-    for (int tile = 0; tile < 300; tile++) most_of_tile = OXL_MAX(most_of_tile, start[tile + 1] - start[tile]);
+    for (int tile = 0; tile < 300; tile++)
+        most_of_tile = OXL_MAX(most_of_tile, start[tile + 1] - start[tile]);
     for (int k = 0; k < vulkan_drawn_parts; k++) {
         uint32_t pairs = 0;
         for (int tile = 0; tile < 300; tile++)
-            if (start[tile] >= vulkan_drawn[k][0] && start[tile] < vulkan_drawn[k][1]) pairs += start[tile + 1] - start[tile];
+            if (start[tile] >= vulkan_drawn[k][0] && start[tile] < vulkan_drawn[k][1])
+                pairs += start[tile + 1] - start[tile];
         most = OXL_MAX(most, pairs), all += pairs;
     }
     CHECK(most_of_tile > 1000 && most <= 700 + most_of_tile);
@@ -2463,20 +2571,20 @@ static void vulkan_check_unbalanced(oxl_context *device)
     oxl_model_free(test_ctx, &m);
 }
 
-/* ---------------------------------------------------------------- a survey */
+/* ---------------- a survey */
 
 /* darker: the log of how much darker every other image is. */
 static oxl_scene *vulkan_survey(oxl_context *ctx, double darker)
 {
-    oxl_model  truth;
-    oxl_view   view[6];
-    oxl_image  image[6];
-    oxl_point  point[200];
+    oxl_model truth;
+    oxl_view view[6];
+    oxl_image image[6];
+    oxl_point point[200];
     oxl_scene *scene = NULL;
     vulkan_scene(200, 0, 0, &truth);
     for (int i = 0; i < 6; i++) {
         static const char *const names[] = {"a", "b", "c", "d", "e", "f"};
-        view[i]                          = (oxl_view){.name = names[i], .camera = vulkan_camera(48, 36), .is_test = i == 2};
+        view[i] = (oxl_view){.name = names[i], .camera = vulkan_camera(48, 36), .is_test = i == 2};
         view[i].camera.translation[0] += 0.3 * (i - 3);
         view[i].camera.translation[1] += 0.1 * (i % 3);
         CHECK_OK(oxl_render(test_ctx, &truth, &view[i].camera, NULL, &image[i], NULL));
@@ -2492,7 +2600,7 @@ static oxl_scene *vulkan_survey(oxl_context *ctx, double darker)
     return scene;
 }
 
-/* ---------------------------------------------------------------- which model */
+/* ---------------- which model */
 
 static size_t vulkan_bytes_of(const oxl_model *m)
 {
@@ -2502,13 +2610,13 @@ static size_t vulkan_bytes_of(const oxl_model *m)
 /* In evaluations and images only the model is uploaded, so the bytes are counted. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
-    oxl_scene              *scene = vulkan_survey(device, 0);
-    const oxl_render_output what  = {.split = OXL_SPLIT_ALL, .depth = 1};
-    struct vulkan          *v     = device->backend->vulkan;
-    oxl_metrics             metrics;
-    oxl_model               m;
-    size_t                  before = v->sent;
-    int                     count;
+    oxl_scene *scene = vulkan_survey(device, 0);
+    const oxl_render_output what = {.split = OXL_SPLIT_ALL, .depth = 1};
+    struct vulkan *v = device->backend->vulkan;
+    oxl_metrics metrics;
+    oxl_model m;
+    size_t before = v->sent;
+    int count;
     vulkan_scene(600, 1, 100, &m);
     v->slab_rows = 256; /* several slabs */
     CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));
@@ -2526,11 +2634,12 @@ static void vulkan_repaint(oxl_model *m)
     for (size_t i = 0; i < m->count; i++) m->plane[OXL_SH][i] += (float)(1 + vulkan_random(i, 90));
 }
 
-/* Behind the interface: a model that was changed after renderer_download, and another in the shape of the first. */
+/* Behind the interface: a model that was changed after renderer_download, and another in the shape of the
+ * first. */
 static void vulkan_check_models_of_a_renderer(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 48);
-    oxl_model           m, other;
+    oxl_model m, other;
     vulkan_scene(300, 1, 100, &m);
     vulkan_scene(300, 1, 100, &other);
     vulkan_repaint(&other);
@@ -2548,15 +2657,16 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* Memory that is given from its beginning again when vulkan_arena_at is set to 0: the same requests, the same places. */
-static char   vulkan_arena[1 << 20];
+/* Memory that is given from its beginning again when vulkan_arena_at is set to 0: the same requests, the same
+ * places. */
+static char vulkan_arena[1 << 20];
 static size_t vulkan_arena_at;
 static void *(*vulkan_real_reallocate)(void *user, void *old, size_t size);
 
 static void *vulkan_from_arena(void *user, void *old, size_t size)
 {
     const int ours = (char *)old >= vulkan_arena && (char *)old < vulkan_arena + sizeof vulkan_arena;
-    char     *at   = vulkan_arena + vulkan_arena_at;
+    char *at = vulkan_arena + vulkan_arena_at;
     if (size == 0) return ours ? NULL : vulkan_real_reallocate(user, old, 0);
     size = (size + 63) & ~(size_t)63;
     if (old || size > sizeof vulkan_arena - vulkan_arena_at) return NULL;
@@ -2564,16 +2674,17 @@ static void *vulkan_from_arena(void *user, void *old, size_t size)
     return at;
 }
 
-/* Gaussian `view` of two that are 40 apart, the first red, the second green; `shared` is where the rows of other views lay. */
+/* Gaussian `view` of two that are 40 apart, the first red, the second green; `shared` is where the rows of
+ * other views lay. */
 static void vulkan_check_page(struct vulkan_twins *t, const oxl_model *paged, int view, int shared)
 {
     const oxl_render_options options = oxl_render_options_default();
-    struct vulkan_renderer  *r       = t->r[1]->device;
-    const float             *before  = r->plane;
-    const size_t             centre  = t->pixels / 2 + (size_t)t->camera.width / 2;
-    oxl_image                image[2];
+    struct vulkan_renderer *r = t->r[1]->device;
+    const float *before = r->plane;
+    const size_t centre = t->pixels / 2 + (size_t)t->camera.width / 2;
+    oxl_image image[2];
     t->camera.translation[0] = -40 * view;
-    vulkan_arena_at          = 0;
+    vulkan_arena_at = 0;
     for (int k = 0; k < 2; k++) {
         if (k && shared) t->ctx[k]->options.reallocate = vulkan_from_arena;
         CHECK_OK(renderer_draw(t->ctx[k], t->r[k], paged, &t->camera, &options, &image[k], NULL));
@@ -2586,15 +2697,17 @@ static void vulkan_check_page(struct vulkan_twins *t, const oxl_model *paged, in
     CHECK(r->count == 1 && (r->plane == before) == (shared > 1));
 }
 
-/* Two Gaussians, one in each of two views: what is read of the file has the same shape for both, and lies in the same place. */
+/* Two Gaussians, one in each of two views: what is read of the file has the same shape for both, and lies in
+ * the same place. */
 static void vulkan_check_pages(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 48);
-    oxl_model           m, paged;
+    oxl_model m, paged;
     vulkan_scene(2, 0, 0, &m);
     for (int i = 0; i < 2; i++) {
         for (int a = 0; a < 3; a++) m.plane[OXL_MEAN + a][i] = a == 2 ? 4 : a == 0 ? 40 * (float)i : 0;
-        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = -1, m.plane[OXL_SH + a][i] = i == a ? 2 : -2;
+        for (int a = 0; a < 3; a++)
+            m.plane[OXL_LOG_SCALE + a][i] = -1, m.plane[OXL_SH + a][i] = i == a ? 2 : -2;
         m.plane[OXL_OPACITY][i] = 3;
     }
     memset(t.camera.rotation, 0, sizeof t.camera.rotation);
@@ -2613,16 +2726,16 @@ static void vulkan_check_pages(oxl_context *device)
 /* Outside of training a model belongs to the caller and may change at any time. */
 static void vulkan_check_model_now(oxl_context *device)
 {
-    oxl_context *ctx[2]       = {test_ctx, device};
-    oxl_scene   *scene        = vulkan_survey(device, 0);
-    double       psnr[2][2]   = {{0}};
-    float        rgb[2][2][4] = {{{0}}};
-    oxl_model    m;
+    oxl_context *ctx[2] = {test_ctx, device};
+    oxl_scene *scene = vulkan_survey(device, 0);
+    double psnr[2][2] = {{0}};
+    float rgb[2][2][4] = {{{0}}};
+    oxl_model m;
     vulkan_scene(300, 1, 0, &m);
     for (int round = 0; round < 2; round++, vulkan_repaint(&m))
         for (int k = 0; k < 2; k++) {
             oxl_metrics metrics;
-            oxl_image   image;
+            oxl_image image;
             CHECK_OK(oxl_evaluate(ctx[k], &m, scene, OXL_SPLIT_ALL, &metrics));
             CHECK_OK(oxl_render(ctx[k], &m, &oxl_scene_view(scene, 0)->camera, NULL, &image, NULL));
             psnr[round][k] = metrics.psnr;
@@ -2640,23 +2753,24 @@ static void vulkan_check_model_now(oxl_context *device)
     vulkan_check_models_of_a_renderer(device);
 }
 
-/* ---------------------------------------------------------------- a run */
+/* ---------------- a run */
 
 /* Everything that a run does between steps: densification, higher SH degrees, pruning, second lobes. */
 static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
 {
-    oxl_scene        *scene   = vulkan_survey(ctx, 0);
+    oxl_scene *scene = vulkan_survey(ctx, 0);
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
-    oxl_metrics       metrics;
-    options.iterations         = iterations;
+    oxl_metrics metrics;
+    options.iterations = iterations;
     options.short_run_exponent = 0; /* larger steps amplify rounding, in which device and CPU differ */
-    options.densify_every      = 10;
-    options.sh_degree          = 1;
-    options.dog                = OXL_DOG_SELECTIVE;
-    options.dog_threshold      = -0.5f;
-    options.max_gaussians      = 400;
-    options.keep               = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
-    if (oxl_train(ctx, scene, &options, NULL, out) != OXL_OK) test_failed++, printf("  %s\n", oxl_error_text(ctx));
+    options.densify_every = 10;
+    options.sh_degree = 1;
+    options.dog = OXL_DOG_SELECTIVE;
+    options.dog_threshold = -0.5f;
+    options.max_gaussians = 400;
+    options.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
+    if (oxl_train(ctx, scene, &options, NULL, out) != OXL_OK)
+        test_failed++, printf("  %s\n", oxl_error_text(ctx));
     CHECK_OK(oxl_evaluate(ctx, out, scene, OXL_SPLIT_ALL, &metrics));
     *psnr = metrics.psnr;
     oxl_metrics_free(ctx, &metrics);
@@ -2666,7 +2780,7 @@ static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, doubl
 static void vulkan_check_training(oxl_context *device)
 {
     oxl_model model[3];
-    double    psnr[3];
+    double psnr[3];
     vulkan_train(test_ctx, 60, &model[0], &psnr[0]);
     for (int k = 1; k < 3; k++) vulkan_train(device, 60, &model[k], &psnr[k]);
     CHECK_CLOSE(psnr[1], psnr[0], 0.1);
@@ -2688,13 +2802,13 @@ static void vulkan_two_steps(struct train *t)
     }
 }
 
-/* Pruning, then a higher SH degree; rows moved on the device (1), or downloaded and uploaded (0). Returns how many bytes that took; moment: of
- * the opacities, as a checkpoint right behind the pruning has it. */
+/* Pruning, then a higher SH degree; rows moved on the device (1), or downloaded and uploaded (0). Returns how
+ * many bytes that took; moment: of the opacities, as a checkpoint right behind the pruning has it. */
 static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
 {
     struct vulkan_renderer *d = t->renderer->device;
-    float                   x[200], gradient[200];
-    size_t                  bytes, wrong = 0, from = 0;
+    float x[200], gradient[200];
+    size_t bytes, wrong = 0, from = 0;
     vulkan_two_steps(t);
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ)); /* a checkpoint */
     memcpy(x, t->trained.model.plane[OXL_MEAN], sizeof x);
@@ -2726,14 +2840,16 @@ static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[12
 static void vulkan_check_kept_rows(oxl_context *device)
 {
     oxl_train_options options = train_options(60);
-    struct train      t[2];
-    size_t            bytes[2];
-    float             moment[2][120];
-    options.sh_degree_interval         = 0.001;
+    struct train t[2];
+    size_t bytes[2];
+    float moment[2][120];
+    options.sh_degree_interval = 0.001;
     device->backend->vulkan->slab_rows = 64; /* several slabs */
     for (int k = 0; k < 2; k++) {
-        t[k] =
-            (struct train){.ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+        t[k] = (struct train){.ctx = device,
+                              .scene = vulkan_survey(device, 0),
+                              .options = &options,
+                              .decisions = {.ctx = device}};
         CHECK_OK(train_begin(&t[k]));
         CHECK_OK(model_set_lobes(device, &t[k].trained.model, 60));
         CHECK_OK(model_set_lobes(device, &t[k].trained.mean, 60));
@@ -2754,14 +2870,16 @@ static void vulkan_check_kept_rows(oxl_context *device)
     }
 }
 
-/* --backend auto: the device has all images of a run, and no memory for the next step: the CPU continues, with an image that it reads. */
+/* --backend auto: the device has all images of a run, and no memory for the next step: the CPU continues,
+ * with an image that it reads. */
 static void vulkan_check_run_falls_back(oxl_context *device)
 {
-    oxl_train_options       options = train_options(60);
-    struct vulkan          *v       = device->backend->vulkan;
+    oxl_train_options options = train_options(60);
+    struct vulkan *v = device->backend->vulkan;
     struct vulkan_renderer *d;
-    struct train t     = {.ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
-    oxl_scene   *scene = t.scene;
+    struct train t = {
+        .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.scene;
     CHECK_OK(train_begin(&t));
     for (int k = 0; k < t.views; k += 2) vulkan_two_steps(&t);
     d = t.renderer->device;
@@ -2769,8 +2887,8 @@ static void vulkan_check_run_falls_back(oxl_context *device)
     CHECK(vulkan_finish(v) == OXL_OK);
     vulkan_release(v, &d->target);
     vulkan_play_full(v, 0);
-    v->image_bytes_max      = 0;
-    v->evict                = NULL;
+    v->image_bytes_max = 0;
+    v->evict = NULL;
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_two_steps(&t);
     CHECK(!renderer_has_device(t.renderer) && t.last_loss > 0 && t.last_loss < 1);
@@ -2788,14 +2906,16 @@ static int vulkan_stops_at(void *user, const oxl_progress *p)
 }
 
 /* A run that saves its state; sum: of the checkpoint that is there then, or NULL. */
-static oxl_result vulkan_saved_run(oxl_context *ctx, const oxl_callback *callback, oxl_model *out, uint64_t *sum)
+static oxl_result vulkan_saved_run(oxl_context *ctx, const oxl_callback *callback, oxl_model *out,
+                                   uint64_t *sum)
 {
-    struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place   = {.folder = test_path("saved"), .key = "saved", .log = &log, .notes = &notes};
-    oxl_scene                *scene   = vulkan_survey(ctx, 0);
-    oxl_train_options         options = train_options(60);
-    struct os_file_map        map     = {0};
-    const oxl_result          rc      = train_run(ctx, scene, &options, callback, &place, out);
+    struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const struct train_output place = {
+        .folder = test_path("saved"), .key = "saved", .log = &log, .notes = &notes};
+    oxl_scene *scene = vulkan_survey(ctx, 0);
+    oxl_train_options options = train_options(60);
+    struct os_file_map map = {0};
+    const oxl_result rc = train_run(ctx, scene, &options, callback, &place, out);
     if (sum) CHECK_OK(os_read_file(ctx, test_path("saved/checkpoint.oxl"), &map));
     if (sum) *sum = checkpoint_hash(CHECKPOINT_SEED, (const unsigned char *)map.data, map.size);
     os_release_file(ctx, &map);
@@ -2805,21 +2925,22 @@ static oxl_result vulkan_saved_run(oxl_context *ctx, const oxl_callback *callbac
     return rc;
 }
 
-/* A submission finds no memory, nor does its repetition: what was not submitted is not known to the host, so the run ends, with --backend
- * auto, too. The checkpoint is as it was, and the next run ends as if nothing had been. */
+/* A submission finds no memory, nor does its repetition: what was not submitted is not known to the host, so
+ * the run ends, with --backend auto, too. The checkpoint is as it was, and the next run ends as if nothing
+ * had been. */
 static void vulkan_check_lost_run(oxl_context *device)
 {
-    int                stop     = 33;
+    int stop = 33;
     const oxl_callback callback = {vulkan_stops_at, &stop};
-    uint64_t           saved[2] = {0, 1};
-    struct vulkan     *v        = device->backend->vulkan;
-    oxl_model          model[2], none;
+    uint64_t saved[2] = {0, 1};
+    struct vulkan *v = device->backend->vulkan;
+    oxl_model model[2], none;
     CHECK_OK(vulkan_saved_run(device, NULL, &model[0], NULL));
     CHECK(vulkan_saved_run(device, &callback, &none, &saved[0]) == OXL_ERR_INTERRUPTED);
     oxl_model_free(device, &none);
-    vulkan_real_submit      = v->QueueSubmit;
-    v->QueueSubmit          = vulkan_play_late_shortage;
-    vulkan_submits_left     = 15;
+    vulkan_real_submit = v->QueueSubmit;
+    v->QueueSubmit = vulkan_play_late_shortage;
+    vulkan_submits_left = 15;
     device->options.backend = OXL_BACKEND_AUTO;
     CHECK(vulkan_saved_run(device, NULL, &none, &saved[1]) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), "no device memory is left");
@@ -2839,14 +2960,15 @@ static void vulkan_check_lost_run(oxl_context *device)
 static void vulkan_check_lost_trial(oxl_context *device)
 {
     oxl_train_options options = train_options(60);
-    struct vulkan    *v       = device->backend->vulkan;
-    struct train      t = {.ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
-    oxl_scene        *scene = t.scene;
+    struct vulkan *v = device->backend->vulkan;
+    struct train t = {
+        .ctx = device, .scene = vulkan_survey(device, 0), .options = &options, .decisions = {.ctx = device}};
+    oxl_scene *scene = t.scene;
     CHECK_OK(train_begin(&t));
     vulkan_two_steps(&t);
-    t.trial_is_next     = TRAIN_TRIES_SH_DEGREE;
-    vulkan_real_submit  = v->QueueSubmit;
-    v->QueueSubmit      = vulkan_play_late_loss;
+    t.trial_is_next = TRAIN_TRIES_SH_DEGREE;
+    vulkan_real_submit = v->QueueSubmit;
+    v->QueueSubmit = vulkan_play_late_loss;
     vulkan_submits_left = 8;
     CHECK(selection_trial(&t) == OXL_ERR_FAILED && vulkan_submits_left < 0);
     CHECK_TEXT(oxl_error_text(device), "the device is lost");
@@ -2857,10 +2979,11 @@ static void vulkan_check_lost_trial(oxl_context *device)
 }
 
 /* A job in its own folder, on a device that allocates so often: what run.json says of it. */
-static void vulkan_check_run_json_of(oxl_context *device, const char *folder, int allocations, const char *rendered)
+static void vulkan_check_run_json_of(oxl_context *device, const char *folder, int allocations,
+                                     const char *rendered)
 {
     const oxl_job_options options = job_test_options();
-    char                  out[512], run[600], words[400];
+    char out[512], run[600], words[400];
     snprintf(out, sizeof out, "%s", test_path(folder));
     snprintf(run, sizeof run, "%s/run.json", out);
     vulkan_play_full(device->backend->vulkan, allocations);
@@ -2876,32 +2999,37 @@ static void vulkan_check_run_json_of(oxl_context *device, const char *folder, in
 /* `device` of the job is what a run is to be repeated with; `backend` says what did the work. */
 static void vulkan_check_run_json(oxl_context *device)
 {
-    const char *name        = device->backend->vulkan->properties.deviceName;
+    const char *name = device->backend->vulkan->properties.deviceName;
     device->options.backend = OXL_BACKEND_AUTO;
     vulkan_check_run_json_of(device, "on_device", 10000, name);
     device->backend->rendered_on = 0;
     vulkan_check_run_json_of(device, "on_cpu", 0, "cpu");
-    vulkan_check_run_json_of(device, "on_cpu", 0, "cpu"); /* whatever has rendered, the job is the same one, and finished */
+    vulkan_check_run_json_of(device, "on_cpu", 0,
+                             "cpu"); /* whatever has rendered, the job is the same one, and finished */
 }
 
-static VkPipelineLayout            *vulkan_refused;
+static VkPipelineLayout *vulkan_refused;
 static PFN_vkCreateComputePipelines vulkan_real_compile;
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_refusal(VkDevice device, VkPipelineCache cache, uint32_t count,
-                                                          const VkComputePipelineCreateInfo *info, const VkAllocationCallbacks *a,
-                                                          VkPipeline *out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_refusal(VkDevice device, VkPipelineCache cache,
+                                                          uint32_t count,
+                                                          const VkComputePipelineCreateInfo *info,
+                                                          const VkAllocationCallbacks *a, VkPipeline *out)
 {
     *out = VK_NULL_HANDLE;
-    return info->layout == *vulkan_refused ? VK_ERROR_UNKNOWN : vulkan_real_compile(device, cache, count, info, a, out);
+    return info->layout == *vulkan_refused ? VK_ERROR_UNKNOWN
+                                           : vulkan_real_compile(device, cache, count, info, a, out);
 }
 
-/* The first step of a run with --mask-transients, on a device that allocates so often in it; returns how often. */
+/* The first step of a run with --mask-transients, on a device that allocates so often in it; returns how
+ * often. */
 static int vulkan_masked_step(oxl_context *device, int allocations, int falls_back)
 {
     oxl_train_options options = train_options(60);
-    oxl_scene        *scene   = transients_test_scene(9);
-    struct train      t       = {.ctx = device, .scene = scene, .options = &options, .decisions = {.ctx = device}, .step = 1};
-    options.mask_transients   = 1;
+    oxl_scene *scene = transients_test_scene(9);
+    struct train t = {
+        .ctx = device, .scene = scene, .options = &options, .decisions = {.ctx = device}, .step = 1};
+    options.mask_transients = 1;
     CHECK_OK(train_begin(&t));
     vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(step_on_next_view(&t));
@@ -2915,32 +3043,34 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
 
 static int vulkan_refusals_made;
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_refusal(VkDevice device, VkPipelineCache cache, uint32_t count,
-                                                          const VkComputePipelineCreateInfo *info, const VkAllocationCallbacks *a,
-                                                          VkPipeline *out)
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_note_refusal(VkDevice device, VkPipelineCache cache,
+                                                          uint32_t count,
+                                                          const VkComputePipelineCreateInfo *info,
+                                                          const VkAllocationCallbacks *a, VkPipeline *out)
 {
     vulkan_refusals_made += info->layout == *vulkan_refused;
     return vulkan_play_refusal(device, cache, count, info, a, out);
 }
 
-/* A shader that is refused is no lack of memory: it is asked for once, and what the pairs had is there for others. */
+/* A shader that is refused is no lack of memory: it is asked for once, and what the pairs had is there for
+ * others. */
 static void vulkan_check_refused_shader(oxl_context *device)
 {
     static struct vulkan_deferral d;
-    struct vulkan                *v       = device->backend->vulkan;
-    const oxl_render_options      options = oxl_render_options_default();
-    struct vulkan_renderer       *r;
+    struct vulkan *v = device->backend->vulkan;
+    const oxl_render_options options = oxl_render_options_default();
+    struct vulkan_renderer *r;
     vulkan_deferral_begin(device, &d);
     r = d.r->device;
     renderer_expect_steps(d.r);
     CHECK_OK(renderer_forward(device, d.r, &d.run.trained.model, &d.camera, &options));
     CHECK(r->pair_key[0].handle && r->sums_a.handle && vulkan_finish(v) == OXL_OK);
-    vulkan_refused       = &v->pipeline[PASS_STEP].layout;
+    vulkan_refused = &v->pipeline[PASS_STEP].layout;
     vulkan_refusals_made = 0;
     v->DestroyPipeline(v->device, v->pipeline[PASS_STEP].variant[0], NULL);
     v->pipeline[PASS_STEP].variant[0] = VK_NULL_HANDLE;
-    vulkan_real_compile               = v->CreateComputePipelines;
-    v->CreateComputePipelines         = vulkan_note_refusal;
+    vulkan_real_compile = v->CreateComputePipelines;
+    v->CreateComputePipelines = vulkan_note_refusal;
     CHECK(renderer_forward(device, d.r, &d.run.trained.model, &d.camera, &options) == OXL_ERR_MEMORY);
     CHECK(vulkan_refusals_made == 1 && !r->low_memory && !r->pair_key[0].handle && !r->sums_a.handle);
     v->CreateComputePipelines = vulkan_real_compile;
@@ -2948,16 +3078,17 @@ static void vulkan_check_refused_shader(oxl_context *device)
     vulkan_deferral_end(device, &d);
 }
 
-/* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it; the image may be on the host. */
+/* --backend auto: wherever the first step finds no memory, or a shader is refused, the CPU does it; the image
+ * may be on the host. */
 static void vulkan_check_first_step_falls_back(oxl_context *device)
 {
     static const enum vulkan_pass late[] = {PASS_OBSERVE, PASS_STEP, PASS_LOSS_BACKWARD};
-    struct vulkan                *v      = device->backend->vulkan;
-    const int                     all    = vulkan_masked_step(device, 1000, 0);
-    device->options.backend              = OXL_BACKEND_AUTO;
+    struct vulkan *v = device->backend->vulkan;
+    const int all = vulkan_masked_step(device, 1000, 0);
+    device->options.backend = OXL_BACKEND_AUTO;
     CHECK(all > 20);
     for (int k = all - 1; k >= 0; k -= k > all - 16 ? 1 : 8) vulkan_masked_step(device, k, 1);
-    vulkan_real_compile       = v->CreateComputePipelines;
+    vulkan_real_compile = v->CreateComputePipelines;
     v->CreateComputePipelines = vulkan_play_refusal;
     for (size_t i = 0; i < OXL_COUNT(late); i++) {
         vulkan_refused = &v->pipeline[late[i]].layout;
@@ -2979,32 +3110,32 @@ static int vulkan_stops(void *user, const oxl_progress *p)
 static int vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
 
 /* Room for one pair in every third deferred step. */
-static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
-                                                   uint32_t offset, uint32_t size, const void *push)
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkPipelineLayout layout,
+                                                   VkShaderStageFlags stages, uint32_t offset, uint32_t size,
+                                                   const void *push)
 {
     uint32_t word[32];
     memcpy(word, push, size);
-    if (size == SPIRV_SCAN_PUSH && word[1] == COUNT_PAIRS && word[2] != UINT32_MAX && vulkan_counted++ % 3 == 2)
+    if (size == SPIRV_SCAN_PUSH && word[1] == COUNT_PAIRS && word[2] != UINT32_MAX &&
+        vulkan_counted++ % 3 == 2)
         word[2] = 1, vulkan_halted++;
     vulkan_real_push(commands, layout, stages, offset, size, word);
 }
 
-enum {
-    VULKAN_STRAIGHT,
-    VULKAN_WITHOUT_ROOM,
-    VULKAN_STOPPED
-}; /* a run: to its end; steps repeated; from checkpoint to checkpoint */
+/* a run: to its end; steps repeated; from checkpoint to checkpoint */
+enum { VULKAN_STRAIGHT, VULKAN_WITHOUT_ROOM, VULKAN_STOPPED };
 
 static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, double gain[18])
 {
-    int                       last = 0, stops = 0;
-    const oxl_callback        callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
-    struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place   = {.folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
-    oxl_scene                *scene   = vulkan_survey(ctx, 0.3);
-    oxl_train_options         options = train_options(80);
-    oxl_result                rc;
-    options.exposure           = OXL_ON;
+    int last = 0, stops = 0;
+    const oxl_callback callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
+    struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const struct train_output place = {
+        .folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
+    oxl_scene *scene = vulkan_survey(ctx, 0.3);
+    oxl_train_options options = train_options(80);
+    oxl_result rc;
+    options.exposure = OXL_ON;
     options.short_run_exponent = 0;
     do {
         rc = train_run(ctx, scene, &options, &callback, how == VULKAN_STOPPED ? &place : NULL, out);
@@ -3019,18 +3150,19 @@ static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, doub
     oxl_scene_free(ctx, scene);
 }
 
-/* Gains of images are learned on a device as on the CPU, in deferred steps; what the run is interrupted by does not show. */
+/* Gains of images are learned on a device as on the CPU, in deferred steps; what the run is interrupted by
+ * does not show. */
 static void vulkan_check_exposure(oxl_context *device)
 {
     oxl_model model[3];
-    double    cpu[18], gain[3][18];
-    size_t    waits;
+    double cpu[18], gain[3][18];
+    size_t waits;
     vulkan_train_exposed(test_ctx, VULKAN_STRAIGHT, &model[0], cpu);
     oxl_model_free(test_ctx, &model[0]);
     waits = device->backend->vulkan->waits;
     vulkan_train_exposed(device, VULKAN_STRAIGHT, &model[0], gain[0]);
     CHECK(device->backend->vulkan->waits - waits < 80);
-    vulkan_real_push                          = device->backend->vulkan->CmdPushConstants;
+    vulkan_real_push = device->backend->vulkan->CmdPushConstants;
     device->backend->vulkan->CmdPushConstants = vulkan_play_push;
     vulkan_counted = vulkan_halted = 0;
     vulkan_train_exposed(device, VULKAN_WITHOUT_ROOM, &model[1], gain[1]);
@@ -3049,14 +3181,15 @@ static void vulkan_check_exposure(oxl_context *device)
 /* Parts of views, as blocks train them, are the CPU's. */
 static void vulkan_check_windows(oxl_context *device)
 {
-    oxl_context        *ctx[2] = {test_ctx, device};
+    oxl_context *ctx[2] = {test_ctx, device};
     struct image_window window[6];
-    oxl_model           model[2];
+    oxl_model model[2];
     for (int i = 0; i < 6; i++) window[i] = (struct image_window){.x = 8, .y = 4, .width = 32, .height = 24};
     for (int k = 0; k < 2; k++) {
-        const struct train_output place   = {.folder = test_path(k ? "device" : "cpu"), .key = "windows", .window = window};
-        oxl_scene                *scene   = vulkan_survey(ctx[k], 0);
-        oxl_train_options         options = train_options(20);
+        const struct train_output place = {
+            .folder = test_path(k ? "device" : "cpu"), .key = "windows", .window = window};
+        oxl_scene *scene = vulkan_survey(ctx[k], 0);
+        oxl_train_options options = train_options(20);
         CHECK_OK(train_run(ctx[k], scene, &options, NULL, &place, &model[k]));
         oxl_scene_free(ctx[k], scene);
     }
@@ -3075,16 +3208,16 @@ static void vulkan_hear(void *user, oxl_log_level level, const char *text)
 /* auto: off and said, in the log and in run.json; on: refused. */
 static void vulkan_check_dropout(oxl_context *device)
 {
-    oxl_scene        *scene   = vulkan_survey(device, 0);
+    oxl_scene *scene = vulkan_survey(device, 0);
     oxl_train_options options = train_options(5);
-    oxl_model         model;
+    oxl_model model;
     options.dropout = 0.2;
     CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(device), "a device does not leave out Gaussians");
     CHECK_TEXT(oxl_error_text(device), "fix: --dropout auto, or --backend cpu");
-    options.dropout         = -1;
+    options.dropout = -1;
     scene->stats.mean_track = 3; /* so on the CPU it is on */
-    options.iterations      = 61 * schedule_training_views(scene);
+    options.iterations = 61 * schedule_training_views(scene);
     CHECK(schedule_dropout_rate(&options, scene) > 0);
     CHECK_OK(oxl_train(device, scene, &options, NULL, &model));
     oxl_model_free(device, &model);
@@ -3093,20 +3226,21 @@ static void vulkan_check_dropout(oxl_context *device)
 
 static void vulkan_check_lamp_and_medium(oxl_context *device)
 {
-    struct text               decisions = {.ctx = device};
-    const struct train_output place     = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
-    oxl_scene                *scene     = vulkan_survey(device, 0);
-    oxl_job_options           options   = {.train = train_options(2)};
-    oxl_model                 model;
+    struct text decisions = {.ctx = device};
+    const struct train_output place = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
+    oxl_scene *scene = vulkan_survey(device, 0);
+    oxl_job_options options = {.train = train_options(2)};
+    oxl_model model;
     device->options.log = vulkan_hear;
-    vulkan_said         = 0;
+    vulkan_said = 0;
     for (int i = 0; i < oxl_option_count(); i++)
-        if (oxl_option_at(i)->use & OXL_OPTION_CPU_ONLY) CHECK_OK(oxl_option_set(oxl_option_at(i), &options, "auto", NULL, 0));
+        if (oxl_option_at(i)->use & OXL_OPTION_CPU_ONLY)
+            CHECK_OK(oxl_option_set(oxl_option_at(i), &options, "auto", NULL, 0));
     CHECK_OK(train_run(device, scene, &options.train, NULL, &place, &model));
     CHECK(vulkan_said == 2);
     for (int i = 0; i < oxl_option_count(); i++) {
         const oxl_option *row = oxl_option_at(i);
-        char              off[160];
+        char off[160];
         snprintf(off, sizeof off, "\"%s\": {\"chosen\": \"%s\", \"evidence\": \"a device renders", row->name,
                  row->kind == OXL_OPTION_CHOICE ? "off" : "0");
         CHECK((strstr(decisions.data, off) != NULL) == ((row->use & OXL_OPTION_CPU_ONLY) != 0));
@@ -3122,9 +3256,9 @@ static void vulkan_check_lamp_and_medium(oxl_context *device)
 static void vulkan_check_repeated(oxl_context *device)
 {
     oxl_model model[2];
-    double    psnr[2];
+    double psnr[2];
     vulkan_train(device, 60, &model[0], &psnr[0]);
-    vulkan_real_push                          = device->backend->vulkan->CmdPushConstants;
+    vulkan_real_push = device->backend->vulkan->CmdPushConstants;
     device->backend->vulkan->CmdPushConstants = vulkan_play_push;
     vulkan_counted = vulkan_halted = 0;
     vulkan_train(device, 60, &model[1], &psnr[1]);
@@ -3147,15 +3281,15 @@ static void vulkan_listen(void *user, oxl_log_level level, const char *text)
 /* A square in one of nine images. Returns the masked pixels of recent images, per cent. */
 static double vulkan_train_masked(oxl_context *ctx, int masked, oxl_metrics *metrics)
 {
-    oxl_scene        *scene                          = transients_test_scene(9);
-    oxl_train_options options                        = train_options(160);
+    oxl_scene *scene = transients_test_scene(9);
+    oxl_train_options options = train_options(160);
     void (*log)(void *, oxl_log_level, const char *) = ctx->options.log;
-    double    skipped                                = 0;
+    double skipped = 0;
     oxl_model model;
-    options.mask_transients    = masked;
+    options.mask_transients = masked;
     options.short_run_exponent = 0;
-    ctx->options.log           = vulkan_listen;
-    vulkan_log[0]              = 0;
+    ctx->options.log = vulkan_listen;
+    vulkan_log[0] = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
     if (masked) CHECK(sscanf(vulkan_log, "transients: %lf %%", &skipped) == 1);
@@ -3168,12 +3302,13 @@ static double vulkan_train_masked(oxl_context *ctx, int masked, oxl_metrics *met
 static void vulkan_check_transients(oxl_context *device)
 {
     oxl_context *ctx[3] = {test_ctx, device, device};
-    oxl_metrics  metrics[3];
-    double       skipped[3];
+    oxl_metrics metrics[3];
+    double skipped[3];
     for (int k = 0; k < 3; k++) skipped[k] = vulkan_train_masked(ctx[k], k < 2, &metrics[k]);
     CHECK(skipped[0] > 0.5);
     CHECK_CLOSE(skipped[1], skipped[0], 0.2);
-    for (int i = 0; i < metrics[0].count; i++) CHECK_CLOSE(metrics[1].views[i].psnr, metrics[0].views[i].psnr, 0.2);
+    for (int i = 0; i < metrics[0].count; i++)
+        CHECK_CLOSE(metrics[1].views[i].psnr, metrics[0].views[i].psnr, 0.2);
     CHECK(metrics[2].psnr != metrics[1].psnr);
     for (int k = 0; k < 3; k++) oxl_metrics_free(ctx[k], &metrics[k]);
 }
@@ -3519,10 +3654,11 @@ TEST(vulkan_masks_transients_as_the_cpu_does)
 TEST(vulkan_without_a_device_is_reported_in_one_line)
 {
     oxl_context_options options = test_ctx->options;
-    oxl_context        *ctx;
-    oxl_camera camera = {.width = 8, .height = 8, .fx = 8, .fy = 8, .cx = 4, .cy = 4, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    oxl_model  model;
-    oxl_image  image;
+    oxl_context *ctx;
+    oxl_camera camera = {
+        .width = 8, .height = 8, .fx = 8, .fy = 8, .cx = 4, .cy = 4, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    oxl_model model;
+    oxl_image image;
 #ifdef OXL_VULKAN
     setenv("OXL_VULKAN_LIBRARY", "no-such-library.so", 1);
 #endif

@@ -1,16 +1,20 @@
-/* vulkan_compile.c - makes every pipeline of the Vulkan backend on a device and runs none: for drivers without their GPU.
+/* vulkan_compile.c - makes every pipeline of the Vulkan backend on a device and runs none: for drivers
+ * without their GPU.
  *
  *     make VULKAN=1 build/vulkan_compile
- *     RADV_FORCE_FAMILY=navi21 RADV_DEBUG=shaderstats VK_ICD_FILENAMES=.../radeon_icd.x86_64.json build/vulkan_compile
+ *     RADV_FORCE_FAMILY=navi21 RADV_DEBUG=shaderstats VK_ICD_FILENAMES=.../radeon_icd.x86_64.json
+ *     build/vulkan_compile
  *
- * Mesa's RADV compiles for an AMD GPU given by name and prints the resources of each shader (to stderr); a line of ours says which it was.
+ * Mesa's RADV compiles for an AMD GPU given by name and prints the resources of each shader (to stderr); a
+ * line of ours says which it was.
  */
 #include "../oceanxl.c"
 
 #ifndef OXL_VULKAN
 int main(void)
 {
-    fputs("vulkan_compile: built without the Vulkan backend. fix: make VULKAN=1 build/vulkan_compile\n", stderr);
+    fputs("vulkan_compile: built without the Vulkan backend. fix: make VULKAN=1 build/vulkan_compile\n",
+          stderr);
     return 1;
 }
 #else
@@ -19,17 +23,18 @@ int main(void)
 static unsigned compile_variants(int pass)
 {
     if (pass == PASS_SCAN) return 1 | 2 | 4 | 8;
-    if (pass == PASS_STEP || pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_BACKWARD) return 1 | 2;
+    if (pass == PASS_STEP || pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_BACKWARD)
+        return 1 | 2;
     return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
 }
 
 int main(void)
 {
     oxl_context_options options = oxl_context_options_default();
-    struct vulkan       v       = {0};
-    uint32_t            tried   = 0;
-    int                 made    = 0;
-    oxl_result          rc;
+    struct vulkan v = {0};
+    uint32_t tried = 0;
+    int made = 0;
+    oxl_result rc;
     if (oxl_context_create(&options, &v.ctx) != OXL_OK) return 1;
     rc = vulkan_start(&v);
     if (rc == OXL_OK) rc = vulkan_choose(&v, -1, 1, &tried);

@@ -3,7 +3,7 @@
 #include "../reference/splat.c"
 #include "wide.h"
 
-/* ---------------------------------------------------------------- views */
+/* ---------------- views */
 
 void *wide_array(size_t count)
 {
@@ -15,18 +15,22 @@ void *wide_array(size_t count)
 void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t lobes, int sh_degree)
 {
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    *w                  = (struct wide){
-                         .camera = *camera, .near_plane = 0.2, .alpha_min = ALPHA_MIN, .count = count, .lobes = lobes, .sh_degree = sh_degree};
+    *w = (struct wide){.camera = *camera,
+                       .near_plane = 0.2,
+                       .alpha_min = ALPHA_MIN,
+                       .count = count,
+                       .lobes = lobes,
+                       .sh_degree = sh_degree};
     for (int k = 0; k < OXL_PLANES; k++) {
         if (k < OXL_LOBE ? k >= OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1) : lobes == 0) continue;
-        w->plane[k]    = wide_array(count);
+        w->plane[k] = wide_array(count);
         w->gradient[k] = wide_array(count);
     }
     for (size_t i = 0; i < count; i++) w->plane[OXL_ROTATION][i] = 1;
-    w->rgb           = wide_array(3 * pixels);
+    w->rgb = wide_array(3 * pixels);
     w->transmittance = wide_array(pixels);
-    w->dmean2d       = wide_array(count);
-    w->inside        = wide_array(count);
+    w->dmean2d = wide_array(count);
+    w->inside = wide_array(count);
 }
 
 void wide_free(struct wide *w)
@@ -36,20 +40,20 @@ void wide_free(struct wide *w)
     *w = (struct wide){0};
 }
 
-/* ---------------------------------------------------------------- into splat.c's terms; its image is (H,W,3), ours (3,H,W) */
+/* ---------------- into splat.c's terms; its image is (H,W,3), ours (3,H,W) */
 
 struct scene {
-    struct model  model;
+    struct model model;
     struct camera camera;
     struct splat *splat;
-    double       *rgb; /* (H,W,3) */
-    int           count, pixels;
+    double *rgb; /* (H,W,3) */
+    int count, pixels;
 };
 
 static struct camera scene_camera(const struct wide *w)
 {
-    const oxl_camera *c   = &w->camera;
-    struct camera     cam = {{c->width, c->height}, {c->fx, c->fy}, {c->cx, c->cy}, .near_plane = w->near_plane};
+    const oxl_camera *c = &w->camera;
+    struct camera cam = {{c->width, c->height}, {c->fx, c->fy}, {c->cx, c->cy}, .near_plane = w->near_plane};
     memcpy(cam.rotation, c->rotation, sizeof cam.rotation);
     for (int i = 0; i < 9; i++) cam.origin[i % 3] -= c->rotation[i] * c->translation[i / 3]; /* -R^T t */
     return cam;
@@ -58,17 +62,17 @@ static struct camera scene_camera(const struct wide *w)
 static struct gaussian scene_row(const struct wide *w, size_t i)
 {
     struct gaussian g = {.lobed = i < w->lobes};
-    double         *x = (double *)&g;
+    double *x = (double *)&g;
     for (int k = 0; k < OXL_PLANES; k++) x[k] = w->plane[k] ? w->plane[k][i] : 0;
     return g;
 }
 
 static void scene_create(struct scene *s, const struct wide *w)
 {
-    *s           = (struct scene){.model = {.count = (int)w->count, .degree = w->sh_degree}, .camera = scene_camera(w)};
-    s->pixels    = w->camera.width * w->camera.height;
-    s->rgb       = wide_array(3 * (size_t)s->pixels);
-    s->splat     = calloc(w->count + 1, sizeof *s->splat);
+    *s = (struct scene){.model = {.count = (int)w->count, .degree = w->sh_degree}, .camera = scene_camera(w)};
+    s->pixels = w->camera.width * w->camera.height;
+    s->rgb = wide_array(3 * (size_t)s->pixels);
+    s->splat = calloc(w->count + 1, sizeof *s->splat);
     s->model.row = calloc(w->count + 1, sizeof *s->model.row);
     if (!s->splat || !s->model.row) abort();
     memcpy(s->model.background, w->background, sizeof w->background);
@@ -78,13 +82,14 @@ static void scene_create(struct scene *s, const struct wide *w)
 
 static double scene_inside(const struct scene *scene, int row)
 {
-    const struct camera *c      = &scene->camera;
-    struct splat         s      = {0};
-    double               inside = 1e30;
-    const int            seen   = project_forward(&scene->model.row[row], scene->model.degree, c, &s);
+    const struct camera *c = &scene->camera;
+    struct splat s = {0};
+    double inside = 1e30;
+    const int seen = project_forward(&scene->model.row[row], scene->model.degree, c, &s);
     if (s.p[2] <= c->near_plane || !(s.half[0] > 0)) return -1e30;
     for (int a = 0; a < 2; a++)
-        inside = fmin(inside, s.half[a] - fmax(0, fabs(s.centre[a] - c->size[a] / 2.0) - (c->size[a] - 1) / 2.0));
+        inside =
+            fmin(inside, s.half[a] - fmax(0, fabs(s.centre[a] - c->size[a] / 2.0) - (c->size[a] - 1) / 2.0));
     if (seen != (inside > 0)) abort();
     return inside;
 }
@@ -94,10 +99,11 @@ static void scene_free(struct scene *s)
     free(s->splat), free(s->rgb), free(s->model.row);
 }
 
-/* ---------------------------------------------------------------- drawing, and back */
+/* ---------------- drawing, and back */
 
 /* composite_forward with another threshold than ALPHA_MIN, or the same. */
-static double pixel_forward(const struct wide *w, const struct splat *s, int count, double x, double y, double rgb[3])
+static double pixel_forward(const struct wide *w, const struct splat *s, int count, double x, double y,
+                            double rgb[3])
 {
     double T = 1, G[2];
     for (int c = 0; c < 3; c++) rgb[c] = 0;
@@ -115,13 +121,14 @@ static double pixel_forward(const struct wide *w, const struct splat *s, int cou
 void splat_forward(struct wide *w)
 {
     struct scene s;
-    double       rgb[3];
+    double rgb[3];
     scene_create(&s, w);
     for (int i = 0; i < s.pixels; i++) {
-        w->transmittance[i] = pixel_forward(w, s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5, rgb);
+        w->transmittance[i] =
+            pixel_forward(w, s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5, rgb);
         for (int c = 0; c < 3; c++) w->rgb[c * s.pixels + i] = rgb[c];
-        for (int c = 0; c < 3; c++)
-            if (w->alpha_min == ALPHA_MIN && rgb[c] != s.rgb[3 * i + c]) abort(); /* it is what render_forward draws */
+        for (int c = 0; c < 3; c++) /* it is what render_forward draws */
+            if (w->alpha_min == ALPHA_MIN && rgb[c] != s.rgb[3 * i + c]) abort();
     }
     for (size_t i = 0; i < w->count; i++) w->inside[i] = scene_inside(&s, (int)i);
     scene_free(&s);
@@ -129,10 +136,10 @@ void splat_forward(struct wide *w)
 
 void splat_backward(struct wide *w, const double *drgb)
 {
-    struct scene     s;
-    struct splat    *ds = calloc(w->count + 1, sizeof *ds);
+    struct scene s;
+    struct splat *ds = calloc(w->count + 1, sizeof *ds);
     struct gaussian *dg = calloc(w->count + 1, sizeof *dg);
-    double          *interleaved;
+    double *interleaved;
     if (!ds || !dg) abort();
     scene_create(&s, w);
     interleaved = wide_array(3 * (size_t)s.pixels);
@@ -143,18 +150,20 @@ void splat_backward(struct wide *w, const double *drgb)
             w->gradient[k][i] = ((double *)&dg[i])[k];
     memset(w->dmean2d, 0, w->count * sizeof *w->dmean2d);
     for (int i = 0; i < s.count; i++)
-        w->dmean2d[s.splat[i].row] = hypot(ds[i].centre[0] * w->camera.width / 2, ds[i].centre[1] * w->camera.height / 2);
+        w->dmean2d[s.splat[i].row] =
+            hypot(ds[i].centre[0] * w->camera.width / 2, ds[i].centre[1] * w->camera.height / 2);
     free(interleaved), free(ds), free(dg);
     scene_free(&s);
 }
 
 /* One pixel's (o dS/dalpha)^2: that of o G alone, and none where it is held at ALPHA_MAX. */
-static void pixel_score(const struct splat *s, int count, double x, double y, const double rgb[3], const double drgb[3],
-                        double *score)
+static void pixel_score(const struct splat *s, int count, double x, double y, const double rgb[3],
+                        const double drgb[3], double *score)
 {
     double T = 1, G[2] = {0, 0}, behind = dot(drgb, rgb, 3);
     for (int i = 0; i < count; i++) {
-        const double alpha = alpha_forward(&s[i], x, y, T, G), light = dot(drgb, s[i].colour, 3), o = s[i].opacity[0];
+        const double alpha = alpha_forward(&s[i], x, y, T, G), light = dot(drgb, s[i].colour, 3),
+                     o = s[i].opacity[0];
         if (T * (1 - alpha) < T_MIN) return;
         if (alpha == 0) continue;
         behind -= light * alpha * T;
@@ -169,14 +178,16 @@ void splat_score(struct wide *w, const double *drgb, double *score)
     scene_create(&s, w);
     for (int i = 0; i < s.pixels; i++) {
         const double d[3] = {drgb[i], drgb[s.pixels + i], drgb[2 * s.pixels + i]};
-        pixel_score(s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5, s.rgb + 3 * i, d, score);
+        pixel_score(s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5, s.rgb + 3 * i, d,
+                    score);
     }
     scene_free(&s);
 }
 
-/* ---------------------------------------------------------------- fragile pixels */
+/* ---------------- fragile pixels */
 
-#define RAISE 1.002 /* opacities below FAINT are raised by it, so that those which are only just too faint take part */
+/* opacities below FAINT are raised by it, so that those which are only just too faint take part */
+#define RAISE 1.002
 #define FAINT 0.01
 
 static int near(double x, double threshold)
@@ -192,7 +203,7 @@ static int fragile_pixel(const struct wide *w, const struct splat *s, int count,
         for (int k = 0; k < s[i].lobes; k++) {
             const double dx = x - s[i].centre[0], dy = y - s[i].centre[1], *K = s[i].conic[k];
             const double o = s[i].opacity[k] / (s[i].opacity[k] < FAINT * RAISE ? RAISE : 1);
-            value[k]       = o * exp(-(K[0] * dx * dx + 2 * K[1] * dx * dy + K[2] * dy * dy) / 2);
+            value[k] = o * exp(-(K[0] * dx * dx + 2 * K[1] * dx * dy + K[2] * dy * dy) / 2);
             if (near(value[k], ALPHA_MAX)) return 1;
         }
         alpha = fmin(value[0], ALPHA_MAX) - fmin(value[1], ALPHA_MAX);
@@ -209,9 +220,9 @@ static int fragile_pixel(const struct wide *w, const struct splat *s, int count,
 
 void splat_fragile(const struct wide *w, char *fragile)
 {
-    struct wide  raised = *w;
+    struct wide raised = *w;
     struct scene s;
-    raised.near_plane         = w->near_plane * (1 - 1e-4);
+    raised.near_plane = w->near_plane * (1 - 1e-4);
     raised.plane[OXL_OPACITY] = wide_array(w->count);
     for (size_t i = 0; i < w->count; i++) {
         const double o = sigmoid(w->plane[OXL_OPACITY][i]), up = RAISE * o;
@@ -219,17 +230,18 @@ void splat_fragile(const struct wide *w, char *fragile)
     }
     scene_create(&s, &raised);
     for (int i = 0; i < s.pixels; i++)
-        fragile[i] = (char)fragile_pixel(w, s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5);
+        fragile[i] =
+            (char)fragile_pixel(w, s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5);
     free(raised.plane[OXL_OPACITY]);
     scene_free(&s);
 }
 
-/* ---------------------------------------------------------------- loss, Adam, density control */
+/* ---------------- loss, Adam, density control */
 
 double splat_loss(int width, int height, double weight, const double *x, const double *y, double *dx)
 {
     const size_t n = (size_t)width * (size_t)height;
-    double      *a = wide_array(3 * n), *b = wide_array(3 * n), *da = wide_array(3 * n), value;
+    double *a = wide_array(3 * n), *b = wide_array(3 * n), *da = wide_array(3 * n), value;
     for (size_t i = 0; i < 3 * n; i++) a[i] = x[i % 3 * n + i / 3], b[i] = y[i % 3 * n + i / 3];
     value = loss(a, b, width, height, weight, da);
     for (size_t i = 0; i < 3 * n; i++) dx[i % 3 * n + i / 3] = da[i];
@@ -247,7 +259,8 @@ double splat_learning_rate(int plane, double extent, double progress)
     return learning_rate(plane, extent, progress);
 }
 
-enum splat_verdict splat_classify(const double log_scale[3], double logit, double gradient, double extent, int was_reset)
+enum splat_verdict splat_classify(const double log_scale[3], double logit, double gradient, double extent,
+                                  int was_reset)
 {
     const struct gaussian g = {.log_scale = {log_scale[0], log_scale[1], log_scale[2]}, .logit = logit};
     return (enum splat_verdict)classify(&g, gradient, extent, was_reset);
@@ -265,11 +278,11 @@ void splat_split(double row[OXL_SH], int side)
 double splat_train(struct wide *truth, const struct wide *start, int steps)
 {
     struct trainer *t = calloc(1, sizeof *t);
-    struct scene    s;
-    double          first = 0, last = 0;
+    struct scene s;
+    double first = 0, last = 0;
     if (!t || start->count > MOST || truth->camera.width * truth->camera.height > PIXELS) abort();
     scene_create(&s, truth);
-    t->model  = (struct model){(int)start->count, start->sh_degree, {0}, t->x};
+    t->model = (struct model){(int)start->count, start->sh_degree, {0}, t->x};
     t->extent = 4;
     memcpy(t->model.background, truth->background, sizeof t->model.background);
     for (size_t i = 0; i < start->count; i++) t->x[i] = scene_row(start, i);

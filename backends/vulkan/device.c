@@ -1,11 +1,11 @@
 /* device.c - the Vulkan loader, opened at run time, an instance, the choice of a device.
  *
- * Built by make VULKAN=1 alone; needs the headers to compile, and nothing at run time: a machine without a loader or a device says so in
- * one line.
+ * Built by make VULKAN=1 alone; needs the headers to compile, and nothing at run time: a machine without a
+ * loader or a device says so in one line.
  */
 #include "state.h"
 
-/* ---------------------------------------------------------------- loader and instance */
+/* ---------------- loader and instance */
 
 /* Homebrew's folder is none that macOS searches. */
 static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1",
@@ -20,12 +20,14 @@ static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1",
 
 static int vulkan_load(struct vulkan *v)
 {
-    const char *named = getenv("OXL_VULKAN_LIBRARY"); /* another loader; a name that is not there: a machine without one */
+    const char *named =
+        getenv("OXL_VULKAN_LIBRARY"); /* another loader; a name that is not there: a machine without one */
     for (size_t i = 0; !named && !v->library && i < OXL_COUNT(VULKAN_LIBRARY); i++)
         v->library = os_library_open(VULKAN_LIBRARY[i]);
     if (named) v->library = os_library_open(named);
     if (!v->library) return 0;
-    os_library_symbol(v->library, "vkGetInstanceProcAddr", &v->GetInstanceProcAddr, sizeof v->GetInstanceProcAddr);
+    os_library_symbol(v->library, "vkGetInstanceProcAddr", &v->GetInstanceProcAddr,
+                      sizeof v->GetInstanceProcAddr);
     if (!v->GetInstanceProcAddr) return 0;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(NULL, "vk" #name);
     VULKAN_OF_LOADER(VULKAN_FIND)
@@ -33,13 +35,15 @@ static int vulkan_load(struct vulkan *v)
     return v->CreateInstance != NULL;
 }
 
-static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_log_validation(VkDebugUtilsMessageSeverityFlagBitsEXT      severity,
-                                                            VkDebugUtilsMessageTypeFlagsEXT             types,
-                                                            const VkDebugUtilsMessengerCallbackDataEXT *data, void *user)
+static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_log_validation(VkDebugUtilsMessageSeverityFlagBitsEXT severity,
+                                                            VkDebugUtilsMessageTypeFlagsEXT types,
+                                                            const VkDebugUtilsMessengerCallbackDataEXT *data,
+                                                            void *user)
 {
     struct vulkan *v = user;
     (void)severity, (void)types;
-    if (v->validation_messages++ < 10) oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan validation: %s", data->pMessage);
+    if (v->validation_messages++ < 10)
+        oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan validation: %s", data->pMessage);
     return VK_FALSE;
 }
 
@@ -48,9 +52,9 @@ static const char *const VULKAN_VALIDATION = "VK_LAYER_KHRONOS_validation";
 /* The validation layer is for developers of this file: OXL_VULKAN_VALIDATE=1, and the layer installed. */
 static int vulkan_validates(struct vulkan *v)
 {
-    const char       *mode = getenv("OXL_VULKAN_VALIDATE");
+    const char *mode = getenv("OXL_VULKAN_VALIDATE");
     VkLayerProperties layer[64];
-    uint32_t          count = OXL_COUNT(layer);
+    uint32_t count = OXL_COUNT(layer);
     if (!mode || strcmp(mode, "0") == 0 || !v->EnumerateInstanceLayerProperties) return 0;
     if (v->EnumerateInstanceLayerProperties(&count, layer) < 0) return 0;
     for (uint32_t i = 0; i < count; i++)
@@ -63,8 +67,8 @@ enum { VULKAN_EXTENSIONS = 4, VULKAN_LISTED = 512 };
 /* Extensions that are there and wanted. */
 struct vulkan_extensions {
     VkExtensionProperties *there; /* (count) */
-    uint32_t               count, enabled;
-    const char            *name[VULKAN_EXTENSIONS];
+    uint32_t count, enabled;
+    const char *name[VULKAN_EXTENSIONS];
 };
 
 static int vulkan_enable(struct vulkan_extensions *e, const char *name)
@@ -77,7 +81,8 @@ static int vulkan_enable(struct vulkan_extensions *e, const char *name)
     return 0;
 }
 
-/* A portability driver (MoltenVK on Apple's) is listed only for programs that declare support for its limits. */
+/* A portability driver (MoltenVK on Apple's) is listed only for programs that declare support for its limits.
+ * */
 static VkInstanceCreateFlags vulkan_instance_extensions(struct vulkan *v, struct vulkan_extensions *e)
 {
     e->count = VULKAN_LISTED;
@@ -90,34 +95,36 @@ static VkInstanceCreateFlags vulkan_instance_extensions(struct vulkan *v, struct
     return VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR;
 }
 
-/* Chained to the instance, the layer checks from the first call on, and synchronization too; OXL_VULKAN_VALIDATE=gpu: also what shaders
- * read and write, past the end of a buffer. */
+/* Chained to the instance, the layer checks from the first call on, and synchronization too;
+ * OXL_VULKAN_VALIDATE=gpu: also what shaders read and write, past the end of a buffer. */
 static VkResult vulkan_make_instance(struct vulkan *v, const VkDebugUtilsMessengerCreateInfoEXT *listen)
 {
-    const char                        *mode        = getenv("OXL_VULKAN_VALIDATE");
-    const int                          gpu         = v->validates && mode && strcmp(mode, "gpu") == 0;
-    const VkValidationFeatureEnableEXT more[2]     = {VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_EXT,
-                                                      VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_RESERVE_BINDING_SLOT_EXT};
-    const VkValidationFeatureEnableEXT sync        = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
-    const VkValidationFeaturesEXT      features    = {.sType                         = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT,
-                                                      .pNext                         = listen,
-                                                      .enabledValidationFeatureCount = gpu ? 2u : 1u,
-                                                      .pEnabledValidationFeatures    = gpu ? more : &sync};
-    const VkApplicationInfo            application = {.sType            = VK_STRUCTURE_TYPE_APPLICATION_INFO,
-                                                      .pApplicationName = "oceanxl",
-                                                      .apiVersion       = gpu ? VK_API_VERSION_1_1 : VK_API_VERSION_1_0};
-    struct vulkan_extensions           extensions  = {0};
-    VkInstanceCreateInfo               info        = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
-                                                      .pNext                   = v->validates ? &features : NULL,
-                                                      .flags                   = vulkan_instance_extensions(v, &extensions),
-                                                      .pApplicationInfo        = &application,
-                                                      .enabledLayerCount       = v->validates ? 1u : 0u,
-                                                      .ppEnabledLayerNames     = &VULKAN_VALIDATION,
-                                                      .ppEnabledExtensionNames = extensions.name};
-    VkResult                           result;
-    if (v->validates) extensions.name[extensions.enabled++] = VK_EXT_DEBUG_UTILS_EXTENSION_NAME; /* the layer's own */
+    const char *mode = getenv("OXL_VULKAN_VALIDATE");
+    const int gpu = v->validates && mode && strcmp(mode, "gpu") == 0;
+    const VkValidationFeatureEnableEXT more[2] = {
+        VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_EXT,
+        VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_RESERVE_BINDING_SLOT_EXT};
+    const VkValidationFeatureEnableEXT sync = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+    const VkValidationFeaturesEXT features = {.sType = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT,
+                                              .pNext = listen,
+                                              .enabledValidationFeatureCount = gpu ? 2u : 1u,
+                                              .pEnabledValidationFeatures = gpu ? more : &sync};
+    const VkApplicationInfo application = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO,
+                                           .pApplicationName = "oceanxl",
+                                           .apiVersion = gpu ? VK_API_VERSION_1_1 : VK_API_VERSION_1_0};
+    struct vulkan_extensions extensions = {0};
+    VkInstanceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
+                                 .pNext = v->validates ? &features : NULL,
+                                 .flags = vulkan_instance_extensions(v, &extensions),
+                                 .pApplicationInfo = &application,
+                                 .enabledLayerCount = v->validates ? 1u : 0u,
+                                 .ppEnabledLayerNames = &VULKAN_VALIDATION,
+                                 .ppEnabledExtensionNames = extensions.name};
+    VkResult result;
+    /* the layer's own */
+    if (v->validates) extensions.name[extensions.enabled++] = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
     info.enabledExtensionCount = extensions.enabled;
-    result                     = v->CreateInstance(&info, NULL, &v->instance);
+    result = v->CreateInstance(&info, NULL, &v->instance);
     oxl_free(v->ctx, extensions.there);
     return result;
 }
@@ -125,22 +132,26 @@ static VkResult vulkan_make_instance(struct vulkan *v, const VkDebugUtilsMesseng
 static oxl_result vulkan_start(struct vulkan *v)
 {
     const VkDebugUtilsMessengerCreateInfoEXT listen = {
-        .sType           = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
-        .messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
-        .messageType     = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT,
+        .sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
+        .messageSeverity =
+            VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
+        .messageType =
+            VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT,
         .pfnUserCallback = vulkan_log_validation,
-        .pUserData       = v};
+        .pUserData = v};
     PFN_vkCreateDebugUtilsMessengerEXT create;
     if (!vulkan_load(v))
-        return oxl_fail(v->ctx, OXL_ERR_FAILED,
-                        "no Vulkan loader (libvulkan.so.1) on this machine\nfix: install a driver, or --backend cpu");
+        return oxl_fail(
+            v->ctx, OXL_ERR_FAILED,
+            "no Vulkan loader (libvulkan.so.1) on this machine\nfix: install a driver, or --backend cpu");
     v->validates = vulkan_validates(v);
     if (!vulkan_ok(v, vulkan_make_instance(v, &listen), "the loader")) return v->rc;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(v->instance, "vk" #name);
     VULKAN_OF_INSTANCE(VULKAN_FIND)
 #undef VULKAN_FIND
     if (!v->validates) return OXL_OK;
-    create = (PFN_vkCreateDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkCreateDebugUtilsMessengerEXT");
+    create = (PFN_vkCreateDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance,
+                                                                        "vkCreateDebugUtilsMessengerEXT");
     if (create) vulkan_ok(v, create(v->instance, &listen, NULL, &v->messenger), "the validation layer");
     return v->rc;
 }
@@ -150,7 +161,8 @@ static void vulkan_stop_listening(struct vulkan *v)
 {
     PFN_vkDestroyDebugUtilsMessengerEXT destroy;
     if (!v->messenger) return;
-    destroy = (PFN_vkDestroyDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkDestroyDebugUtilsMessengerEXT");
+    destroy = (PFN_vkDestroyDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance,
+                                                                          "vkDestroyDebugUtilsMessengerEXT");
     if (destroy) destroy(v->instance, v->messenger, NULL);
 }
 
@@ -161,7 +173,7 @@ static void vulkan_stop(struct vulkan *v)
     if (v->library) os_library_close(v->library);
 }
 
-/* ---------------------------------------------------------------- devices */
+/* ---------------- devices */
 
 enum { VULKAN_DEVICES = 32 };
 
@@ -196,9 +208,9 @@ static int vulkan_rank(VkPhysicalDeviceType type)
 
 OXL_INTERNAL oxl_result vulkan_list(oxl_context *ctx, struct text *out)
 {
-    struct vulkan    v = {.ctx = ctx};
+    struct vulkan v = {.ctx = ctx};
     VkPhysicalDevice device[VULKAN_DEVICES];
-    uint32_t         count = 0;
+    uint32_t count = 0;
     if (vulkan_start(&v) == OXL_OK) {
         count = vulkan_devices(&v, device);
         if (count == 0) v.rc = oxl_fail(ctx, OXL_ERR_FAILED, "Vulkan finds no device here");
@@ -206,43 +218,48 @@ OXL_INTERNAL oxl_result vulkan_list(oxl_context *ctx, struct text *out)
     for (uint32_t i = 0; i < count; i++) {
         VkPhysicalDeviceProperties p;
         v.GetPhysicalDeviceProperties(device[i], &p);
-        text_add(out, "%u  %s (%s), Vulkan %u.%u.%u, arrays of %u MiB at most\n", i, p.deviceName, vulkan_kind(p.deviceType),
-                 VK_VERSION_MAJOR(p.apiVersion), VK_VERSION_MINOR(p.apiVersion), VK_VERSION_PATCH(p.apiVersion),
-                 p.limits.maxStorageBufferRange >> 20);
+        text_add(out, "%u  %s (%s), Vulkan %u.%u.%u, arrays of %u MiB at most\n", i, p.deviceName,
+                 vulkan_kind(p.deviceType), VK_VERSION_MAJOR(p.apiVersion), VK_VERSION_MINOR(p.apiVersion),
+                 VK_VERSION_PATCH(p.apiVersion), p.limits.maxStorageBufferRange >> 20);
     }
     vulkan_stop(&v);
     return v.rc;
 }
 
-/* Whether it has what the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
+/* Whether it has what the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings
+ * are not. */
 static int vulkan_fits(const VkPhysicalDeviceLimits *l)
 {
-    return l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
-           l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() &&
+    return l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS &&
+           l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
+           l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP &&
+           l->maxComputeSharedMemorySize >= vulkan_shared() &&
            l->maxStorageBufferRange >= sizeof(float) * OXL_PLANES * VULKAN_GROUP;
 }
 
-/* The device of this number, or (wanted -1) the best that was not tried, by bits. None is left: the last one's error stays. */
+/* The device of this number, or (wanted -1) the best that was not tried, by bits. None is left: the last
+ * one's error stays. */
 static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any, uint32_t *tried)
 {
     VkPhysicalDevice device[VULKAN_DEVICES];
-    const uint32_t   count = vulkan_devices(v, device);
-    int              best  = -1;
-    uint32_t         at    = 0;
-    if (count == 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here\nfix: --backend cpu");
+    const uint32_t count = vulkan_devices(v, device);
+    int best = -1;
+    uint32_t at = 0;
+    if (count == 0)
+        return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here\nfix: --backend cpu");
     if (wanted >= (int)count)
-        return oxl_fail(v->ctx, OXL_ERR_USAGE, "device %d of %u\nfix: oceanxl info --devices has the list, from 0", wanted,
-                        count);
+        return oxl_fail(v->ctx, OXL_ERR_USAGE,
+                        "device %d of %u\nfix: oceanxl info --devices has the list, from 0", wanted, count);
     for (uint32_t i = 0; i < count; i++) {
         VkPhysicalDeviceProperties p;
-        int                        rank;
+        int rank;
         v->GetPhysicalDeviceProperties(device[i], &p);
         rank = vulkan_rank(p.deviceType) + (vulkan_fits(&p.limits) ? 8 : 0);
         if ((*tried >> i & 1) || (wanted >= 0 ? (int)i != wanted : rank <= best)) continue;
         if (wanted < 0 && !any && p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU) continue;
-        best          = rank;
-        at            = i;
-        v->physical   = device[i];
+        best = rank;
+        at = i;
+        v->physical = device[i];
         v->properties = p;
     }
     if (best < 0 && *tried) return v->ctx->failed;
@@ -255,34 +272,37 @@ static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any, uint32_t 
     return OXL_OK;
 }
 
-/* The larger the batch, the fewer barriers, and the fewer workgroups a processor holds. Batches of 16 were not tried on a GPU:
+/* The larger the batch, the fewer barriers, and the fewer workgroups a processor holds. Batches of 16 were
+ * not tried on a GPU:
  * OXL_VULKAN_BATCH=16 asks for them. */
 static uint32_t vulkan_batch(uint32_t shared)
 {
     const char *named = getenv("OXL_VULKAN_BATCH");
-    const int   most  = named ? atoi(named) : 8;
+    const int most = named ? atoi(named) : 8;
     if (most >= 16 && shared >= SPIRV_RASTER_BACKWARD_16_SHARED) return 16;
     return most >= 8 && shared >= SPIRV_RASTER_BACKWARD_8_LOBED_SHARED ? 8 : 4;
 }
 
-/* No system resets a CPU, and a slow one may need minutes. Of GPUs the weakest discrete ones are hardly faster than the others. */
+/* No system resets a CPU, and a slow one may need minutes. Of GPUs the weakest discrete ones are hardly
+ * faster than the others. */
 static void vulkan_set_times(struct vulkan *v)
 {
     const VkPhysicalDeviceType type = v->properties.deviceType;
-    const int                  cpu  = type == VK_PHYSICAL_DEVICE_TYPE_CPU;
-    v->timeout_ns                   = cpu ? UINT64_MAX : VULKAN_WAIT;
-    v->part                         = cpu ? 0 : type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ? 4 * VULKAN_PART : VULKAN_PART;
+    const int cpu = type == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    v->timeout_ns = cpu ? UINT64_MAX : VULKAN_WAIT;
+    v->part = cpu ? 0 : type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ? 4 * VULKAN_PART : VULKAN_PART;
 }
 
 static oxl_result vulkan_check(struct vulkan *v)
 {
     const VkPhysicalDeviceLimits *l = &v->properties.limits;
-    v->range                        = l->maxStorageBufferRange;
-    v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
-    v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
+    v->range = l->maxStorageBufferRange;
+    v->groups_max = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
+    v->batch = vulkan_batch(l->maxComputeSharedMemorySize);
     vulkan_set_times(v);
     snprintf(v->name_and_cpu, sizeof v->name_and_cpu, "%s and cpu", v->properties.deviceName);
-    v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
+    v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS,
+                                     v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
     if (vulkan_fits(l)) return OXL_OK;
     return oxl_fail(
         v->ctx, OXL_ERR_FAILED,
@@ -292,15 +312,17 @@ static oxl_result vulkan_check(struct vulkan *v)
         l->maxComputeSharedMemorySize, VULKAN_BINDINGS, VULKAN_GROUP, vulkan_shared());
 }
 
-/* A device that implements a part of Vulkan must be told that the part is known; the passes need none of what it may lack. */
+/* A device that implements a part of Vulkan must be told that the part is known; the passes need none of what
+ * it may lack. */
 static void vulkan_device_extensions(struct vulkan *v, struct vulkan_extensions *e)
 {
     e->count = VULKAN_LISTED;
     e->there = oxl_alloc(v->ctx, VULKAN_LISTED, sizeof *e->there);
-    if (!e->there || v->EnumerateDeviceExtensionProperties(v->physical, NULL, &e->count, e->there) < 0) e->count = 0;
+    if (!e->there || v->EnumerateDeviceExtensionProperties(v->physical, NULL, &e->count, e->there) < 0)
+        e->count = 0;
     v->portable = v->properties2 && vulkan_enable(e, "VK_KHR_portability_subset");
-    v->budgets =
-        v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR && vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+    v->budgets = v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR &&
+                 vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
 }
 
 /* Fewer bits than 64 begin again at 0 from time to time. */
@@ -312,20 +334,21 @@ static uint64_t vulkan_stamp_mask(uint32_t bits)
 static oxl_result vulkan_create_device(struct vulkan *v)
 {
     VkQueueFamilyProperties family[64];
-    uint32_t                count    = OXL_COUNT(family);
-    const float             priority = 1;
-    VkDeviceQueueCreateInfo queue    = {
-           .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
+    uint32_t count = OXL_COUNT(family);
+    const float priority = 1;
+    VkDeviceQueueCreateInfo queue = {
+        .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
     struct vulkan_extensions extensions = {0};
-    VkDeviceCreateInfo       info       = {.sType                   = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
-                                           .queueCreateInfoCount    = 1,
-                                           .pQueueCreateInfos       = &queue,
-                                           .ppEnabledExtensionNames = extensions.name};
+    VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                               .queueCreateInfoCount = 1,
+                               .pQueueCreateInfos = &queue,
+                               .ppEnabledExtensionNames = extensions.name};
     v->GetPhysicalDeviceQueueFamilyProperties(v->physical, &count, family);
     while (v->family < count && !(family[v->family].queueFlags & VK_QUEUE_COMPUTE_BIT)) v->family++;
     if (v->family == count)
-        return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu", v->properties.deviceName);
-    v->stamp_mask          = vulkan_stamp_mask(family[v->family].timestampValidBits);
+        return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu",
+                        v->properties.deviceName);
+    v->stamp_mask = vulkan_stamp_mask(family[v->family].timestampValidBits);
     queue.queueFamilyIndex = v->family;
     vulkan_device_extensions(v, &extensions);
     info.enabledExtensionCount = extensions.enabled;
@@ -340,15 +363,19 @@ static oxl_result vulkan_create_device(struct vulkan *v)
 
 static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
 {
-    const VkCommandPoolCreateInfo    pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, .queueFamilyIndex = v->family};
-    VkCommandBufferAllocateInfo      commands = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
-                                                 .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-                                                 .commandBufferCount = VULKAN_COMMANDS};
-    const VkFenceCreateInfo          fence    = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    const VkDescriptorPoolSize       size     = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
-    const VkDescriptorPoolCreateInfo sets     = {
-            .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
-    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &f->command_pool), "a command pool")) return v->rc;
+    const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
+                                          .queueFamilyIndex = v->family};
+    VkCommandBufferAllocateInfo commands = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                            .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                            .commandBufferCount = VULKAN_COMMANDS};
+    const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    const VkDescriptorPoolSize size = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
+    const VkDescriptorPoolCreateInfo sets = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
+                                             .maxSets = VULKAN_SETS,
+                                             .poolSizeCount = 1,
+                                             .pPoolSizes = &size};
+    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &f->command_pool), "a command pool"))
+        return v->rc;
     commands.commandPool = f->command_pool;
     if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, f->command), "a command buffer") &&
         vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &f->fence), "a fence"))
@@ -356,21 +383,22 @@ static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
     return v->rc;
 }
 
-/* ---------------------------------------------------------------- opening and closing */
+/* ---------------- opening and closing */
 
 /* The one that was chosen. */
 static oxl_result vulkan_open_device(struct vulkan *v)
 {
-    void      *mapped = NULL;
-    oxl_result rc     = vulkan_check(v);
+    void *mapped = NULL;
+    oxl_result rc = vulkan_check(v);
     if (rc == OXL_OK) rc = vulkan_create_device(v);
     if (rc == OXL_OK) v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
     for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
     if (rc != OXL_OK) return rc;
     vulkan_create(v, &v->staging, VULKAN_MARKS + VULKAN_FRAMES * sizeof(uint32_t), 1);
     vulkan_create(v, &v->dummy, 256, 0);
-    if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
-    v->mapped          = mapped;
+    if (v->rc == OXL_OK)
+        vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
+    v->mapped = mapped;
     v->image_bytes_max = vulkan_memory_left(v, v->kind) / VULKAN_IMAGE_SHARE;
     return v->rc;
 }
@@ -401,8 +429,8 @@ static void vulkan_close_device(struct vulkan *v)
 /* The best that can be opened; to one that is named there is no other. */
 static oxl_result vulkan_open_best(struct vulkan *v, int wanted, int any)
 {
-    uint32_t   tried = 0;
-    oxl_result rc    = vulkan_choose(v, wanted, any, &tried);
+    uint32_t tried = 0;
+    oxl_result rc = vulkan_choose(v, wanted, any, &tried);
     while (rc == OXL_OK) {
         rc = vulkan_open_device(v);
         if (rc == OXL_OK) return rc;
@@ -415,11 +443,11 @@ static oxl_result vulkan_open_best(struct vulkan *v, int wanted, int any)
 OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
 {
     struct vulkan *v = oxl_calloc(ctx, 1, sizeof *v);
-    oxl_result     rc;
+    oxl_result rc;
     *out = NULL;
     if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
     v->ctx = ctx;
-    rc     = vulkan_start(v);
+    rc = vulkan_start(v);
     if (rc == OXL_OK) rc = vulkan_open_best(v, device, any);
     if (rc == OXL_OK) *out = v;
     else vulkan_close(v);

@@ -1,19 +1,22 @@
 /* memory.c - buffers on the device, and how much memory there is for them.
  *
- * Where an allocation would exceed the memory budgets, or fails, of every kind of memory that is near, images that are kept on the device
- * make room (vulkan.evict); then kinds that are far, and those beyond their budgets. What still fails is OXL_ERR_MEMORY, and with
+ * Where an allocation would exceed the memory budgets, or fails, of every kind of memory that is near, images
+ * that are kept on the device make room (vulkan.evict); then kinds that are far, and those beyond their
+ * budgets. What still fails is OXL_ERR_MEMORY, and with
  * --backend auto the CPU takes over (src/render/renderer.c).
  */
 #include "state.h"
 
-/* Free bytes of the heap that memory of this kind lies in: as the driver says, or all that it has. A budget is at most the heap: an RADV
- * once gave 2^64 less a little. */
+/* Free bytes of the heap that memory of this kind lies in: as the driver says, or all that it has. A budget
+ * is at most the heap: an RADV once gave 2^64 less a little. */
 OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
 {
-    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
-    VkPhysicalDeviceMemoryProperties2 all  = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2, .pNext = &budget};
-    const uint32_t                    heap = v->memory.memoryTypes[kind].heapIndex;
-    const VkDeviceSize                size = v->memory.memoryHeaps[heap].size;
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
+    VkPhysicalDeviceMemoryProperties2 all = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2,
+                                             .pNext = &budget};
+    const uint32_t heap = v->memory.memoryTypes[kind].heapIndex;
+    const VkDeviceSize size = v->memory.memoryHeaps[heap].size;
     if (!v->budgets) return (size_t)size;
     v->GetPhysicalDeviceMemoryProperties2KHR(v->physical, &all);
     budget.heapBudget[heap] = OXL_MIN(budget.heapBudget[heap], size);
@@ -21,20 +24,22 @@ OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind)
     return (size_t)(budget.heapBudget[heap] - budget.heapUsage[heap]);
 }
 
-/* The first `close_by` are as good as the first one: of a discrete GPU its own; of others, which share the host's memory, all. */
+/* The first `close_by` are as good as the first one: of a discrete GPU its own; of others, which share the
+ * host's memory, all. */
 struct vulkan_kinds {
     uint32_t kind[VK_MAX_MEMORY_TYPES], count, close_by;
 };
 
-/* The kinds of memory with all that is needed, those that are also `preferred` first. None with a property that is not named here: others,
- * as AMD's coherent memory, want a feature. */
-static struct vulkan_kinds vulkan_memory_kinds(const struct vulkan *v, uint32_t allowed, VkMemoryPropertyFlags needed,
-                                               VkMemoryPropertyFlags preferred)
+/* The kinds of memory with all that is needed, those that are also `preferred` first. None with a property
+ * that is not named here: others, as AMD's coherent memory, want a feature. */
+static struct vulkan_kinds vulkan_memory_kinds(const struct vulkan *v, uint32_t allowed,
+                                               VkMemoryPropertyFlags needed, VkMemoryPropertyFlags preferred)
 {
-    const VkMemoryPropertyFlags known = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT | VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT |
-                                        VK_MEMORY_PROPERTY_HOST_COHERENT_BIT | VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
-    const int           apart = v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
-    struct vulkan_kinds out   = {.count = 0};
+    const VkMemoryPropertyFlags known =
+        VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT | VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT |
+        VK_MEMORY_PROPERTY_HOST_COHERENT_BIT | VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
+    const int apart = v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    struct vulkan_kinds out = {.count = 0};
     for (int strict = 1; strict >= 0; strict--) {
         for (uint32_t i = 0; i < v->memory.memoryTypeCount; i++) {
             const VkMemoryPropertyFlags has = v->memory.memoryTypes[i].propertyFlags;
@@ -75,7 +80,8 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
 static void vulkan_say_beyond(struct vulkan *v, VkDeviceSize size)
 {
     if (!v->said_beyond)
-        oxl_log(v->ctx, OXL_LOG_WARNING, "%s: %zu MiB more are beyond the memory that is left: slow, if other memory is used",
+        oxl_log(v->ctx, OXL_LOG_WARNING,
+                "%s: %zu MiB more are beyond the memory that is left: slow, if other memory is used",
                 v->properties.deviceName, (size_t)(size >> 20));
     v->said_beyond = 1;
 }
@@ -87,13 +93,14 @@ static int vulkan_is_beyond(const struct vulkan *v, uint32_t kind, VkDeviceSize 
     return own && v->budgets && size > vulkan_memory_left(v, kind);
 }
 
-/* Of the first of `count` kinds that has room for it. A heap may be small (16 MiB of what the host sees, before gigabytes), and more than
- * a heap must not be asked of it. beyond: what its budget has not may be asked of it. */
-static VkResult vulkan_allocate_of(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, uint32_t count,
-                                   int beyond, VkDeviceMemory *out)
+/* Of the first of `count` kinds that has room for it. A heap may be small (16 MiB of what the host sees,
+ * before gigabytes), and more than a heap must not be asked of it. beyond: what its budget has not may be
+ * asked of it. */
+static VkResult vulkan_allocate_of(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from,
+                                   uint32_t count, int beyond, VkDeviceMemory *out)
 {
-    VkMemoryAllocateInfo info   = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .allocationSize = size};
-    VkResult             result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    VkMemoryAllocateInfo info = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .allocationSize = size};
+    VkResult result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
     for (uint32_t i = 0; i < count && result == VK_ERROR_OUT_OF_DEVICE_MEMORY; i++) {
         info.memoryTypeIndex = from->kind[i];
         if (vulkan_heap_size(v, from->kind[i]) < size) continue;
@@ -106,29 +113,37 @@ static VkResult vulkan_allocate_of(struct vulkan *v, VkDeviceSize size, const st
     return result;
 }
 
-/* Images that are kept on the device leave it before memory far from it is used, not while there is other memory near it. */
-static VkResult vulkan_allocate(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from, VkDeviceMemory *out)
+/* Images that are kept on the device leave it before memory far from it is used, not while there is other
+ * memory near it. */
+static VkResult vulkan_allocate(struct vulkan *v, VkDeviceSize size, const struct vulkan_kinds *from,
+                                VkDeviceMemory *out)
 {
     VkResult result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
     if (vulkan_is_short(result) && v->evict && v->evict(v, 0) > 0)
         result = vulkan_allocate_of(v, size, from, from->close_by, 0, out);
     if (v->lost) return v->lost; /* while images were waited for */
-    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY ? vulkan_allocate_of(v, size, from, from->count, !v->portable, out) : result;
+    return result == VK_ERROR_OUT_OF_DEVICE_MEMORY
+               ? vulkan_allocate_of(v, size, from, from->count, !v->portable, out)
+               : result;
 }
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host)
 {
-    const VkBufferCreateInfo    info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
-                                        .size  = size,
-                                        .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
-                                                 VK_BUFFER_USAGE_TRANSFER_DST_BIT};
-    const VkMemoryPropertyFlags host = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-    VkMemoryRequirements        needs;
-    struct vulkan_kinds         kinds;
-    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer")) return;
+    const VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                     .size = size,
+                                     .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
+                                              VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                                              VK_BUFFER_USAGE_TRANSFER_DST_BIT};
+    const VkMemoryPropertyFlags host =
+        VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    VkMemoryRequirements needs;
+    struct vulkan_kinds kinds;
+    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer"))
+        return;
     v->GetBufferMemoryRequirements(v->device, b->handle, &needs);
     kinds = vulkan_memory_kinds(v, needs.memoryTypeBits, for_host ? host : 0,
-                                for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+                                for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT
+                                         : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     if (!for_host && kinds.count > 0) v->kind = vulkan_main_kind(v, &kinds);
     if (kinds.count == 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
     else if (vulkan_ok(v, vulkan_allocate(v, needs.size, &kinds, &b->memory), "memory for a buffer"))
@@ -138,8 +153,8 @@ OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_
 }
 
 /* At least so many elements, and no more; what it held is lost. */
-OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
-                                         const char *what)
+OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count,
+                                         size_t element, const char *what)
 {
     const size_t least = OXL_MAX(count, (size_t)1) * element;
     if (v->rc != OXL_OK || b->size >= least) return;
@@ -156,7 +171,8 @@ OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer 
 }
 
 /* With a quarter more where it is allocated, for what grows, if there is room for that. */
-OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
+OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
+                                 const char *what)
 {
     const size_t more = OXL_MIN(count + count / 4, v->range / element);
     if (v->rc != OXL_OK || b->size >= OXL_MAX(count, (size_t)1) * element) return;

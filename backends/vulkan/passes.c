@@ -1,19 +1,22 @@
 /* passes.c - the command buffer, and passes: one compute shader over a number of workgroups.
  *
- * Every command has a barrier behind it, so passes see what earlier ones wrote. What the host sends and reads goes through one
- * staging buffer.
+ * Every command has a barrier behind it, so passes see what earlier ones wrote. What the host sends and reads
+ * goes through one staging buffer.
  *
- * Invariant: whatever is recorded works on buffers that live until it was submitted and waited for (vulkan_reserve sees to that).
+ * Invariant: whatever is recorded works on buffers that live until it was submitted and waited for
+ * (vulkan_reserve sees to that).
  */
 #include "state.h"
 #include "generated/spirv.h"
 
-#define VULKAN_PASS(name) \
-    [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH, SPIRV_##name##_SHARED}
+#define VULKAN_PASS(name)                                                                             \
+    [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH, \
+                     SPIRV_##name##_SHARED}
 static const struct {
     const uint32_t *words;
-    size_t          bytes;
-    uint32_t bindings, push, shared; /* storage buffers, in the shader's order; bytes of push constants; of shared memory */
+    size_t bytes;
+    /* storage buffers, in the shader's order; bytes of push constants; of shared memory */
+    uint32_t bindings, push, shared;
 } VULKAN_PASSES[PASS_COUNT] = {
     VULKAN_PASS(PROJECT),
     VULKAN_PASS(SCAN),
@@ -45,12 +48,13 @@ OXL_INTERNAL size_t vulkan_shared(void)
 {
     size_t most = 0;
     for (int pass = 0; pass < PASS_COUNT; pass++)
-        if (pass != PASS_RASTER_BACKWARD_8 && pass != PASS_RASTER_BACKWARD_16 && pass != PASS_RASTER_BACKWARD_8_LOBED)
+        if (pass != PASS_RASTER_BACKWARD_8 && pass != PASS_RASTER_BACKWARD_16 &&
+            pass != PASS_RASTER_BACKWARD_8_LOBED)
             most = OXL_MAX(most, VULKAN_PASSES[pass].shared);
     return most;
 }
 
-/* ---------------------------------------------------------------- what went wrong */
+/* ---------------- what went wrong */
 
 OXL_INTERNAL const char *vulkan_word(VkResult result)
 {
@@ -78,12 +82,13 @@ OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
     const char *name = v->properties.deviceName[0] ? v->properties.deviceName : "Vulkan";
     if (result == VK_SUCCESS) return v->rc == OXL_OK;
     if (v->rc == OXL_OK && vulkan_is_short(result))
-        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
-                         "%s, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", name, what,
-                         vulkan_word(result), (int)result);
-    if (v->rc == OXL_OK)
         v->rc =
-            oxl_fail(v->ctx, OXL_ERR_FAILED, "%s, %s: %s (%d)\nfix: --backend cpu", name, what, vulkan_word(result), (int)result);
+            oxl_fail(v->ctx, OXL_ERR_MEMORY,
+                     "%s, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu",
+                     name, what, vulkan_word(result), (int)result);
+    if (v->rc == OXL_OK)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED, "%s, %s: %s (%d)\nfix: --backend cpu", name, what,
+                         vulkan_word(result), (int)result);
     return 0;
 }
 
@@ -94,7 +99,7 @@ OXL_INTERNAL int vulkan_may_retry(struct vulkan *v)
     return 1;
 }
 
-/* ---------------------------------------------------------------- recording and submitting */
+/* ---------------- recording and submitting */
 
 static struct vulkan_frame *vulkan_frame(struct vulkan *v)
 {
@@ -105,7 +110,7 @@ OXL_INTERNAL int vulkan_record(struct vulkan *v)
 {
     const VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                             .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
-    struct vulkan_frame           *f     = vulkan_frame(v);
+    struct vulkan_frame *f = vulkan_frame(v);
     if (v->rc != OXL_OK || v->recording) return v->rc == OXL_OK;
     v->commands = f->command[f->command_at];
     if (!vulkan_ok(v, v->BeginCommandBuffer(v->commands, &begin), "recording")) return 0;
@@ -116,11 +121,12 @@ OXL_INTERNAL int vulkan_record(struct vulkan *v)
     return 1;
 }
 
-/* From now on each pass is timed by the device's own clock, into pass_seconds and pass_runs. For the benchmark. */
+/* From now on each pass is timed by the device's own clock, into pass_seconds and pass_runs. For the
+ * benchmark. */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
 {
-    const VkQueryPoolCreateInfo info = {.sType      = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
-                                        .queryType  = VK_QUERY_TYPE_TIMESTAMP,
+    const VkQueryPoolCreateInfo info = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
+                                        .queryType = VK_QUERY_TYPE_TIMESTAMP,
                                         .queryCount = VULKAN_FRAMES * 2 * VULKAN_SETS};
     if (!v->properties.limits.timestampComputeAndGraphics || v->stamp_mask == 0)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s has no clock", v->properties.deviceName);
@@ -128,11 +134,12 @@ OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
     return v->rc;
 }
 
-/* Before (0) and after (1) the pass that is recorded next. What went before has ended: the barrier behind it sees to that. */
+/* Before (0) and after (1) the pass that is recorded next. What went before has ended: the barrier behind it
+ * sees to that. */
 static void vulkan_stamp(struct vulkan *v, enum vulkan_pass pass, uint32_t after)
 {
-    struct vulkan_frame *f   = vulkan_frame(v);
-    const uint32_t       set = (uint32_t)f->sets - 1;
+    struct vulkan_frame *f = vulkan_frame(v);
+    const uint32_t set = (uint32_t)f->sets - 1;
     if (!v->clock) return;
     f->pass_at[set] = (uint8_t)pass;
     v->CmdWriteTimestamp(v->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, v->clock,
@@ -142,14 +149,15 @@ static void vulkan_stamp(struct vulkan *v, enum vulkan_pass pass, uint32_t after
 static void vulkan_read_clock(struct vulkan *v, const struct vulkan_frame *f)
 {
     const uint32_t first = (uint32_t)(f - v->frame) * 2 * VULKAN_SETS;
-    uint64_t       stamp[2 * VULKAN_SETS];
+    uint64_t stamp[2 * VULKAN_SETS];
     if (!v->clock || f->sets == 0) return;
-    if (v->GetQueryPoolResults(v->device, v->clock, first, 2 * (uint32_t)f->sets, sizeof stamp, stamp, sizeof *stamp,
+    if (v->GetQueryPoolResults(v->device, v->clock, first, 2 * (uint32_t)f->sets, sizeof stamp, stamp,
+                               sizeof *stamp,
                                VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT) != VK_SUCCESS)
         return;
     for (int i = 0; i < f->sets; i++) {
-        v->pass_seconds[f->pass_at[i]] +=
-            1e-9 * v->properties.limits.timestampPeriod * (double)((stamp[2 * i + 1] - stamp[2 * i]) & v->stamp_mask);
+        v->pass_seconds[f->pass_at[i]] += 1e-9 * v->properties.limits.timestampPeriod *
+                                          (double)((stamp[2 * i + 1] - stamp[2 * i]) & v->stamp_mask);
         v->pass_runs[f->pass_at[i]]++;
     }
 }
@@ -157,28 +165,32 @@ static void vulkan_read_clock(struct vulkan *v, const struct vulkan_frame *f)
 /* What was recorded before is done, and seen, before what comes. */
 OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
 {
-    const VkMemoryBarrier      barrier = {.sType         = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
-                                          .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT,
-                                          .dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT |
-                                                           VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT |
-                                                           VK_ACCESS_HOST_READ_BIT};
-    const VkPipelineStageFlags from    = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
-    v->updates                         = 0;
+    const VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                     .srcAccessMask =
+                                         VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT,
+                                     .dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT |
+                                                      VK_ACCESS_TRANSFER_READ_BIT |
+                                                      VK_ACCESS_TRANSFER_WRITE_BIT | VK_ACCESS_HOST_READ_BIT};
+    const VkPipelineStageFlags from = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    v->updates = 0;
     v->barriers++;
-    v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
+    v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0,
+                          NULL);
 }
 
 static void vulkan_say_lost(struct vulkan *v)
 {
-    v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
-                     "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
-                     "not help, a smaller --max-side, or --backend cpu",
-                     v->properties.deviceName, vulkan_word(v->lost), (int)v->lost);
+    v->rc = oxl_fail(
+        v->ctx, OXL_ERR_FAILED,
+        "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
+        "not help, a smaller --max-side, or --backend cpu",
+        v->properties.deviceName, vulkan_word(v->lost), (int)v->lost);
 }
 
-/* The device is abandoned, its objects stay allocated. After a timeout a submission continues, or hangs: its fence, buffers and pools must
- * not be touched, and another wait may not end. A lost device frees nothing either. And where something could not be submitted,
- * what is on the device is not what the host takes it for. Returns 0. */
+/* The device is abandoned, its objects stay allocated. After a timeout a submission continues, or hangs: its
+ * fence, buffers and pools must not be touched, and another wait may not end. A lost device frees nothing
+ * either. And where something could not be submitted, what is on the device is not what the host takes it
+ * for. Returns 0. */
 OXL_INTERNAL int vulkan_give_up(struct vulkan *v, VkResult result)
 {
     v->lost = result;
@@ -194,7 +206,7 @@ static void vulkan_clear_frame(struct vulkan *v, struct vulkan_frame *f)
     if (result == VK_SUCCESS) result = v->ResetFences(v->device, 1, &f->fence);
     if (result != VK_SUCCESS) vulkan_give_up(v, result);
     f->sets = f->command_at = f->under_way = 0;
-    f->staged                              = 0;
+    f->staged = 0;
 }
 
 /* The number of the frame that is recorded. It is v->mark from vulkan_mark to vulkan_clear_frame. */
@@ -203,13 +215,15 @@ OXL_INTERNAL uint32_t vulkan_frame_number(const struct vulkan *v)
     return v->mark + !v->marked;
 }
 
-/* The last command of a frame writes the frame's number where the host sees it: a wait for a lost device may succeed without the work. */
+/* The last command of a frame writes the frame's number where the host sees it: a wait for a lost device may
+ * succeed without the work. */
 static void vulkan_mark(struct vulkan *v, struct vulkan_frame *f)
 {
     const int relied_on = v->relied_on;
-    f->mark             = ++v->mark;
-    v->marked           = 1;
-    vulkan_fill(v, &v->staging, VULKAN_MARKS + (size_t)(f - v->frame) * sizeof f->mark, sizeof f->mark, f->mark);
+    f->mark = ++v->mark;
+    v->marked = 1;
+    vulkan_fill(v, &v->staging, VULKAN_MARKS + (size_t)(f - v->frame) * sizeof f->mark, sizeof f->mark,
+                f->mark);
     v->relied_on = relied_on;
 }
 
@@ -220,12 +234,13 @@ static int vulkan_is_done(const struct vulkan *v, const struct vulkan_frame *f)
     return mark == f->mark;
 }
 
-/* Until the device is done with a frame, each of its submissions within the time limit. A wait that finds no memory is repeated. */
+/* Until the device is done with a frame, each of its submissions within the time limit. A wait that finds no
+ * memory is repeated. */
 static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
 {
     const uint64_t submissions = (uint64_t)f->command_at + 1;
-    const uint64_t most        = v->timeout_ns > UINT64_MAX / submissions ? UINT64_MAX : v->timeout_ns * submissions;
-    VkResult       result      = VK_ERROR_OUT_OF_HOST_MEMORY;
+    const uint64_t most = v->timeout_ns > UINT64_MAX / submissions ? UINT64_MAX : v->timeout_ns * submissions;
+    VkResult result = VK_ERROR_OUT_OF_HOST_MEMORY;
     if (!f->under_way || v->lost) return;
     for (int tries = 0; tries < 3 && vulkan_is_short(result); tries++)
         result = v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, most);
@@ -238,8 +253,9 @@ static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
     vulkan_clear_frame(v, f);
 }
 
-/* A command buffer that could not be ended is lost. Where the host relies on nothing in it, that is a lack of memory like others, but for
- * what comes behind it (vulkan.is_permanent); the next one is used, since only the whole pool is reset. */
+/* A command buffer that could not be ended is lost. Where the host relies on nothing in it, that is a lack of
+ * memory like others, but for what comes behind it (vulkan.is_permanent); the next one is used, since only
+ * the whole pool is reset. */
 static int vulkan_fail_end(struct vulkan *v, VkResult result)
 {
     const int last = vulkan_frame(v)->command_at + 1 == VULKAN_COMMANDS;
@@ -249,8 +265,8 @@ static int vulkan_fail_end(struct vulkan *v, VkResult result)
     return vulkan_ok(v, result, "recording");
 }
 
-/* A submission that finds no memory has changed nothing: it is repeated when the other frames have ended, which hold some, and when images
- * that it does not name have left the device. */
+/* A submission that finds no memory has changed nothing: it is repeated when the other frames have ended,
+ * which hold some, and when images that it does not name have left the device. */
 static int vulkan_submit(struct vulkan *v, VkFence fence)
 {
     const VkSubmitInfo submit = {
@@ -259,10 +275,11 @@ static int vulkan_submit(struct vulkan *v, VkFence fence)
     if (v->updates) vulkan_barrier(v);
     v->submissions++;
     v->recording = 0;
-    result       = v->EndCommandBuffer(v->commands);
+    result = v->EndCommandBuffer(v->commands);
     if (result != VK_SUCCESS) return vulkan_fail_end(v, result);
     result = v->QueueSubmit(v->queue, 1, &submit, fence);
-    for (int k = 1; k < VULKAN_FRAMES && vulkan_is_short(result); k++) vulkan_wait(v, &v->frame[(v->at + k) % VULKAN_FRAMES]);
+    for (int k = 1; k < VULKAN_FRAMES && vulkan_is_short(result); k++)
+        vulkan_wait(v, &v->frame[(v->at + k) % VULKAN_FRAMES]);
     if (vulkan_is_short(result) && !v->lost) result = v->QueueSubmit(v->queue, 1, &submit, fence);
     if (vulkan_is_short(result) && !v->lost && v->evict && v->evict(v, vulkan_frame_number(v)) > 0)
         result = v->QueueSubmit(v->queue, 1, &submit, fence);
@@ -281,7 +298,8 @@ static void vulkan_submit_frame(struct vulkan *v)
     v->marked = 0;
 }
 
-/* Where the frame's last command buffer could not be ended, an empty one takes the fence: those before it are under way. */
+/* Where the frame's last command buffer could not be ended, an empty one takes the fence: those before it are
+ * under way. */
 static void vulkan_fence_frame(struct vulkan *v)
 {
     oxl_result failed;
@@ -354,19 +372,20 @@ static size_t vulkan_stage(struct vulkan *v, size_t size)
 {
     size_t at;
     if (vulkan_frame(v)->staged + size > VULKAN_STAGING) vulkan_finish(v);
-    at                      = vulkan_frame(v)->staged;
+    at = vulkan_frame(v)->staged;
     vulkan_frame(v)->staged = (at + size + 15) & ~(size_t)15;
     return (size_t)v->at * VULKAN_STAGING + at;
 }
 
-OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
+OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset,
+                                const void *from, size_t size)
 {
     v->sent += size;
     for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
         VkBufferCopy copy;
-        size_t       at;
+        size_t at;
         piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
-        at    = vulkan_stage(v, piece);
+        at = vulkan_stage(v, piece);
         if (!vulkan_ready(v)) return;
         memcpy(v->mapped + at, (const char *)from + done, piece);
         copy = (VkBufferCopy){at, offset + done, piece};
@@ -376,8 +395,8 @@ OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to
     }
 }
 
-OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from, const struct vulkan_buffer *to, size_t offset,
-                              size_t size)
+OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from,
+                              const struct vulkan_buffer *to, size_t offset, size_t size)
 {
     const VkBufferCopy copy = {0, offset, size};
     if (!vulkan_ready(v)) return;
@@ -390,13 +409,15 @@ OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from
 OXL_INTERNAL void vulkan_collect(struct vulkan *v)
 {
     const int reads = v->reads;
-    v->reads        = 0;
+    v->reads = 0;
     if (vulkan_finish(v) != OXL_OK) return;
     for (int i = 0; i < reads; i++) memcpy(v->read[i].to, v->mapped + v->read[i].at, v->read[i].size);
 }
 
-/* `to` is filled by vulkan_collect, which must come before anything else is sent: many small pieces, one wait. */
-OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+/* `to` is filled by vulkan_collect, which must come before anything else is sent: many small pieces, one
+ * wait. */
+OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset,
+                                    void *to, size_t size)
 {
     v->read_bytes += size;
     for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
@@ -404,28 +425,31 @@ OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer
         piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
         if (vulkan_frame(v)->staged + piece > VULKAN_STAGING || v->reads == VULKAN_READS) vulkan_collect(v);
         if (!vulkan_ready(v)) return;
-        copy                = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
+        copy = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
         v->read[v->reads++] = (struct vulkan_read){(char *)to + done, copy.dstOffset, piece};
         v->CmdCopyBuffer(v->commands, from->handle, v->staging.handle, 1, &copy);
         vulkan_barrier(v);
     }
 }
 
-OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to,
+                                  size_t size)
 {
     vulkan_queue_read(v, from, offset, to, size);
     vulkan_collect(v);
 }
 
 /* A few words, kept in the command itself. Updates that follow each other have one barrier. */
-OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
+OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset,
+                                const void *from, size_t size)
 {
     if (!vulkan_record(v)) return;
     v->CmdUpdateBuffer(v->commands, to->handle, offset, size, from);
     v->updates = 1;
 }
 
-OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size, uint32_t value)
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size,
+                              uint32_t value)
 {
     if (!vulkan_ready(v)) return;
     v->CmdFillBuffer(v->commands, to->handle, offset, size, value);
@@ -433,45 +457,50 @@ OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, 
     vulkan_barrier(v);
 }
 
-/* ---------------------------------------------------------------- running a pass */
+/* ---------------- running a pass */
 
 static void vulkan_make_layout(struct vulkan *v, enum vulkan_pass pass)
 {
-    struct vulkan_pipeline          *p = &v->pipeline[pass];
-    VkDescriptorSetLayoutBinding     binding[VULKAN_BINDINGS];
-    const VkPushConstantRange        push   = {VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push};
-    VkDescriptorSetLayoutCreateInfo  set    = {.sType        = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
-                                               .bindingCount = VULKAN_PASSES[pass].bindings,
-                                               .pBindings    = binding};
-    const VkPipelineLayoutCreateInfo layout = {.sType                  = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
-                                               .setLayoutCount         = 1,
-                                               .pSetLayouts            = &p->set,
+    struct vulkan_pipeline *p = &v->pipeline[pass];
+    VkDescriptorSetLayoutBinding binding[VULKAN_BINDINGS];
+    const VkPushConstantRange push = {VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push};
+    VkDescriptorSetLayoutCreateInfo set = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
+                                           .bindingCount = VULKAN_PASSES[pass].bindings,
+                                           .pBindings = binding};
+    const VkPipelineLayoutCreateInfo layout = {.sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
+                                               .setLayoutCount = 1,
+                                               .pSetLayouts = &p->set,
                                                .pushConstantRangeCount = 1,
-                                               .pPushConstantRanges    = &push};
+                                               .pPushConstantRanges = &push};
     for (uint32_t i = 0; i < VULKAN_PASSES[pass].bindings; i++)
-        binding[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL};
+        binding[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1,
+                                                    VK_SHADER_STAGE_COMPUTE_BIT, NULL};
     if (p->set || vulkan_ok(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), "a layout"))
         vulkan_ok(v, v->CreatePipelineLayout(v->device, &layout, NULL, &p->layout), "a layout");
 }
 
 static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_t variant)
 {
-    const VkSpecializationMapEntry entry   = {0, 0, sizeof variant};
-    const VkSpecializationInfo     special = {1, &entry, sizeof variant, &variant};
-    const VkShaderModuleCreateInfo code    = {.sType    = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                              .codeSize = VULKAN_PASSES[pass].bytes,
-                                              .pCode    = VULKAN_PASSES[pass].words};
-    VkShaderModule                 module;
-    VkComputePipelineCreateInfo    info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
+    const VkSpecializationMapEntry entry = {0, 0, sizeof variant};
+    const VkSpecializationInfo special = {1, &entry, sizeof variant, &variant};
+    const VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                           .codeSize = VULKAN_PASSES[pass].bytes,
+                                           .pCode = VULKAN_PASSES[pass].words};
+    VkShaderModule module;
+    VkComputePipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
     if (!v->pipeline[pass].layout) vulkan_make_layout(v, pass);
-    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateShaderModule(v->device, &code, NULL, &module), "a shader")) return;
+    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateShaderModule(v->device, &code, NULL, &module), "a shader"))
+        return;
     info.layout = v->pipeline[pass].layout;
-    info.stage  = (VkPipelineShaderStageCreateInfo){.sType               = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                                                    .stage               = VK_SHADER_STAGE_COMPUTE_BIT,
-                                                    .module              = module,
-                                                    .pName               = "main",
-                                                    .pSpecializationInfo = &special};
-    vulkan_ok(v, v->CreateComputePipelines(v->device, VK_NULL_HANDLE, 1, &info, NULL, &v->pipeline[pass].variant[variant]),
+    info.stage =
+        (VkPipelineShaderStageCreateInfo){.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                                          .stage = VK_SHADER_STAGE_COMPUTE_BIT,
+                                          .module = module,
+                                          .pName = "main",
+                                          .pSpecializationInfo = &special};
+    vulkan_ok(v,
+              v->CreateComputePipelines(v->device, VK_NULL_HANDLE, 1, &info, NULL,
+                                        &v->pipeline[pass].variant[variant]),
               "a shader");
     v->DestroyShaderModule(v->device, module, NULL);
 }
@@ -483,54 +512,59 @@ OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32
     vulkan_make_variant(v, pass, variant);
     if (v->rc == OXL_OK) return;
     v->is_permanent = v->rc != OXL_ERR_MEMORY;
-    v->rc           = OXL_ERR_MEMORY;
+    v->rc = OXL_ERR_MEMORY;
 }
 
 /* Shaders are compiled as if no two bindings shared memory, so one buffer must not be bound twice. */
-static void vulkan_check_bindings(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
+static void vulkan_check_bindings(struct vulkan *v, enum vulkan_pass pass,
+                                  const struct vulkan_buffer *const *buffer)
 {
     for (uint32_t i = 0; v->validates && i < VULKAN_PASSES[pass].bindings; i++)
         for (uint32_t k = 0; k < i; k++)
             if (buffer[i] && buffer[k] && buffer[i]->handle && buffer[i]->handle == buffer[k]->handle &&
                 v->validation_messages++ < 10)
-                oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan: pass %d binds one buffer as %u and %u", (int)pass, k, i);
+                oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan: pass %d binds one buffer as %u and %u", (int)pass,
+                        k, i);
 }
 
-static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
+static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass,
+                                   const struct vulkan_buffer *const *buffer)
 {
-    const uint32_t                    count = VULKAN_PASSES[pass].bindings;
-    const VkDescriptorSetAllocateInfo info  = {.sType              = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
-                                               .descriptorPool     = vulkan_frame(v)->descriptor_pool,
-                                               .descriptorSetCount = 1,
-                                               .pSetLayouts        = &v->pipeline[pass].set};
-    VkDescriptorSet                   set   = VK_NULL_HANDLE;
-    VkDescriptorBufferInfo            whole[VULKAN_BINDINGS];
-    VkWriteDescriptorSet              write = {.sType           = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
-                                               .descriptorCount = count,
-                                               .descriptorType  = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                               .pBufferInfo     = whole};
+    const uint32_t count = VULKAN_PASSES[pass].bindings;
+    const VkDescriptorSetAllocateInfo info = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
+                                              .descriptorPool = vulkan_frame(v)->descriptor_pool,
+                                              .descriptorSetCount = 1,
+                                              .pSetLayouts = &v->pipeline[pass].set};
+    VkDescriptorSet set = VK_NULL_HANDLE;
+    VkDescriptorBufferInfo whole[VULKAN_BINDINGS];
+    VkWriteDescriptorSet write = {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                  .descriptorCount = count,
+                                  .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                  .pBufferInfo = whole};
     vulkan_check_bindings(v, pass, buffer);
-    if (!vulkan_ok(v, v->AllocateDescriptorSets(v->device, &info, &set), "descriptors")) return VK_NULL_HANDLE;
+    if (!vulkan_ok(v, v->AllocateDescriptorSets(v->device, &info, &set), "descriptors"))
+        return VK_NULL_HANDLE;
     for (uint32_t i = 0; i < count; i++)
-        whole[i] =
-            (VkDescriptorBufferInfo){buffer[i] && buffer[i]->handle ? buffer[i]->handle : v->dummy.handle, 0, VK_WHOLE_SIZE};
+        whole[i] = (VkDescriptorBufferInfo){
+            buffer[i] && buffer[i]->handle ? buffer[i]->handle : v->dummy.handle, 0, VK_WHOLE_SIZE};
     write.dstSet = set;
     v->UpdateDescriptorSets(v->device, 1, &write, 0, NULL);
     return set;
 }
 
 /* Records a pass of so many workgroups, see VULKAN_RUN. buffer: NULL where the variant uses none. */
-OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
-                             const struct vulkan_buffer *const *buffer)
+OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups,
+                             const void *push, const struct vulkan_buffer *const *buffer)
 {
-    struct vulkan_pipeline *p      = &v->pipeline[pass];
-    const size_t            across = OXL_MIN(groups, v->groups_max), down = across ? (groups + across - 1) / across : 0;
-    VkDescriptorSet         set;
+    struct vulkan_pipeline *p = &v->pipeline[pass];
+    const size_t across = OXL_MIN(groups, v->groups_max), down = across ? (groups + across - 1) / across : 0;
+    VkDescriptorSet set;
     if (v->rc != OXL_OK || groups == 0) return;
     if (vulkan_frame(v)->sets == VULKAN_SETS) vulkan_finish(v);
     if (down > v->groups_max) {
-        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED, "%s: %zu workgroups are more than it takes\nfix: --backend cpu",
-                         v->properties.deviceName, groups);
+        v->rc =
+            oxl_fail(v->ctx, OXL_ERR_FAILED, "%s: %zu workgroups are more than it takes\nfix: --backend cpu",
+                     v->properties.deviceName, groups);
         return;
     }
     vulkan_prepare(v, pass, variant);
@@ -540,7 +574,8 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
     vulkan_frame(v)->sets++;
     v->CmdBindPipeline(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->variant[variant]);
     v->CmdBindDescriptorSets(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout, 0, 1, &set, 0, NULL);
-    v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push, push);
+    v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push,
+                        push);
     vulkan_stamp(v, pass, 0);
     v->dispatches++;
     v->relied_on |= pass == PASS_STEP || pass == PASS_OBSERVE || pass == PASS_MOVE || pass == PASS_UNPACK;

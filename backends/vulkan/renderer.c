@@ -1,20 +1,25 @@
-/* renderer.c - the renderer on a Vulkan device: the functions of struct renderer_device, each as a few passes of the shaders in shaders/.
+/* renderer.c - the renderer on a Vulkan device: the functions of struct renderer_device, each as a few passes
+ * of the shaders in shaders/.
  *
- * A step (compare src/render/renderer.c; the arrows are where the host waits, but in deferred steps, which report later):
- *     project, sort by depth, count the pairs  ->  emit the pairs, sort by tile, rasterize, loss  ->  backward, Adam, statistics  ->
+ * A step (compare src/render/renderer.c; the arrows are where the host waits, but in deferred steps, which
+ * report later):
+ *     project, sort by depth, count the pairs  ->  emit the pairs, sort by tile, rasterize,
+ *     loss  ->  backward, Adam, statistics  ->
  *
- * Invariants: no atomics on floats, and every sum has a written order, so a device repeats its own results. It does not give the
- * CPU's bytes: order of sums and rounding of single operations differ (tests/test_vulkan.c has the bounds).
+ * Invariants: no atomics on floats, and every sum has a written order, so a device repeats its own results.
+ * It does not give the CPU's bytes: order of sums and rounding of single operations differ
+ * (tests/test_vulkan.c has the bounds).
  */
 #include "resident.h"
 #include "../../src/render/kernels.h"
 #include "../../src/core/vecmath.h"
 
-/* ---------------------------------------------------------------- scanning and sorting */
+/* ---------------- scanning and sorting */
 
-/* Exclusive prefix sums of n numbers, in place; the total goes to counts[slot]: 0, and the steps halt, if it is more than `most`. */
-static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n, enum vulkan_count slot,
-                        uint32_t most)
+/* Exclusive prefix sums of n numbers, in place; the total goes to counts[slot]: 0, and the steps halt, if it
+ * is more than `most`. */
+static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n,
+                        enum vulkan_count slot, uint32_t most)
 {
     const uint32_t push[3] = {(uint32_t)n, slot, most}, sums[3] = {(uint32_t)vulkan_chunks(n), slot, most};
     if (n <= VULKAN_SCAN_WHOLE) {
@@ -31,49 +36,52 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
                        enum vulkan_count slot, size_t most, uint32_t bits)
 {
     const size_t chunks = vulkan_chunks(most);
-    int          at     = 0;
+    int at = 0;
     for (uint32_t shift = 0; shift < bits && chunks > 0; shift += VULKAN_DIGIT, at ^= 1) {
         const uint32_t push[3] = {slot, shift, (uint32_t)chunks};
         VULKAN_RUN(r->v, SORT_COUNT, 0, chunks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
         VULKAN_RUN(r->v, SCAN, 3, VULKAN_DIGITS / 8, VULKAN_PUSH((uint32_t)chunks, 0, 0),
                    VULKAN_BUFFERS(&r->histogram, &r->counts, &r->digits));
         VULKAN_RUN(r->v, SORT_SCATTER, 0, chunks, push,
-                   VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at], &value[at ^ 1]));
+                   VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at],
+                                  &value[at ^ 1]));
     }
     return at;
 }
 
-/* ---------------------------------------------------------------- forward */
+/* ---------------- forward */
 
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
 {
-    const uint32_t       on = HALT_NONE;
-    struct kernel_camera k  = render_kernel_camera(c, o->near_plane);
+    const uint32_t on = HALT_NONE;
+    struct kernel_camera k = render_kernel_camera(c, o->near_plane);
     render_set_alpha_min(&k, o->alpha_min);
-    r->view  = (struct vulkan_view){.rotation    = {k.rotation.x.x, k.rotation.x.y, k.rotation.x.z, k.rotation.y.x, k.rotation.y.y,
-                                                    k.rotation.y.z, k.rotation.z.x, k.rotation.z.y, k.rotation.z.z},
-                                    .translation = {k.translation.x, k.translation.y, k.translation.z},
-                                    .eye         = {k.eye.x, k.eye.y, k.eye.z},
-                                    .fx          = k.fx,
-                                    .fy          = k.fy,
-                                    .cx          = k.cx,
-                                    .cy          = k.cy,
-                                    .limit_x     = k.limit_x,
-                                    .limit_y     = k.limit_y,
-                                    .near_plane  = k.near_plane,
-                                    .background  = {o->background[0], o->background[1], o->background[2]},
-                                    .alpha_min   = k.alpha_min,
-                                    .cut         = k.cutoff_bits,
-                                    .width       = (uint32_t)c->width,
-                                    .height      = (uint32_t)c->height,
-                                    .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,
-                                    .tiles_y     = (uint32_t)(c->height + TILE - 1) / TILE,
-                                    .infinity    = VULKAN_INFINITY};
+    r->view = (struct vulkan_view){.rotation = {k.rotation.x.x, k.rotation.x.y, k.rotation.x.z,
+                                                k.rotation.y.x, k.rotation.y.y, k.rotation.y.z,
+                                                k.rotation.z.x, k.rotation.z.y, k.rotation.z.z},
+                                   .translation = {k.translation.x, k.translation.y, k.translation.z},
+                                   .eye = {k.eye.x, k.eye.y, k.eye.z},
+                                   .fx = k.fx,
+                                   .fy = k.fy,
+                                   .cx = k.cx,
+                                   .cy = k.cy,
+                                   .limit_x = k.limit_x,
+                                   .limit_y = k.limit_y,
+                                   .near_plane = k.near_plane,
+                                   .background = {o->background[0], o->background[1], o->background[2]},
+                                   .alpha_min = k.alpha_min,
+                                   .cut = k.cutoff_bits,
+                                   .width = (uint32_t)c->width,
+                                   .height = (uint32_t)c->height,
+                                   .tiles_x = (uint32_t)(c->width + TILE - 1) / TILE,
+                                   .tiles_y = (uint32_t)(c->height + TILE - 1) / TILE,
+                                   .infinity = VULKAN_INFINITY};
     r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
     vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
     vulkan_update(r->v, &r->view_buffer, 0, &r->view, sizeof r->view);
-    if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on); /* of a step that was given up */
+    /* of a step that was given up */
+    if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
 }
 
 static void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32_t push[6])
@@ -92,29 +100,33 @@ static void vulkan_project(struct vulkan_renderer *r)
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
         VULKAN_RUN(r->v, PROJECT, 0, vulkan_groups(push[1]), push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b, &r->splat_c, &r->seen,
-                                  &r->lobe_a, &r->lobe_b, &r->rank, &r->counts));
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b,
+                                  &r->splat_c, &r->seen, &r->lobe_a, &r->lobe_b, &r->rank, &r->counts));
     }
 }
 
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
 {
-    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->count),
-               VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b, &r->lobe_a, &r->lobe_b,
-                              &r->row_pairs, &r->pair_key[0], &r->pair_value[0], &r->staged, &r->row_slots));
+    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
+               VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->count),
+               VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b,
+                              &r->lobe_a, &r->lobe_b, &r->row_pairs, &r->pair_key[0], &r->pair_value[0],
+                              &r->staged, &r->row_slots));
 }
 
-/* Up to the number of pairs. The host makes room for them: it waits for the number, or, in a deferred step, keeps to the room there is. */
+/* Up to the number of pairs. The host makes room for them: it waits for the number, or, in a deferred step,
+ * keeps to the room there is. */
 static void vulkan_order_rows(struct vulkan_renderer *r)
 {
-    struct vulkan *v     = r->v;
-    uint32_t       pairs = 0;
-    const int      waits = !r->deferred || r->room == 0;
+    struct vulkan *v = r->v;
+    uint32_t pairs = 0;
+    const int waits = !r->deferred || r->room == 0;
     vulkan_project(r);
     vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE, UINT32_MAX);
     VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
                VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0], &r->counts));
-    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 4 digits: it ends where it began */
+    /* 4 digits: it ends where it began */
+    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32);
     vulkan_footprint(r, 0);
     vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS, waits ? UINT32_MAX : (uint32_t)r->room);
     r->pairs = r->room;
@@ -122,14 +134,15 @@ static void vulkan_order_rows(struct vulkan_renderer *r)
     vulkan_download(v, &r->counts, COUNT_PAIRS * sizeof pairs, &pairs, sizeof pairs);
     r->pairs = pairs;
     if (pairs == UINT32_MAX && v->rc == OXL_OK)
-        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
-                         "more (tile, splat) pairs in one view than can be numbered\nfix: a smaller --max-side");
+        v->rc =
+            oxl_fail(v->ctx, OXL_ERR_MEMORY,
+                     "more (tile, splat) pairs in one view than can be numbered\nfix: a smaller --max-side");
 }
 
 static void vulkan_order_pairs(struct vulkan_renderer *r)
 {
-    struct vulkan *v    = r->v;
-    uint32_t       bits = 1;
+    struct vulkan *v = r->v;
+    uint32_t bits = 1;
     while (r->tiles >> bits) bits++;
     vulkan_footprint(r, 1);
     r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
@@ -137,17 +150,22 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
                VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start, &r->counts));
 }
 
-/* Calls draw(r, part, argument) for the whole image, or for the tiles whose first pair is in a part of the pairs, each part a
- * submission of its own: an operating system resets a GPU that is busy for longer than 2 s with one (Windows' default). The shader looks
- * whether a tile is in the part, so the host need not know the tiles' pairs. docs/log/SPEED.md has the estimates. */
+/* Calls draw(r, part, argument) for the whole image, or for the tiles whose first pair is in a part of the
+ * pairs, each part a
+ * submission of its own: an operating system resets a GPU that is busy for longer than 2 s with one (Windows'
+ * default). The shader looks whether a tile is in the part, so the host need not know the tiles' pairs.
+ * docs/log/SPEED.md has the estimates. */
 static void vulkan_in_parts(struct vulkan_renderer *r,
-                            void (*draw)(struct vulkan_renderer *r, const uint32_t part[2], uint32_t argument), uint32_t argument)
+                            void (*draw)(struct vulkan_renderer *r, const uint32_t part[2],
+                                         uint32_t argument),
+                            uint32_t argument)
 {
     const size_t most = r->v->part, parts = most ? OXL_MAX((r->pairs + most - 1) / most, (size_t)1) : 1;
     const size_t each = r->pairs / parts + 1;
     if (parts > 1) vulkan_flush(r->v);
     for (size_t k = 0; k < parts; k++) {
-        const uint32_t part[2] = {(uint32_t)(k * each), k + 1 < parts ? (uint32_t)((k + 1) * each) : UINT32_MAX};
+        const uint32_t part[2] = {(uint32_t)(k * each),
+                                  k + 1 < parts ? (uint32_t)((k + 1) * each) : UINT32_MAX};
         draw(r, part, argument);
         if (parts > 1) vulkan_flush(r->v);
     }
@@ -158,12 +176,12 @@ static void vulkan_draw_part(struct vulkan_renderer *r, const uint32_t part[2], 
     const uint32_t push[4] = {(uint32_t)r->lobes, part[0], part[1], depths};
     if (r->lobes)
         VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
-                                  &r->splat_c, &r->lobe_a, &r->rgb));
+                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
+                                  &r->splat_a, &r->splat_b, &r->splat_c, &r->lobe_a, &r->rgb));
     else
         VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
-                                  &r->splat_c, NULL, &r->rgb));
+                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
+                                  &r->splat_a, &r->splat_b, &r->splat_c, NULL, &r->rgb));
 }
 
 static void vulkan_draw(struct vulkan_renderer *r, int depths)
@@ -193,14 +211,17 @@ static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
     VULKAN_SAME(SPIRV_RASTER_BACKWARD_4_LOBED_BINDINGS, VULKAN_BINDINGS);
     VULKAN_SAME(SPIRV_RASTER_BACKWARD_8_LOBED_BINDINGS, VULKAN_BINDINGS);
     if (lobed) return v->batch >= 8 ? PASS_RASTER_BACKWARD_8_LOBED : PASS_RASTER_BACKWARD_4_LOBED;
-    return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
+    return v->batch == 16  ? PASS_RASTER_BACKWARD_16
+           : v->batch == 8 ? PASS_RASTER_BACKWARD_8
+                           : PASS_RASTER_BACKWARD_4;
 }
 
-/* All that a step needs, in forward: a step whose memory or shaders cannot be had has changed nothing then, and the CPU can do it. */
+/* All that a step needs, in forward: a step whose memory or shaders cannot be had has changed nothing then,
+ * and the CPU can do it. */
 static void vulkan_reserve_step(struct vulkan_renderer *r)
 {
     static const enum vulkan_pass both[] = {PASS_LOSS_TOTAL, PASS_LOSS_BACKWARD, PASS_STEP};
-    const size_t                  pixels = (size_t)r->view.width * r->view.height;
+    const size_t pixels = (size_t)r->view.width * r->view.height;
     for (uint32_t i = 0; i < 2 * OXL_COUNT(both); i++) vulkan_prepare(r->v, both[i / 2], i % 2);
     vulkan_prepare(r->v, PASS_LOSS_FORWARD, 0);
     vulkan_prepare(r->v, PASS_OBSERVE, 0);
@@ -221,8 +242,8 @@ static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
 {
     if (r->deferred && r->room == 0) {
         const size_t more = r->low_memory ? 0 : r->pairs / VULKAN_ROOM + VULKAN_CHUNK;
-        r->room           = OXL_MIN(r->pairs + more, (size_t)UINT32_MAX - 1);
-        r->pairs          = r->room;
+        r->room = OXL_MIN(r->pairs + more, (size_t)UINT32_MAX - 1);
+        r->pairs = r->room;
     }
     for (int k = 0; k < 2; k++) {
         vulkan_reserve_pairs(r, &r->pair_key[k], 4);
@@ -235,19 +256,21 @@ static void vulkan_reserve_view(struct vulkan_renderer *r, int steps)
 
 static void vulkan_release_pairs(struct vulkan_renderer *r)
 {
-    struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1], &r->staged,
-                                       &r->sums_a,      &r->sums_b,      &r->sums_c,        &r->sums_d,        &r->sums_e};
+    struct vulkan_buffer *by_pair[] = {&r->pair_key[0], &r->pair_key[1], &r->pair_value[0], &r->pair_value[1],
+                                       &r->staged,      &r->sums_a,      &r->sums_b,        &r->sums_c,
+                                       &r->sums_d,      &r->sums_e};
     vulkan_finish(r->v);
     for (size_t i = 0; i < OXL_COUNT(by_pair); i++) vulkan_release(r->v, by_pair[i]);
 }
 
-/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for as much as this view needs;
+/* Where the memory is too short for that, what there is of room is given up, also that of earlier views, for
+ * as much as this view needs;
  * after a failure, for others. */
 static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
 {
-    struct vulkan *v       = r->v;
-    const int      counted = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
-    const size_t   found   = r->pairs;
+    struct vulkan *v = r->v;
+    const int counted = !r->deferred || r->room == 0; /* else r->pairs is the room there is */
+    const size_t found = r->pairs;
     if (v->rc != OXL_OK) return;
     if (counted && r->deferred) r->pairs = OXL_MAX(r->pairs, r->most_pairs);
     vulkan_reserve_view(r, steps);
@@ -255,8 +278,8 @@ static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
     vulkan_release_pairs(r);
     if (!counted || (r->low_memory && r->pairs == found) || !vulkan_may_retry(v)) return;
     r->low_memory = 1;
-    r->room       = 0;
-    r->pairs      = found;
+    r->room = 0;
+    r->pairs = found;
     vulkan_reserve_view(r, steps);
     if (v->rc != OXL_OK) vulkan_release_pairs(r);
 }
@@ -266,12 +289,14 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
-        const oxl_result rc = vulkan_download_model(device, DOWNLOAD_TO_CHANGE); /* another model is rendered in between */
+        /* another model is rendered in between */
+        const oxl_result rc = vulkan_download_model(device, DOWNLOAD_TO_CHANGE);
         if (rc != OXL_OK) return rc;
     }
     vulkan_enter(r->v);
     vulkan_take_model(r, model);
-    r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree : options->sh_degree;
+    r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
+                                                                                         : options->sh_degree;
     vulkan_take_view(r, camera, options);
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
@@ -289,41 +314,45 @@ static oxl_result vulkan_image(void *device, int depths, float *rgb)
     return r->v->rc;
 }
 
-/* ---------------------------------------------------------------- loss */
+/* ---------------- loss */
 
 static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
 {
-    const float   *gain     = r->exposed ? r->gain : (const float[3]){1, 1, 1};
-    const uint32_t push[8]  = {r->view.width,    r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
-                               (uint32_t)masked, vulkan_bits(gain[0]), vulkan_bits(gain[1]), vulkan_bits(gain[2])};
-    const uint32_t total[4] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred, VULKAN_INFINITY};
+    const float *gain = r->exposed ? r->gain : (const float[3]){1, 1, 1};
+    const uint32_t push[8] = {
+        r->view.width,    r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
+        (uint32_t)masked, vulkan_bits(gain[0]), vulkan_bits(gain[1]), vulkan_bits(gain[2])};
+    const uint32_t total[4] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred,
+                               VULKAN_INFINITY};
     VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
-               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2],
+                              &r->partial));
     VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
     VULKAN_RUN(r->v, LOSS_BACKWARD, (uint32_t)r->exposed, 3 * r->tiles, push,
-               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb,
-                              &r->partial));
-    if (r->exposed) VULKAN_RUN(r->v, LOSS_TOTAL, 1, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2],
+                              &r->totals, &r->drgb, &r->partial));
+    if (r->exposed)
+        VULKAN_RUN(r->v, LOSS_TOTAL, 1, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
 }
 
 /* total: of struct vulkan_report. */
 static struct renderer_loss vulkan_loss_of(const float total[8], float ssim_weight)
 {
-    struct renderer_loss out = {.l1        = total[3] > 0 ? (double)total[0] / total[3] : 0,
-                                .ssim      = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1,
-                                .mse       = total[3] > 0 ? (double)total[2] / total[3] : 0,
+    struct renderer_loss out = {.l1 = total[3] > 0 ? (double)total[0] / total[3] : 0,
+                                .ssim = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1,
+                                .mse = total[3] > 0 ? (double)total[2] / total[3] : 0,
                                 .dlog_gain = {total[5], total[6], total[7]}};
-    out.total                = (1 - (double)ssim_weight) * out.l1 + (double)ssim_weight * (1 - out.ssim);
+    out.total = (1 - (double)ssim_weight) * out.l1 + (double)ssim_weight * (1 - out.ssim);
     return out;
 }
 
-static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, const float *gain, float ssim_weight,
-                              struct renderer_loss *out)
+static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, const float *gain,
+                              float ssim_weight, struct renderer_loss *out)
 {
-    struct vulkan_renderer *r      = device;
-    struct vulkan          *v      = r->v;
-    const size_t            pixels = (size_t)r->view.width * r->view.height;
-    float                   total[OXL_COUNT(r->report->totals)];
+    struct vulkan_renderer *r = device;
+    struct vulkan *v = r->v;
+    const size_t pixels = (size_t)r->view.width * r->view.height;
+    float total[OXL_COUNT(r->report->totals)];
     r->exposed = gain != NULL;
     if (gain) memcpy(r->gain, gain, sizeof r->gain);
     vulkan_enter(v);
@@ -342,15 +371,15 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
     return v->rc;
 }
 
-/* ---------------------------------------------------------------- backward and score */
+/* ---------------- backward and score */
 
 static void vulkan_draw_backward_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t score)
 {
     vulkan_run(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 2 * score, r->tiles,
                VULKAN_PUSH((uint32_t)r->lobes, part[0], part[1], 0),
-               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
-                              &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c,
-                              &r->sums_d, &r->sums_e));
+               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
+                              &r->splat_a, &r->splat_b, &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb,
+                              &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c, &r->sums_d, &r->sums_e));
 }
 
 static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
@@ -376,13 +405,16 @@ static oxl_result vulkan_backward(void *device, const float *drgb)
 }
 
 /* Rows that were not seen have none: the device leaves theirs as they were. */
-static void vulkan_download_plane(struct vulkan_renderer *r, size_t slab, uint32_t plane, const uint32_t *seen, float *out)
+static void vulkan_download_plane(struct vulkan_renderer *r, size_t slab, uint32_t plane,
+                                  const uint32_t *seen, float *out)
 {
-    const size_t rows = vulkan_slab_rows(r, slab, plane < r->lobe_plane ? r->count : r->lobes), first = slab * r->stride;
-    const int    past =
-        plane < r->lobe_plane && plane >= (uint32_t)(OXL_SH + 3 * (r->drawn_sh_degree + 1) * (r->drawn_sh_degree + 1));
+    const size_t rows = vulkan_slab_rows(r, slab, plane < r->lobe_plane ? r->count : r->lobes),
+                 first = slab * r->stride;
+    const int past = plane < r->lobe_plane &&
+                     plane >= (uint32_t)(OXL_SH + 3 * (r->drawn_sh_degree + 1) * (r->drawn_sh_degree + 1));
     if (rows == 0 || past) return;
-    vulkan_download(r->v, &r->slab[slab].gradient, (size_t)plane * r->stride * sizeof(float), out + first, rows * sizeof(float));
+    vulkan_download(r->v, &r->slab[slab].gradient, (size_t)plane * r->stride * sizeof(float), out + first,
+                    rows * sizeof(float));
     for (size_t i = first; i < first + rows && r->v->rc == OXL_OK; i++)
         if (!seen[i]) out[i] = 0;
 }
@@ -393,33 +425,36 @@ static void vulkan_project_backward(struct vulkan_renderer *r)
     uint32_t push[6];
     vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
     for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float),
+                       "numbers of Gaussians");
         vulkan_row_push(r, s, push);
         VULKAN_RUN(r->v, PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
-                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].gradient));
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a,
+                                  &r->sums_b, &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d,
+                                  &r->slab[s].gradient));
     }
 }
 
 static oxl_result vulkan_gradient(void *device, oxl_model *gradient)
 {
-    struct vulkan_renderer *r    = device;
-    uint32_t               *seen = oxl_alloc(r->v->ctx, r->count + 1, sizeof *seen);
+    struct vulkan_renderer *r = device;
+    uint32_t *seen = oxl_alloc(r->v->ctx, r->count + 1, sizeof *seen);
     if (!seen) return oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for a gradient");
     vulkan_enter(r->v);
     vulkan_project_backward(r);
     vulkan_download(r->v, &r->seen, 0, seen, r->count * sizeof *seen);
     for (size_t s = 0; s < r->slabs; s++)
-        for (uint32_t k = 0; k < r->planes; k++) vulkan_download_plane(r, s, k, seen, vulkan_host_plane(gradient, r, k));
+        for (uint32_t k = 0; k < r->planes; k++)
+            vulkan_download_plane(r, s, k, seen, vulkan_host_plane(gradient, r, k));
     oxl_free(r->v->ctx, seen);
     return r->v->rc;
 }
 
 static oxl_result vulkan_score(void *device, const float *drgb, float *score)
 {
-    struct vulkan_renderer *r   = device;
-    struct vulkan          *v   = r->v;
-    float                  *one = oxl_alloc(v->ctx, r->count + 1, sizeof *one);
+    struct vulkan_renderer *r = device;
+    struct vulkan *v = r->v;
+    float *one = oxl_alloc(v->ctx, r->count + 1, sizeof *one);
     if (!one) return oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", r->count);
     vulkan_enter(v);
     vulkan_take_drgb(r, drgb);
@@ -433,7 +468,7 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
     return v->rc;
 }
 
-/* ---------------------------------------------------------------- step and statistics */
+/* ---------------- step and statistics */
 
 /* counts: from COUNT_NONFINITE on. */
 static struct renderer_nonfinite vulkan_nonfinite_of(const uint32_t counts[3])
@@ -449,33 +484,38 @@ static oxl_result vulkan_read_nonfinite(struct vulkan_renderer *r, struct render
     return r->v->rc;
 }
 
-/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in place of sums. Where a slab
- * was stepped and the next one cannot be, the device is given up: who repeated the step would step the first one twice. */
+/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in
+ * place of sums. Where a slab was stepped and the next one cannot be, the device is given up: who repeated
+ * the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
 {
     const uint32_t none[3] = {0, UINT32_MAX, 0};
-    const size_t   before  = r->v->dispatches;
-    uint32_t       push[6];
+    const size_t before = r->v->dispatches;
+    uint32_t push[6];
     vulkan_update(r->v, &r->counts, COUNT_NONFINITE * sizeof *none, none, sizeof none);
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
         VULKAN_RUN(r->v, STEP, variant, vulkan_groups(push[1]),
-                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], numbers[0], numbers[1], numbers[2]),
+                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], numbers[0], numbers[1],
+                               numbers[2]),
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots,
-                                  variant ? &r->splat_a : &r->sums_a, variant ? &r->splat_b : &r->sums_b, &r->sums_c,
-                                  variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].mean,
-                                  &r->slab[s].square, &r->counts, &r->rates));
+                                  variant ? &r->splat_a : &r->sums_a, variant ? &r->splat_b : &r->sums_b,
+                                  &r->sums_c, variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d,
+                                  &r->slab[s].mean, &r->slab[s].square, &r->counts, &r->rates));
     }
-    if (r->v->rc != OXL_OK && !r->v->lost && r->v->dispatches > before) vulkan_give_up(r->v, VK_ERROR_OUT_OF_HOST_MEMORY);
+    if (r->v->rc != OXL_OK && !r->v->lost && r->v->dispatches > before)
+        vulkan_give_up(r->v, VK_ERROR_OUT_OF_HOST_MEMORY);
 }
 
 /* Of a deferred one: its report is on the way when the host goes on to the next. */
 static oxl_result vulkan_end_step(struct vulkan_renderer *r)
 {
-    struct vulkan *v  = r->v;
-    const size_t   at = r->steps % VULKAN_REPORTS * sizeof *r->report;
-    vulkan_copy(v, &r->counts, &r->reports, at + offsetof(struct vulkan_report, counts), sizeof r->report->counts);
-    vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals), sizeof r->report->totals);
+    struct vulkan *v = r->v;
+    const size_t at = r->steps % VULKAN_REPORTS * sizeof *r->report;
+    vulkan_copy(v, &r->counts, &r->reports, at + offsetof(struct vulkan_report, counts),
+                sizeof r->report->counts);
+    vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals),
+                sizeof r->report->totals);
     r->steps += vulkan_next_frame(v) == OXL_OK;
     return v->rc;
 }
@@ -483,12 +523,13 @@ static oxl_result vulkan_end_step(struct vulkan_renderer *r)
 static oxl_result vulkan_step(void *device, struct trained_model *trained, const struct adam_params *adam,
                               struct renderer_nonfinite *out)
 {
-    struct vulkan_renderer *r          = device;
-    struct vulkan          *v          = r->v;
-    const double            correction = 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]));
-    const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))));
-    float                   rate[OXL_PLANES];
-    const uint32_t numbers[3] = {vulkan_bits((float)adam->beta[0]), vulkan_bits((float)adam->beta[1]), vulkan_bits(inverse)};
+    struct vulkan_renderer *r = device;
+    struct vulkan *v = r->v;
+    const double correction = 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]));
+    const float inverse = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))));
+    float rate[OXL_PLANES];
+    const uint32_t numbers[3] = {vulkan_bits((float)adam->beta[0]), vulkan_bits((float)adam->beta[1]),
+                                 vulkan_bits(inverse)};
     vulkan_enter(v);
     for (uint32_t k = 0; k < r->planes; k++)
         rate[k] = (float)(adam->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
@@ -501,7 +542,8 @@ static oxl_result vulkan_step(void *device, struct trained_model *trained, const
     return vulkan_read_nonfinite(r, out);
 }
 
-static oxl_result vulkan_clear_nonfinite(void *device, struct trained_model *trained, struct renderer_nonfinite *out)
+static oxl_result vulkan_clear_nonfinite(void *device, struct trained_model *trained,
+                                         struct renderer_nonfinite *out)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
@@ -514,26 +556,27 @@ static oxl_result vulkan_clear_nonfinite(void *device, struct trained_model *tra
 static int vulkan_defer(void *device, int on)
 {
     struct vulkan_renderer *r = device;
-    r->deferred               = on;
+    r->deferred = on;
     return on;
 }
 
 static oxl_result vulkan_report(void *device, int wait, struct renderer_report *out)
 {
-    struct vulkan_renderer     *r    = device;
+    struct vulkan_renderer *r = device;
     const struct vulkan_report *here = &r->report[r->reported % VULKAN_REPORTS];
-    const uint32_t              on   = HALT_NONE;
+    const uint32_t on = HALT_NONE;
     vulkan_enter(r->v);
     *out = (struct renderer_report){0};
-    if (wait ? vulkan_finish(r->v) != OXL_OK || r->reported == r->steps : r->steps - r->reported < VULKAN_REPORTS)
+    if (wait ? vulkan_finish(r->v) != OXL_OK || r->reported == r->steps
+             : r->steps - r->reported < VULKAN_REPORTS)
         return r->v->rc;
     r->reported++;
     r->most_pairs = OXL_MAX(r->most_pairs, (size_t)here->counts[COUNT_PAIRS_FOUND]);
-    *out          = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
-                                             vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
+    *out = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
+                                    vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
     if (out->halt == HALT_NONE) return OXL_OK;
     r->reported = r->steps; /* those behind it did nothing */
-    r->room     = 0;        /* to be found anew */
+    r->room = 0;            /* to be found anew */
     vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
     r->v->relied_on = 1;
     return vulkan_finish(r->v);
@@ -541,15 +584,16 @@ static oxl_result vulkan_report(void *device, int wait, struct renderer_report *
 
 static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
 {
-    struct vulkan_renderer *r      = device;
-    struct vulkan          *v      = r->v;
-    const float             z_near = sums->banded ? sums->z_near : FLT_MAX, z_far = sums->banded ? sums->z_far : FLT_MAX;
+    struct vulkan_renderer *r = device;
+    struct vulkan *v = r->v;
+    const float z_near = sums->banded ? sums->z_near : FLT_MAX, z_far = sums->banded ? sums->z_far : FLT_MAX;
     vulkan_enter(v);
     r->sums = *sums;
     vulkan_reserve(v, &r->statistics, r->count, 16, "Gaussians");
     if (!r->sums_here) vulkan_copy_sums(r, 1);
     r->observed = r->sums_here = v->rc == OXL_OK;
-    VULKAN_RUN(v, OBSERVE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
+    VULKAN_RUN(v, OBSERVE, 0, vulkan_groups(r->count),
+               VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
                VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics, &r->counts));
     return v->rc;
 }
@@ -564,25 +608,25 @@ static oxl_result vulkan_clear_visible(void *device)
 
 OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
 {
-    static const struct renderer_device interface = {.create          = vulkan_renderer_create,
-                                                     .free            = vulkan_renderer_free,
-                                                     .forward         = vulkan_forward,
-                                                     .image           = vulkan_image,
-                                                     .has_image       = vulkan_has_image,
-                                                     .take_image      = vulkan_take_image,
-                                                     .target          = vulkan_target,
-                                                     .loss            = vulkan_loss,
-                                                     .backward        = vulkan_backward,
-                                                     .gradient        = vulkan_gradient,
-                                                     .score           = vulkan_score,
-                                                     .step            = vulkan_step,
-                                                     .defer           = vulkan_defer,
-                                                     .report          = vulkan_report,
-                                                     .observe         = vulkan_observe,
-                                                     .download        = vulkan_download_model,
-                                                     .move_rows       = vulkan_move_rows,
-                                                     .send_shape      = vulkan_send_shape,
-                                                     .clear_visible   = vulkan_clear_visible,
+    static const struct renderer_device interface = {.create = vulkan_renderer_create,
+                                                     .free = vulkan_renderer_free,
+                                                     .forward = vulkan_forward,
+                                                     .image = vulkan_image,
+                                                     .has_image = vulkan_has_image,
+                                                     .take_image = vulkan_take_image,
+                                                     .target = vulkan_target,
+                                                     .loss = vulkan_loss,
+                                                     .backward = vulkan_backward,
+                                                     .gradient = vulkan_gradient,
+                                                     .score = vulkan_score,
+                                                     .step = vulkan_step,
+                                                     .defer = vulkan_defer,
+                                                     .report = vulkan_report,
+                                                     .observe = vulkan_observe,
+                                                     .download = vulkan_download_model,
+                                                     .move_rows = vulkan_move_rows,
+                                                     .send_shape = vulkan_send_shape,
+                                                     .clear_visible = vulkan_clear_visible,
                                                      .clear_nonfinite = vulkan_clear_nonfinite};
     return &interface;
 }

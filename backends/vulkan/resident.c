@@ -1,10 +1,12 @@
-/* resident.c - what stays on the device between steps: the model, its moments, the statistics of density control, training images.
+/* resident.c - what stays on the device between steps: the model, its moments, the statistics of density
+ * control, training images.
  *
- * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds maxStorageBufferRange, however many
- * Gaussians there are. What is indexed by any row has at most 16 bytes a row or pair.
+ * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds
+ * maxStorageBufferRange, however many Gaussians there are. What is indexed by any row has at most 16 bytes a
+ * row or pair.
  *
- * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has downloaded it for a host that changes
- * it.
+ * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has
+ * downloaded it for a host that changes it.
  */
 #include "resident.h"
 
@@ -22,14 +24,15 @@ static void vulkan_release_slabs(struct vulkan *v, struct vulkan_slab *slab, siz
 OXL_INTERNAL void vulkan_renderer_free(void *device)
 {
     struct vulkan_renderer *r = device;
-    struct vulkan          *v = r->v;
+    struct vulkan *v = r->v;
     for (struct vulkan_renderer **at = &v->renderers; *at; at = &(*at)->next)
         if (*at == r) {
             *at = r->next;
             break;
         }
     vulkan_finish(v);
-    for (size_t at = offsetof(struct vulkan_renderer, splat_a); at < sizeof *r; at += sizeof(struct vulkan_buffer))
+    for (size_t at = offsetof(struct vulkan_renderer, splat_a); at < sizeof *r;
+         at += sizeof(struct vulkan_buffer))
         vulkan_release(v, (struct vulkan_buffer *)((char *)r + at));
     vulkan_release_slabs(v, r->slab, r->slab_capacity);
     for (size_t i = 0; i < r->image_capacity; i++) vulkan_release(v, &r->image[i].bytes);
@@ -39,16 +42,16 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
 
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
 {
-    struct vulkan_renderer *r      = oxl_calloc(ctx, 1, sizeof *r);
-    struct vulkan          *v      = ctx->backend->vulkan;
-    void                   *mapped = NULL;
-    *out                           = NULL;
+    struct vulkan_renderer *r = oxl_calloc(ctx, 1, sizeof *r);
+    struct vulkan *v = ctx->backend->vulkan;
+    void *mapped = NULL;
+    *out = NULL;
     if (!r) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
-    r->v           = v;
+    r->v = v;
     r->pinned_view = -1;
-    r->next        = v->renderers;
-    v->renderers   = r;
-    v->evict       = vulkan_drop_images;
+    r->next = v->renderers;
+    v->renderers = r;
+    v->evict = vulkan_drop_images;
     vulkan_enter(v);
     vulkan_reserve(v, &r->view_buffer, 1, sizeof r->view, "views");
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
@@ -56,7 +59,8 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     vulkan_reserve(v, &r->rates, OXL_PLANES, sizeof(float), "numbers");
     vulkan_reserve(v, &r->totals, OXL_COUNT(r->report->totals), sizeof(float), "numbers");
     vulkan_create(v, &r->reports, VULKAN_REPORTS * sizeof *r->report, 1);
-    if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, r->reports.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "reports");
+    if (v->rc == OXL_OK)
+        vulkan_ok(v, v->MapMemory(v->device, r->reports.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "reports");
     r->report = mapped;
     vulkan_fill(v, &r->counts, 0, VK_WHOLE_SIZE, 0);
     if (v->rc == OXL_OK) *out = r;
@@ -64,7 +68,7 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     return v->rc;
 }
 
-/* ---------------------------------------------------------------- upload and download of the model */
+/* ---------------- upload and download of the model */
 
 OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t slab, size_t total)
 {
@@ -72,7 +76,8 @@ OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t sla
     return total > first ? OXL_MIN(total - first, (size_t)r->stride) : 0;
 }
 
-static struct vulkan_buffer *vulkan_slab_part(struct vulkan_slab *slab, const struct vulkan_renderer *r, const oxl_model *m)
+static struct vulkan_buffer *vulkan_slab_part(struct vulkan_slab *slab, const struct vulkan_renderer *r,
+                                              const oxl_model *m)
 {
     if (!r->trained || m == r->model) return &slab->parameter;
     return m == &r->trained->mean ? &slab->mean : &slab->square;
@@ -88,42 +93,47 @@ static void vulkan_copy_model(struct vulkan_renderer *r, const oxl_model *m, uin
 {
     for (size_t s = 0; s < r->slabs; s++)
         for (uint32_t k = 0; k < planes; k++) {
-            const size_t rows   = vulkan_slab_rows(r, s, k < r->lobe_plane ? r->count : r->lobes);
+            const size_t rows = vulkan_slab_rows(r, s, k < r->lobe_plane ? r->count : r->lobes);
             const size_t offset = (size_t)k * r->stride * sizeof(float);
-            float       *host   = vulkan_host_plane(m, r, k);
+            float *host = vulkan_host_plane(m, r, k);
             if (rows == 0) continue;
             host += s * r->stride;
-            if (up) vulkan_upload(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
-            else vulkan_queue_read(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
+            if (up)
+                vulkan_upload(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
+            else
+                vulkan_queue_read(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host,
+                                  rows * sizeof(float));
         }
     if (!up) vulkan_collect(r->v);
 }
 
 static void vulkan_reserve_slabs(struct vulkan_renderer *r)
 {
-    struct vulkan *v      = r->v;
-    const size_t   wanted = (r->count + v->slab_rows - 1) / v->slab_rows;
-    r->stride = (uint32_t)((r->count + OXL_MAX(wanted, (size_t)1) - 1) / OXL_MAX(wanted, (size_t)1) + VULKAN_GROUP - 1) /
+    struct vulkan *v = r->v;
+    const size_t wanted = (r->count + v->slab_rows - 1) / v->slab_rows;
+    r->stride = (uint32_t)((r->count + OXL_MAX(wanted, (size_t)1) - 1) / OXL_MAX(wanted, (size_t)1) +
+                           VULKAN_GROUP - 1) /
                 VULKAN_GROUP * VULKAN_GROUP;
     r->lobe_plane = (uint32_t)(OXL_SH + 3 * (r->sh_degree + 1) * (r->sh_degree + 1));
-    r->planes     = r->lobe_plane + (r->lobes ? MODEL_LOBE_PLANES : 0);
+    r->planes = r->lobe_plane + (r->lobes ? MODEL_LOBE_PLANES : 0);
     if (wanted > r->slab_capacity) {
         struct vulkan_slab *more = oxl_regrow(v->ctx, r->slab, r->slab_capacity, wanted, sizeof *more);
         if (!more) v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory for %zu slabs", wanted);
         if (!more) return;
         memset(more + r->slab_capacity, 0, (wanted - r->slab_capacity) * sizeof *more);
-        r->slab          = more;
+        r->slab = more;
         r->slab_capacity = wanted;
     }
     r->slabs = wanted;
     for (size_t s = 0; s < r->slabs; s++)
-        vulkan_reserve(v, &r->slab[s].parameter, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(v, &r->slab[s].parameter, (size_t)r->stride * r->planes, sizeof(float),
+                       "numbers of Gaussians");
 }
 
 static void vulkan_reserve_rows(struct vulkan_renderer *r)
 {
     struct vulkan *v = r->v;
-    const size_t   n = r->count;
+    const size_t n = r->count;
     vulkan_reserve(v, &r->splat_a, n, 16, "Gaussians");
     vulkan_reserve(v, &r->splat_b, n, 16, "Gaussians");
     vulkan_reserve(v, &r->splat_c, n, 16, "Gaussians");
@@ -144,18 +154,18 @@ static void vulkan_reserve_rows(struct vulkan_renderer *r)
 /* The model, unless it is here already. */
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m)
 {
-    if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count && r->lobes == m->lobes &&
-        r->sh_degree == m->sh_degree) {
+    if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count &&
+        r->lobes == m->lobes && r->sh_degree == m->sh_degree) {
         vulkan_reserve_rows(r); /* rows may have been moved: vulkan_move_rows */
         return;
     }
-    r->model   = m;
+    r->model = m;
     r->trained = NULL;
-    r->plane   = m->plane[0];
+    r->plane = m->plane[0];
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
     r->model_here = r->moments_here = r->stepped = 0;
-    r->room                                      = 0;
-    r->low_memory                                = 0;
+    r->room = 0;
+    r->low_memory = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_rows(r);
     if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, r->planes, 1);
@@ -165,8 +175,10 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
 OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r)
 {
     for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_reserve(r->v, &r->slab[s].mean, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
-        vulkan_reserve(r->v, &r->slab[s].square, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].mean, (size_t)r->stride * r->planes, sizeof(float),
+                       "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].square, (size_t)r->stride * r->planes, sizeof(float),
+                       "numbers of Gaussians");
     }
 }
 
@@ -183,13 +195,15 @@ OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, struct trained_
     r->moments_here = r->v->rc == OXL_OK;
 }
 
-/* The statistics of density control, up or down: the device adds to what the host has, number by number, so that a
- * run's result does not depend on when it was saved. */
+/* The statistics of density control, up or down: the device adds to what the host has, number by number, so
+ * that a run's result does not depend on when it was saved. */
 OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up)
 {
     const struct renderer_sums *s = &r->sums;
-    float(*sum)[4]                = oxl_alloc(r->v->ctx, s->count + 1, sizeof *sum);
-    if (!sum) r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", s->count);
+    float(*sum)[4] = oxl_alloc(r->v->ctx, s->count + 1, sizeof *sum);
+    if (!sum)
+        r->v->rc =
+            oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", s->count);
     for (size_t i = 0; up && sum && i < s->count; i++) {
         sum[i][0] = s->gradient[i], sum[i][3] = s->views[i];
         sum[i][1] = s->banded ? s->gradient_mid[i] : 0, sum[i][2] = s->banded ? s->gradient_far[i] : 0;
@@ -219,10 +233,11 @@ OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_downlo
     return r->v->rc;
 }
 
-/* ---------------------------------------------------------------- rows to other places */
+/* ---------------- rows to other places */
 
 /* From all slabs of `old` to those of r that have their rows. */
-static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_renderer *old, const uint32_t *from)
+static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_renderer *old,
+                              const uint32_t *from)
 {
     for (size_t s = 0; s < r->slabs; s++)
         for (size_t o = 0; o < old->slabs; o++) {
@@ -232,24 +247,26 @@ static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_ren
                 (from[first + rows - 1] & ~RENDERER_FRESH) < old_first)
                 continue;
             VULKAN_RUN(r->v, MOVE, 0, vulkan_groups(rows),
-                       VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first, (uint32_t)old_rows,
-                                   old->stride, old->lobe_plane, r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
-                       VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].mean, &old->slab[o].square,
-                                      &r->slab[s].parameter, &r->slab[s].mean, &r->slab[s].square));
+                       VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first,
+                                   (uint32_t)old_rows, old->stride, old->lobe_plane, r->lobe_plane,
+                                   (uint32_t)r->lobes, OXL_SH),
+                       VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].mean,
+                                      &old->slab[o].square, &r->slab[s].parameter, &r->slab[s].mean,
+                                      &r->slab[s].square));
         }
 }
 
 /* Old and new slabs are there at once; without room for both nothing has changed. */
 OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved)
 {
-    struct vulkan_renderer *r   = device;
-    struct vulkan          *v   = r->v;
-    struct vulkan_renderer  old = *r;
-    *moved                      = 0;
+    struct vulkan_renderer *r = device;
+    struct vulkan *v = r->v;
+    struct vulkan_renderer old = *r;
+    *moved = 0;
     vulkan_enter(v);
     if (!r->model_here || !r->moments_here || move->count == 0) return OXL_OK;
     r->count = move->count, r->lobes = move->lobes, r->sh_degree = move->sh_degree;
-    r->slab          = NULL;
+    r->slab = NULL;
     r->slab_capacity = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_moments(r);
@@ -266,16 +283,16 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
         r->sh_degree = old.sh_degree, r->lobe_plane = old.lobe_plane;
         return v->rc == OXL_ERR_MEMORY ? OXL_OK : v->rc;
     }
-    r->room       = 0;
+    r->room = 0;
     r->low_memory = 0;
-    r->stepped    = 1; /* the host has not got all of it */
+    r->stepped = 1; /* the host has not got all of it */
     return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity)
 {
-    struct vulkan_renderer *r       = device;
-    const size_t            opacity = OXL_OPACITY * (size_t)r->stride * sizeof(float), size = r->stride * sizeof(float);
+    struct vulkan_renderer *r = device;
+    const size_t opacity = OXL_OPACITY * (size_t)r->stride * sizeof(float), size = r->stride * sizeof(float);
     vulkan_enter(r->v);
     if (!r->model_here || r->model != model) return OXL_OK; /* all of it is uploaded when it is needed */
     r->plane = model->plane[0];
@@ -287,7 +304,7 @@ OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int re
     return r->v->rc;
 }
 
-/* ---------------------------------------------------------------- training images */
+/* ---------------- training images */
 
 OXL_INTERNAL int vulkan_has_image(const void *device, int view)
 {
@@ -303,13 +320,15 @@ static size_t vulkan_image_bytes(const struct training_image *image, int masked)
 }
 
 /* Each is an allocation, and a device may allow but 4096. */
-static void vulkan_upload_image(struct vulkan *v, const struct training_image *image, struct vulkan_training_image *to)
+static void vulkan_upload_image(struct vulkan *v, const struct training_image *image,
+                                struct vulkan_training_image *to)
 {
     const size_t pixels = (size_t)image->width * (size_t)image->height;
-    to->width           = (uint32_t)image->width;
-    to->height          = (uint32_t)image->height;
-    to->mask_at         = image->mask ? (uint32_t)vulkan_image_bytes(image, 0) : 0;
-    vulkan_reserve_exactly(v, &to->bytes, vulkan_image_bytes(image, image->mask != NULL), 1, "bytes of an image");
+    to->width = (uint32_t)image->width;
+    to->height = (uint32_t)image->height;
+    to->mask_at = image->mask ? (uint32_t)vulkan_image_bytes(image, 0) : 0;
+    vulkan_reserve_exactly(v, &to->bytes, vulkan_image_bytes(image, image->mask != NULL), 1,
+                           "bytes of an image");
     vulkan_upload(v, &to->bytes, 0, image->rgb, 3 * pixels);
     if (image->mask) vulkan_upload(v, &to->bytes, to->mask_at, image->mask, pixels);
 }
@@ -322,32 +341,37 @@ OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but)
     for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
         for (size_t i = 0; i < r->image_capacity; i++) {
             const size_t size = r->image[i].bytes.size;
-            if (!r->image[i].bytes.handle || (int)i == r->pinned_view || (but && r->image[i].frame == but)) continue;
+            if (!r->image[i].bytes.handle || (int)i == r->pinned_view || (but && r->image[i].frame == but))
+                continue;
             vulkan_release(v, &r->image[i].bytes);
             r->image_bytes -= OXL_MIN(r->image_bytes, size);
             r->images--;
             dropped++, bytes += size;
         }
     if (dropped == 0) return 0;
-    v->image_bytes_max = OXL_MIN(v->image_bytes_max, bytes / 2); /* they are not to take what was just freed */
+    /* they are not to take what was just freed */
+    v->image_bytes_max = OXL_MIN(v->image_bytes_max, bytes / 2);
     oxl_log(v->ctx, OXL_LOG_WARNING,
             "%s: no memory is left: %zu training images (%zu MiB) leave the device, %zu MiB may stay there",
             v->properties.deviceName, dropped, bytes >> 20, v->image_bytes_max >> 20);
     return dropped;
 }
 
-/* A place to keep an image of so many bytes, or NULL: the first ones are kept, the others are uploaded at each use. */
+/* A place to keep an image of so many bytes, or NULL: the first ones are kept, the others are uploaded at
+ * each use. */
 static struct vulkan_training_image *vulkan_image_slot(struct vulkan_renderer *r, int view, size_t bytes)
 {
     const size_t wanted = (size_t)view + 1, more = wanted + wanted / 2;
     if (r->v->budgets && vulkan_memory_left(r->v, r->v->kind) / 2 < bytes) return NULL;
-    if (r->image_bytes + bytes > r->v->image_bytes_max || r->images >= r->v->properties.limits.maxMemoryAllocationCount / 2)
+    if (r->image_bytes + bytes > r->v->image_bytes_max ||
+        r->images >= r->v->properties.limits.maxMemoryAllocationCount / 2)
         return NULL;
     if (wanted > r->image_capacity) {
-        struct vulkan_training_image *grown = oxl_regrow(r->v->ctx, r->image, r->image_capacity, more, sizeof *grown);
+        struct vulkan_training_image *grown =
+            oxl_regrow(r->v->ctx, r->image, r->image_capacity, more, sizeof *grown);
         if (!grown) return NULL;
         memset(grown + r->image_capacity, 0, (more - r->image_capacity) * sizeof *grown);
-        r->image          = grown;
+        r->image = grown;
         r->image_capacity = more;
     }
     return &r->image[view];
@@ -360,10 +384,12 @@ static void vulkan_reserve_target(struct vulkan_renderer *r, size_t pixels)
     if (r->masked) vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
 }
 
-static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r, int view, const struct training_image *image,
+static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r, int view,
+                                                      const struct training_image *image,
                                                       struct vulkan_training_image *passing)
 {
-    struct vulkan_training_image *p = vulkan_image_slot(r, view, vulkan_image_bytes(image, image->mask != NULL));
+    struct vulkan_training_image *p =
+        vulkan_image_slot(r, view, vulkan_image_bytes(image, image->mask != NULL));
     if (p) {
         vulkan_upload_image(r->v, image, p);
         if (r->v->rc != OXL_OK) { /* it is not here, nor half of it */
@@ -380,22 +406,24 @@ static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r,
     return passing;
 }
 
-OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved)
+OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
+                                          int halved)
 {
-    struct vulkan_renderer      *r       = device;
-    struct vulkan               *v       = r->v;
+    struct vulkan_renderer *r = device;
+    struct vulkan *v = r->v;
     struct vulkan_training_image passing = {0}, *p = vulkan_has_image(r, view) ? &r->image[view] : NULL;
-    const uint32_t               width = p ? p->width : (uint32_t)image->width, height = p ? p->height : (uint32_t)image->height;
+    const uint32_t width = p ? p->width : (uint32_t)image->width,
+                   height = p ? p->height : (uint32_t)image->height;
     r->target_pixels = (size_t)(width >> halved) * (size_t)(height >> halved);
-    r->masked        = p ? p->mask_at > 0 : image->mask != NULL;
-    r->pinned_view   = view;
+    r->masked = p ? p->mask_at > 0 : image->mask != NULL;
+    r->pinned_view = view;
     vulkan_enter(v);
     vulkan_reserve_target(r, r->target_pixels);
     if (!p) p = vulkan_add_image(r, view, image, &passing);
     VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
                VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
-    p->frame       = vulkan_frame_number(v);
+    p->frame = vulkan_frame_number(v);
     r->pinned_view = -1;
     return v->rc;
 }
@@ -404,8 +432,9 @@ OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct t
 OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked)
 {
     struct vulkan_renderer *r = device;
-    *masked                   = r->masked;
-    if (r->target.size < 12 * r->target_pixels || (r->masked && r->weight.size < 4 * r->target_pixels)) return 0;
+    *masked = r->masked;
+    if (r->target.size < 12 * r->target_pixels || (r->masked && r->weight.size < 4 * r->target_pixels))
+        return 0;
     if (!rgb) return r->target_pixels;
     vulkan_enter(r->v);
     vulkan_download(r->v, &r->target, 0, rgb, 12 * r->target_pixels);

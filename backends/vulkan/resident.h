@@ -10,16 +10,18 @@ struct vulkan_slab {
 
 /* As shaders/view.glsl has it. */
 struct vulkan_view {
-    float    rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3], alpha_min, cut;
+    float rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3],
+        alpha_min, cut;
     uint32_t width, height, tiles_x, tiles_y, infinity;
 };
 
-#define VULKAN_INFINITY 0x7F800000u /* its bits: what shaders test with must not be known to their compiler (common.glsl) */
+/* its bits: what shaders test with must not be known to their compiler (common.glsl) */
+#define VULKAN_INFINITY 0x7F800000u
 
 struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
     struct vulkan_buffer bytes;
-    uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
-    uint32_t             frame;                  /* the last one that names it */
+    uint32_t width, height, mask_at; /* mask_at: bytes; 0: there is none */
+    uint32_t frame;                  /* the last one that names it */
 };
 
 /* Words of the buffer of counts, as shaders/common.glsl has them. */
@@ -37,73 +39,80 @@ enum vulkan_count {
 /* What a deferred step leaves for the host: the counts, then the loss' totals. */
 struct vulkan_report {
     uint32_t counts[COUNTS];
-    float    totals[8];
+    float totals[8];
 };
 
 enum { VULKAN_REPORTS = VULKAN_FRAMES };
 
 struct vulkan_renderer {
-    struct vulkan                *v;
-    struct vulkan_renderer       *next; /* of v->renderers */
+    struct vulkan *v;
+    struct vulkan_renderer *next; /* of v->renderers */
     /* whose model this is, and what of it is here */
-    const oxl_model              *model;   /* the host's */
-    struct trained_model         *trained; /* its, since a step; or NULL */
-    const float                  *plane;   /* the host's first one: another is another model */
-    size_t                        count, lobes;
-    int                           sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
-    int                           model_here, moments_here, stepped;
-    struct renderer_sums          sums;
-    int                           observed;        /* there are statistics here that the host has not got */
-    int                           sums_here;       /* those here are what the host has, or newer */
-    int                           deferred;        /* steps report later: renderer_defer */
-    size_t                        steps, reported; /* deferred steps submitted; those reported */
-    const struct vulkan_report   *report;          /* (VULKAN_REPORTS) step n's is n % VULKAN_REPORTS; as the host sees it */
-    struct vulkan_slab           *slab;
-    size_t                        slabs, slab_capacity;
-    uint32_t                      stride;             /* rows of a slab */
-    uint32_t                      planes, lobe_plane; /* of a slab; where the second lobe's begin */
+    const oxl_model *model;        /* the host's */
+    struct trained_model *trained; /* its, since a step; or NULL */
+    const float *plane;            /* the host's first one: another is another model */
+    size_t count, lobes;
+    int sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
+    int model_here, moments_here, stepped;
+    struct renderer_sums sums;
+    int observed;           /* there are statistics here that the host has not got */
+    int sums_here;          /* those here are what the host has, or newer */
+    int deferred;           /* steps report later: renderer_defer */
+    size_t steps, reported; /* deferred steps submitted; those reported */
+    /* (VULKAN_REPORTS) step n's is n % VULKAN_REPORTS; as the host sees it */
+    const struct vulkan_report *report;
+    struct vulkan_slab *slab;
+    size_t slabs, slab_capacity;
+    uint32_t stride;             /* rows of a slab */
+    uint32_t planes, lobe_plane; /* of a slab; where the second lobe's begin */
     /* images */
-    struct vulkan_training_image *image;                               /* (image_capacity) by view, those that are here */
-    size_t                        image_capacity, image_bytes, images; /* images: how many are here */
-    size_t                        target_pixels;                       /* of the image that was taken last */
-    int                           pinned_view; /* the view whose image is worked on, and is not evicted; -1: none */
-    int                           masked;      /* whether the one that was taken last is */
+    struct vulkan_training_image *image;        /* (image_capacity) by view, those that are here */
+    size_t image_capacity, image_bytes, images; /* images: how many are here */
+    size_t target_pixels;                       /* of the image that was taken last */
+    /* the view whose image is worked on, and is not evicted; -1: none */
+    int pinned_view;
+    int masked; /* whether the one that was taken last is */
     /* the last view */
-    struct vulkan_view            view;
-    size_t                        tiles, pairs; /* pairs: at most, when deferred */
-    size_t                        room; /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
-    size_t                        most_pairs; /* of the views so far, as deferred steps reported them */
-    int   low_memory; /* memory was short for this model: there is room for as many pairs as were found, and no more */
+    struct vulkan_view view;
+    size_t tiles, pairs; /* pairs: at most, when deferred */
+    /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
+    size_t room;
+    size_t most_pairs; /* of the views so far, as deferred steps reported them */
+    /* memory was short for this model: there is room for as many pairs as were found, and no more */
+    int low_memory;
     float ssim_weight, gain[3];
-    int   exposed;  /* 1: the loss is that of the rendered image times `gain` */
-    int   sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
+    int exposed;  /* 1: the loss is that of the rendered image times `gain` */
+    int sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
-    struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2], row_pairs, row_slots,
-        mean2d, statistics, score, moves;
+    struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
+        row_pairs, row_slots, mean2d, statistics, score, moves;
     /* by pair */
     struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e;
     /* by tile or pixel */
-    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing; /* passing: an image that is not kept */
+    /* passing: an image that is not kept */
+    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing;
     /* small, or of sorting and scanning */
     struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums, reports;
 };
 
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out);
-OXL_INTERNAL void       vulkan_renderer_free(void *device);
-OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t slab, size_t total); /* of `total`, in this slab */
+OXL_INTERNAL void vulkan_renderer_free(void *device);
+/* of `total`, in this slab */
+OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t slab, size_t total);
 OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane);
 /* Sends the model, or its moments, unless they are there already. */
-OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
-OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
-OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained);
-OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
-OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v,
-                                       uint32_t       but); /* of every renderer, but the one that is in use: vulkan.evict */
+OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
+OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r);
+OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained);
+OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up);
+/* of every renderer, but the one that is in use: vulkan.evict */
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v, uint32_t but);
 OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what);
 OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved);
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity);
-OXL_INTERNAL int        vulkan_has_image(const void *device, int view);
-OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
-OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved);
+OXL_INTERNAL int vulkan_has_image(const void *device, int view);
+OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked);
+OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
+                                          int halved);
 
 #endif

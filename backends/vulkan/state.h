@@ -1,4 +1,5 @@
-/* state.h - an open Vulkan device, its buffers and passes: what the files of this folder share. Each calls only those before it:
+/* state.h - an open Vulkan device, its buffers and passes: what the files of this folder share. Each calls
+ * only those before it:
  *
  *     passes.c    errors, command buffers, passes
  *     memory.c    buffers
@@ -6,9 +7,10 @@
  *     resident.c  what a renderer keeps on the device
  *     renderer.c  the functions of struct renderer_device
  *
- * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and submitted when the host needs a
- * result, or at the end of a frame: two frames take turns, so that one is recorded while the device works on the other. The first error
- * while recording stays in vulkan.rc: further records do nothing, and vulkan_finish returns it.
+ * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and
+ * submitted when the host needs a result, or at the end of a frame: two frames take turns, so that one is
+ * recorded while the device works on the other. The first error while recording stays in vulkan.rc: further
+ * records do nothing, and vulkan_finish returns it.
  */
 #ifndef OXL_VULKAN_STATE_H
 #define OXL_VULKAN_STATE_H
@@ -20,28 +22,33 @@
 
 #include "generated/bindings.h"
 
-#define VULKAN_GROUP      256u                             /* invocations a workgroup, as in shaders/common.glsl */
-#define VULKAN_CHUNK      2048u                            /* numbers that a workgroup scans or sorts */
-#define VULKAN_SLAB_ROWS  (1u << 20)                       /* rows of a slab, at most: 264 MB of all planes */
-#define VULKAN_STAGING    (16u << 20)                      /* bytes of the buffer between host and device, of a frame */
-#define VULKAN_MARKS      (VULKAN_FRAMES * VULKAN_STAGING) /* behind it: a word of each frame, see vulkan_mark */
-#define VULKAN_SETS       1024                             /* passes of a frame, at most */
-#define VULKAN_BINDINGS   15                               /* of a pass, at most */
-#define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
-#define VULKAN_WAIT       60000000000ull /* ns, times the submissions of a frame: a GPU that takes longer is given up */
-#define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
-#define VULKAN_PART       (1u << 18) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
+#define VULKAN_GROUP 256u           /* invocations a workgroup, as in shaders/common.glsl */
+#define VULKAN_CHUNK 2048u          /* numbers that a workgroup scans or sorts */
+#define VULKAN_SLAB_ROWS (1u << 20) /* rows of a slab, at most: 264 MB of all planes */
+/* bytes of the buffer between host and device, of a frame */
+#define VULKAN_STAGING (16u << 20)
+#define VULKAN_MARKS (VULKAN_FRAMES * VULKAN_STAGING) /* behind it: a word of each frame, see vulkan_mark */
+#define VULKAN_SETS 1024                              /* passes of a frame, at most */
+#define VULKAN_BINDINGS 15                            /* of a pass, at most */
+/* numbers that one workgroup scans on its own: fewer passes, though longer ones */
+#define VULKAN_SCAN_WHOLE (16u << 10)
+/* ns, times the submissions of a frame: a GPU that takes longer is given up */
+#define VULKAN_WAIT 60000000000ull
+/* deferred steps have room for a share of pairs more than the first one has, its inverse */
+#define VULKAN_ROOM 2
+/* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
+#define VULKAN_PART (1u << 18)
 enum {
-    VULKAN_VARIANTS    = 4,
-    VULKAN_DIGIT       = 8, /* bits of a digit, of the sort */
-    VULKAN_DIGITS      = 256,
-    VULKAN_FRAMES      = 2,   /* one is recorded while the other is worked on */
-    VULKAN_COMMANDS    = 160, /* submissions of a frame, at most */
-    VULKAN_READS       = 128, /* pieces that the host waits for at a time */
-    VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
+    VULKAN_VARIANTS = 4,
+    VULKAN_DIGIT = 8, /* bits of a digit, of the sort */
+    VULKAN_DIGITS = 256,
+    VULKAN_FRAMES = 2,     /* one is recorded while the other is worked on */
+    VULKAN_COMMANDS = 160, /* submissions of a frame, at most */
+    VULKAN_READS = 128,    /* pieces that the host waits for at a time */
+    VULKAN_IMAGE_SHARE = 4 /* of the device's memory, its inverse: images are kept there up to so much */
 };
 
-/* ---------------------------------------------------------------- functions of the loader, by name */
+/* ---------------- functions of the loader, by name */
 
 /* clang-format off */ /* it would make a staircase of these */
 #define VULKAN_OF_LOADER(X) X(CreateInstance) X(EnumerateInstanceLayerProperties) X(EnumerateInstanceExtensionProperties)
@@ -62,7 +69,7 @@ enum {
 /* clang-format on */
 #define VULKAN_DECLARE(name) PFN_vk##name name;
 
-/* ---------------------------------------------------------------- the passes: one shader each */
+/* ---------------- the passes: one shader each */
 
 enum vulkan_pass {
     PASS_PROJECT,
@@ -94,150 +101,169 @@ enum vulkan_pass {
 
 struct vulkan_pipeline {
     VkDescriptorSetLayout set;
-    VkPipelineLayout      layout;
-    VkPipeline            variant[VULKAN_VARIANTS]; /* made when first run */
+    VkPipelineLayout layout;
+    VkPipeline variant[VULKAN_VARIANTS]; /* made when first run */
 };
 
 struct vulkan_buffer {
-    VkBuffer       handle;
+    VkBuffer handle;
     VkDeviceMemory memory;
-    VkDeviceSize   size;
+    VkDeviceSize size;
 };
 
 struct vulkan_read { /* something that the host waits for */
-    void  *to;
+    void *to;
     size_t at, size; /* in the staging buffer */
 };
 
 /* What is recorded and submitted together, and the memory that it needs until the device is done. */
 struct vulkan_frame {
-    VkCommandPool    command_pool;
-    VkCommandBuffer  command[VULKAN_COMMANDS];
+    VkCommandPool command_pool;
+    VkCommandBuffer command[VULKAN_COMMANDS];
     VkDescriptorPool descriptor_pool;
-    VkFence          fence;
-    int              command_at; /* submissions so far without a fence */
-    int              under_way;  /* submitted with the fence, and not waited for */
-    int              sets;
-    uint32_t         mark;                 /* of the last submission with the fence: vulkan_mark */
-    size_t           staged;               /* bytes of its part of the staging buffer in use */
-    uint8_t          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
+    VkFence fence;
+    int command_at; /* submissions so far without a fence */
+    int under_way;  /* submitted with the fence, and not waited for */
+    int sets;
+    uint32_t mark;                /* of the last submission with the fence: vulkan_mark */
+    size_t staged;                /* bytes of its part of the staging buffer in use */
+    uint8_t pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
 };
 
 struct vulkan_renderer;
 
 struct vulkan {
-    oxl_context            *ctx;
+    oxl_context *ctx;
     struct vulkan_renderer *renderers; /* a list of all that are there */
-    /* Frees device memory whose contents can be uploaded again (cached images) and returns how many buffers that were; NULL: there are
-     * none. but: a frame (vulkan_frame_number) that is still recorded, while all others have ended: its buffers are kept. 0: waits for
-     * all frames first. */
+    /* Frees device memory whose contents can be uploaded again (cached images) and returns how many buffers
+     * that were; NULL: there are none. but: a frame (vulkan_frame_number) that is still recorded, while all
+     * others have ended: its buffers are kept. 0: waits for all frames first. */
     size_t (*evict)(struct vulkan *v, uint32_t but);
     void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
     VULKAN_OF_DEVICE(VULKAN_DECLARE)
     PFN_vkGetInstanceProcAddr GetInstanceProcAddr;
-    VkInstance                instance;
-    VkDebugUtilsMessengerEXT  messenger;
-    int              properties2; /* VK_KHR_get_physical_device_properties2 is on: portability and budgets depend on it */
-    int              validates, validation_messages; /* whether the validation layer is on; its messages so far */
+    VkInstance instance;
+    VkDebugUtilsMessengerEXT messenger;
+    /* VK_KHR_get_physical_device_properties2 is on: portability and budgets depend on it */
+    int properties2;
+    int validates, validation_messages; /* whether the validation layer is on; its messages so far */
     /* from here on of the device: vulkan_close_device clears it */
     VkPhysicalDevice physical;
-    int              budgets; /* VK_EXT_memory_budget is on */
-    int portable; /* a part of Vulkan alone, as by MoltenVK: Metal grants memory beyond its budget, and fails when it is used */
-    VkPhysicalDeviceProperties       properties;
-    char                             name_and_cpu[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE + 8];
+    int budgets; /* VK_EXT_memory_budget is on */
+    /* a part of Vulkan alone, as by MoltenVK: Metal grants memory beyond its budget, and fails when it is
+     * used */
+    int portable;
+    VkPhysicalDeviceProperties properties;
+    char name_and_cpu[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE + 8];
     VkPhysicalDeviceMemoryProperties memory;
-    VkDevice                         device;
-    VkQueue                          queue;
-    uint32_t                         family;      /* of the queue */
-    int                              said_beyond; /* that an allocation exceeds the memory left */
-    uint32_t                         kind;        /* of the memory of buffers that the host does not see */
-    struct vulkan_frame              frame[VULKAN_FRAMES];
-    int                              at;       /* the frame that is recorded */
-    VkCommandBuffer                  commands; /* and its command buffer */
-    struct vulkan_pipeline           pipeline[PASS_COUNT];
-    struct vulkan_buffer             staging, dummy;   /* dummy: for bindings that a pass does not use */
-    char                            *mapped;           /* staging, as the host sees it */
-    size_t                           sent, read_bytes; /* by vulkan_upload; by vulkan_queue_read: so far */
-    size_t                           waits;            /* of the host, with nothing left for the device to do: so far */
-    size_t                           frame_waits;      /* for the frame before, while the device has the next one */
-    size_t                           dispatches, barriers, submissions;
-    struct vulkan_read               read[VULKAN_READS];
-    int                              reads;
-    int                              recording, updates; /* updates: commands without a barrier behind them */
-    int         relied_on;  /* what is recorded holds something that the host takes for done: a step, an upload */
-    uint32_t    mark;       /* of the last frame submitted */
-    int         marked;     /* it is that of the frame that is recorded */
-    VkResult    lost;       /* by what, permanently: no call to the device is allowed, not even to wait */
-    VkQueryPool clock;      /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
-    uint64_t    stamp_mask; /* of the bits of a time that count */
-    double      pass_seconds[PASS_COUNT];
-    int         pass_runs[PASS_COUNT];
-    oxl_result  rc;
-    int         is_permanent; /* the failure `rc`, even with smaller buffers: what was recorded is lost, or a shader is refused */
-    uint64_t    timeout_ns;   /* of a wait, for each submission */
-    size_t      range;        /* bytes: the largest array */
-    size_t      image_bytes_max; /* bytes of images that a renderer may keep */
-    uint32_t    slab_rows;       /* at most */
-    uint32_t    groups_max;      /* in one dimension of a dispatch */
-    size_t      part;            /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
-    uint32_t    batch;           /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+    VkDevice device;
+    VkQueue queue;
+    uint32_t family; /* of the queue */
+    int said_beyond; /* that an allocation exceeds the memory left */
+    uint32_t kind;   /* of the memory of buffers that the host does not see */
+    struct vulkan_frame frame[VULKAN_FRAMES];
+    int at;                   /* the frame that is recorded */
+    VkCommandBuffer commands; /* and its command buffer */
+    struct vulkan_pipeline pipeline[PASS_COUNT];
+    struct vulkan_buffer staging, dummy; /* dummy: for bindings that a pass does not use */
+    char *mapped;                        /* staging, as the host sees it */
+    size_t sent, read_bytes;             /* by vulkan_upload; by vulkan_queue_read: so far */
+    size_t waits;                        /* of the host, with nothing left for the device to do: so far */
+    size_t frame_waits;                  /* for the frame before, while the device has the next one */
+    size_t dispatches, barriers, submissions;
+    struct vulkan_read read[VULKAN_READS];
+    int reads;
+    int recording, updates; /* updates: commands without a barrier behind them */
+    /* what is recorded holds something that the host takes for done: a step, an upload */
+    int relied_on;
+    uint32_t mark;       /* of the last frame submitted */
+    int marked;          /* it is that of the frame that is recorded */
+    VkResult lost;       /* by what, permanently: no call to the device is allowed, not even to wait */
+    VkQueryPool clock;   /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
+    uint64_t stamp_mask; /* of the bits of a time that count */
+    double pass_seconds[PASS_COUNT];
+    int pass_runs[PASS_COUNT];
+    oxl_result rc;
+    /* the failure `rc`, even with smaller buffers: what was recorded is lost, or a shader is refused */
+    int is_permanent;
+    uint64_t timeout_ns;    /* of a wait, for each submission */
+    size_t range;           /* bytes: the largest array */
+    size_t image_bytes_max; /* bytes of images that a renderer may keep */
+    uint32_t slab_rows;     /* at most */
+    uint32_t groups_max;    /* in one dimension of a dispatch */
+    size_t part;            /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
+    uint32_t batch;         /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
-/* ---------------------------------------------------------------- passes.c */
+/* ---------------- passes.c */
 
 OXL_INTERNAL const char *vulkan_word(VkResult result);
-OXL_INTERNAL int         vulkan_is_short(VkResult result);                       /* of memory */
-OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
-OXL_INTERNAL int vulkan_may_retry(struct vulkan *v); /* 1: a smaller buffer may do, and the failure is forgotten */
+OXL_INTERNAL int vulkan_is_short(VkResult result); /* of memory */
+/* keeps the first failure; 1: none so far */
+OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what);
+/* 1: a smaller buffer may do, and the failure is forgotten */
+OXL_INTERNAL int vulkan_may_retry(struct vulkan *v);
 
-OXL_INTERNAL int        vulkan_give_up(struct vulkan *v, VkResult result); /* no call to the device from now on; 0 */
-OXL_INTERNAL int        vulkan_record(struct vulkan *v);                   /* 1: commands may be recorded */
-OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
-OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
+OXL_INTERNAL int vulkan_give_up(struct vulkan *v, VkResult result); /* no call to the device from now on; 0 */
+OXL_INTERNAL int vulkan_record(struct vulkan *v);                   /* 1: commands may be recorded */
+OXL_INTERNAL void vulkan_barrier(struct vulkan *v);
+/* submits what was recorded and waits for all frames */
+OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v);
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
-OXL_INTERNAL uint32_t   vulkan_frame_number(const struct vulkan *v);
-OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
-OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
+OXL_INTERNAL uint32_t vulkan_frame_number(const struct vulkan *v);
+OXL_INTERNAL void vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
+/* first in every interface function: clears an earlier error */
+OXL_INTERNAL void vulkan_enter(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
-OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
+OXL_INTERNAL size_t vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
 
-OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
+OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset,
+                                const void *from, size_t size);
 /* From the beginning of a buffer to `offset` of another. */
-OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from, const struct vulkan_buffer *to, size_t offset,
-                              size_t size);
-/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in
- * between. */
-OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
+OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from,
+                              const struct vulkan_buffer *to, size_t offset, size_t size);
+/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait.
+ * Nothing may be submitted in between. */
+OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset,
+                                    void *to, size_t size);
 OXL_INTERNAL void vulkan_collect(struct vulkan *v);
-OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
-OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
-OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size, uint32_t value);
-OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32_t variant); /* compiles it, once */
-OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
-                             const struct vulkan_buffer *const *buffer);
+OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to,
+                                  size_t size);
+OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset,
+                                const void *from, size_t size);
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size,
+                              uint32_t value);
+/* compiles it, once */
+OXL_INTERNAL void vulkan_prepare(struct vulkan *v, enum vulkan_pass pass, uint32_t variant);
+OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups,
+                             const void *push, const struct vulkan_buffer *const *buffer);
 
-/* ---------------------------------------------------------------- memory.c */
+/* ---------------- memory.c */
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host);
 OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b);
-/* vulkan_reserve_exactly: for what does not grow. At least so many elements; the contents are lost when it grows. what: names them in an
- * error. */
-OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what);
-OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
-                                         const char *what);
+/* vulkan_reserve_exactly: for what does not grow. At least so many elements; the contents are lost when it
+ * grows. what: names them in an error. */
+OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element,
+                                 const char *what);
+OXL_INTERNAL void vulkan_reserve_exactly(struct vulkan *v, struct vulkan_buffer *b, size_t count,
+                                         size_t element, const char *what);
 
-OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind); /* kind: of memory, by number */
+/* kind: of memory, by number */
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v, uint32_t kind);
 
 #define VULKAN_BUFFERS(...) ((const struct vulkan_buffer *const[]){__VA_ARGS__})
-#define VULKAN_PUSH(...)    ((const uint32_t[]){__VA_ARGS__})
+#define VULKAN_PUSH(...) ((const uint32_t[]){__VA_ARGS__})
 
-/* Records pass PASS_name. It does not compile where what is pushed or bound is not as long as the shader has it. */
+/* Records pass PASS_name. It does not compile where what is pushed or bound is not as long as the shader has
+ * it. */
 #define VULKAN_SAME(a, b) ((void)sizeof(char[(a) == (b) ? 1 : -1]))
-#define VULKAN_RUN(v, name, variant, groups, push, buffers)                                                                      \
-    (VULKAN_SAME(sizeof(push), SPIRV_##name##_PUSH), VULKAN_SAME(sizeof(buffers) / sizeof(buffers)[0], SPIRV_##name##_BINDINGS), \
+#define VULKAN_RUN(v, name, variant, groups, push, buffers)                      \
+    (VULKAN_SAME(sizeof(push), SPIRV_##name##_PUSH),                             \
+     VULKAN_SAME(sizeof(buffers) / sizeof(buffers)[0], SPIRV_##name##_BINDINGS), \
      vulkan_run(v, PASS_##name, variant, groups, push, buffers))
 
 static inline size_t vulkan_groups(size_t items)

@@ -1,13 +1,15 @@
-/* partition.h - shared by the files of the partition: points observed by each view, and the plan of the blocks. */
+/* partition.h - shared by the files of the partition: points observed by each view, and the plan of the
+ * blocks. */
 #ifndef OXL_PARTITION_H
 #define OXL_PARTITION_H
 
 #include "blocks.h"
 
 #define PARTITION_NO_BLOCK UINT32_MAX /* a point that the scene drops */
-enum { PARTITION_TASKS = 16 };        /* parts of a parallel loop, each with its own scratch; results do not depend on it */
+/* parts of a parallel loop, each with its own scratch; results do not depend on it */
+enum { PARTITION_TASKS = 16 };
 
-/* ---------------------------------------------------------------- partition_axes.c: the frame */
+/* ---------------- partition_axes.c: the frame */
 
 struct partition_axes {     /* relative to the scene's origin */
     double rotation[9];     /* rows: right-handed, falling extents; the third points to the cameras */
@@ -16,39 +18,42 @@ struct partition_axes {     /* relative to the scene's origin */
 };
 OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene, struct partition_axes *out);
 
-/* ---------------------------------------------------------------- partition_visibility.c: points that each view observes */
+/* ---------------- partition_visibility.c: points that each view observes */
 
 struct partition_visibility { /* from the tracks; empty for test views */
-    size_t    views;          /* of the scene */
-    size_t   *first;          /* (views + 1) in the two below */
+    size_t views;             /* of the scene */
+    size_t *first;            /* (views + 1) in the two below */
     uint32_t *point;          /* ascending in each view; twice if observed twice */
     uint32_t *observation;    /* index in the view's list of 2D points */
     uint32_t *seen;           /* (views) different points */
 };
-OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out);
-OXL_INTERNAL void       partition_visibility_free(oxl_context *ctx, struct partition_visibility *visibility);
+OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene,
+                                                    struct partition_visibility **out);
+OXL_INTERNAL void partition_visibility_free(oxl_context *ctx, struct partition_visibility *visibility);
 
-/* ---------------------------------------------------------------- partition_make.c: the plan */
+/* ---------------- partition_make.c: the plan */
 
 enum partition_role { PARTITION_OUT, PARTITION_BASE, PARTITION_BORDER };
 
 struct partition_plan {
-    const oxl_scene             *scene;
+    const oxl_scene *scene;
     struct partition_visibility *visibility;
-    int                          owns_visibility;
-    struct partition_box         finite;       /* trimmed extents of the survey */
-    uint32_t                    *owner;        /* (points of the COLMAP model) block, or PARTITION_NO_BLOCK */
-    size_t                      *first_member; /* (blocks + 1) */
-    uint32_t                    *member;       /* points in the block's expanded box, ascending */
-    uint8_t                     *role;         /* (blocks, views) enum partition_role */
+    int owns_visibility;
+    struct partition_box finite; /* trimmed extents of the survey */
+    uint32_t *owner;             /* (points of the COLMAP model) block, or PARTITION_NO_BLOCK */
+    size_t *first_member;        /* (blocks + 1) */
+    uint32_t *member;            /* points in the block's expanded box, ascending */
+    uint8_t *role;               /* (blocks, views) enum partition_role */
 };
-/* The same scene in the same frame, cut otherwise, without log lines. Shares the visibility of `of`, which must outlive `out`. */
-OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
-                                          struct partition *out);
-/* Sets bits (points) of a block's initial points; returns their number. bits: zero, (points + 63) / 64 words. */
-OXL_INTERNAL size_t     partition_mark(const struct partition *p, int block, uint64_t *bits);
+/* The same scene in the same frame, cut otherwise, without log lines. Shares the visibility of `of`, which
+ * must outlive `out`. */
+OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partition *of,
+                                          const oxl_partition_options *options, struct partition *out);
+/* Sets bits (points) of a block's initial points; returns their number. bits: zero, (points + 63) / 64
+ * words. */
+OXL_INTERNAL size_t partition_mark(const struct partition *p, int block, uint64_t *bits);
 
-/* ---------------------------------------------------------------- partition_svg.c: the blocks as an SVG */
+/* ---------------- partition_svg.c: the blocks as an SVG */
 
 OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path);
 

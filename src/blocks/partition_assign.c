@@ -1,4 +1,5 @@
-/* partition_assign.c - the boxes of the blocks, the points in them and in their margins, and the views each block is trained on
+/* partition_assign.c - the boxes of the blocks, the points in them and in their margins, and the views each
+ * block is trained on
  * (OceanXL Alg. 1; shares of BlockGaussian).
  *
  * Invariant: the boxes of the leaves tile space, also after cuts are undone.
@@ -6,25 +7,26 @@
 #include "partition_build.h"
 
 enum {
-    PARTITION_DEPTH        = 96, /* of the tree at most: 32 + 4 levels, see partition_depth */
-    PARTITION_ENOUGH_VIEWS = 50  /* fewer views overfit: such a block takes more border views (docs/SCALE.md) */
+    PARTITION_DEPTH = 96, /* of the tree at most: 32 + 4 levels, see partition_depth */
+    /* fewer views overfit: such a block takes more border views (docs/SCALE.md) */
+    PARTITION_ENOUGH_VIEWS = 50
 };
 #define PARTITION_MARGIN 0.05 /* of a box's size, on each side [BlockGaussian] */
 
-/* ---------------------------------------------------------------- boxes */
+/* ---------------- boxes */
 
 /* Lists the leaves below a node in order. */
 static oxl_result partition_list_leaves(struct partition_build *b, int node)
 {
-    const struct partition_node *n  = &b->node[node];
-    oxl_result                   rc = OXL_OK;
+    const struct partition_node *n = &b->node[node];
+    oxl_result rc = OXL_OK;
     if (n->child[0]) {
         rc = partition_list_leaves(b, n->child[0]);
         return rc == OXL_OK ? partition_list_leaves(b, n->child[1]) : rc;
     }
     rc = oxl_reserve(b->ctx, &b->leaf, &b->leaf_capacity, (size_t)b->leaf_count + 1, sizeof *b->leaf);
     if (rc != OXL_OK) return rc;
-    b->node[node].block      = b->leaf_count;
+    b->node[node].block = b->leaf_count;
     b->leaf[b->leaf_count++] = node;
     return OXL_OK;
 }
@@ -32,17 +34,18 @@ static oxl_result partition_list_leaves(struct partition_build *b, int node)
 static void partition_expand(const struct partition_build *b, struct partition_node *n)
 {
     for (int k = 0; k < 3; k++) {
-        n->finite.low[k]    = OXL_MAX(n->box.low[k], b->finite.low[k]);
-        n->finite.high[k]   = OXL_MIN(n->box.high[k], b->finite.high[k]);
-        n->expanded.low[k]  = n->box.low[k] - PARTITION_MARGIN * (n->finite.high[k] - n->finite.low[k]);
+        n->finite.low[k] = OXL_MAX(n->box.low[k], b->finite.low[k]);
+        n->finite.high[k] = OXL_MIN(n->box.high[k], b->finite.high[k]);
+        n->expanded.low[k] = n->box.low[k] - PARTITION_MARGIN * (n->finite.high[k] - n->finite.low[k]);
         n->expanded.high[k] = n->box.high[k] + PARTITION_MARGIN * (n->finite.high[k] - n->finite.low[k]);
     }
 }
 
-static void partition_hull(struct partition_box *hull, const struct partition_box *a, const struct partition_box *b)
+static void partition_hull(struct partition_box *hull, const struct partition_box *a,
+                           const struct partition_box *b)
 {
     for (int k = 0; k < 3; k++) {
-        hull->low[k]  = OXL_MIN(a->low[k], b->low[k]);
+        hull->low[k] = OXL_MIN(a->low[k], b->low[k]);
         hull->high[k] = OXL_MAX(a->high[k], b->high[k]);
     }
 }
@@ -51,31 +54,32 @@ static void partition_hull(struct partition_box *hull, const struct partition_bo
 static oxl_result partition_set_boxes(struct partition_build *b)
 {
     for (int k = 0; k < 3; k++) {
-        b->node[0].box.low[k]  = -INFINITY;
+        b->node[0].box.low[k] = -INFINITY;
         b->node[0].box.high[k] = INFINITY;
     }
     for (int i = 0; i < b->node_count; i++)
         for (int side = 0; side < 2 && b->node[i].child[0] && !b->node[i].removed; side++) {
-            struct partition_box *box                      = &b->node[b->node[i].child[side]].box;
-            *box                                           = b->node[i].box;
+            struct partition_box *box = &b->node[b->node[i].child[side]].box;
+            *box = b->node[i].box;
             (side ? box->low : box->high)[b->node[i].axis] = b->node[i].cut;
         }
     for (int i = b->node_count - 1; i >= 0; i--) {
         struct partition_node *n = &b->node[i];
-        if (n->child[0]) partition_hull(&n->expanded, &b->node[n->child[0]].expanded, &b->node[n->child[1]].expanded);
+        if (n->child[0])
+            partition_hull(&n->expanded, &b->node[n->child[0]].expanded, &b->node[n->child[1]].expanded);
         else partition_expand(b, n);
     }
     b->leaf_count = 0;
     return partition_list_leaves(b, 0);
 }
 
-/* ---------------------------------------------------------------- which points lie in a block and in its margin */
+/* ---------------- which points lie in a block and in its margin */
 
 /* The blocks in whose expanded box p lies, ascending; out NULL: counts alone. */
 static uint32_t partition_find_blocks(const struct partition_build *b, const double *p, uint32_t *out)
 {
-    int      stack[PARTITION_DEPTH], height = 0;
-    uint32_t count  = 0;
+    int stack[PARTITION_DEPTH], height = 0;
+    uint32_t count = 0;
     stack[height++] = 0;
     while (height > 0) {
         const struct partition_node *n = &b->node[stack[--height]];
@@ -91,14 +95,17 @@ static uint32_t partition_find_blocks(const struct partition_build *b, const dou
     return count;
 }
 
-/* Cuts from `deep` what the margins of other blocks below `node` cover of it: along the axis on which each reaches in least. */
-static void partition_shrink_interior(const struct partition_build *b, int node, int leaf, struct partition_box *deep)
+/* Cuts from `deep` what the margins of other blocks below `node` cover of it: along the axis on which each
+ * reaches in least. */
+static void partition_shrink_interior(const struct partition_build *b, int node, int leaf,
+                                      struct partition_box *deep)
 {
-    const struct partition_node *n     = &b->node[node];
-    double                       least = INFINITY, *face = NULL, at = 0;
+    const struct partition_node *n = &b->node[node];
+    double least = INFINITY, *face = NULL, at = 0;
     if (node == leaf) return;
     for (int k = 0; k < 3; k++) {
-        const double from_low = n->expanded.high[k] - deep->low[k], from_high = deep->high[k] - n->expanded.low[k];
+        const double from_low = n->expanded.high[k] - deep->low[k],
+                     from_high = deep->high[k] - n->expanded.low[k];
         if (!(from_low > 0 && from_high > 0)) return;
         if (from_low < least) least = from_low, face = &deep->low[k], at = n->expanded.high[k];
         if (from_high < least) least = from_high, face = &deep->high[k], at = n->expanded.low[k];
@@ -115,7 +122,8 @@ static void partition_shrink_interior(const struct partition_build *b, int node,
 static uint32_t partition_find_all_blocks(const struct partition_build *b, size_t i, uint32_t *out)
 {
     const struct partition_node *owner = &b->node[b->owner[i]];
-    if (!partition_contains(&owner->deep, b->position + 3 * i)) return partition_find_blocks(b, b->position + 3 * i, out);
+    if (!partition_contains(&owner->deep, b->position + 3 * i))
+        return partition_find_blocks(b, b->position + 3 * i, out);
     if (out) *out = (uint32_t)owner->block;
     return 1;
 }
@@ -125,29 +133,33 @@ static oxl_result partition_find_members(struct partition_build *b)
     size_t total = 0;
     for (int i = 0; i < b->leaf_count; i++) {
         struct partition_node *n = &b->node[b->leaf[i]];
-        n->deep                  = n->box;
+        n->deep = n->box;
         partition_shrink_interior(b, 0, b->leaf[i], &n->deep);
     }
     oxl_free(b->ctx, b->blocks);
     b->blocks = NULL;
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
-        for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++)
+        for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1);
+             i++)
             b->first[i] = b->owner[i] == PARTITION_NO_BLOCK ? 0 : partition_find_all_blocks(b, i, NULL);
     for (size_t i = 0; i < b->count; i++) {
         const uint32_t count = b->first[i];
-        b->first[i]          = (uint32_t)total;
+        b->first[i] = (uint32_t)total;
         total += count;
     }
     if (total >= UINT32_MAX)
-        return oxl_fail(b->ctx, OXL_ERR_INPUT, "%zu points are too many to partition\nfix: filter points3D to fewer points",
+        return oxl_fail(b->ctx, OXL_ERR_INPUT,
+                        "%zu points are too many to partition\nfix: filter points3D to fewer points",
                         b->count);
     b->first[b->count] = (uint32_t)total;
-    b->blocks          = oxl_alloc(b->ctx, total + 1, sizeof *b->blocks);
-    if (!b->blocks) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for the blocks of %zu points", b->count);
+    b->blocks = oxl_alloc(b->ctx, total + 1, sizeof *b->blocks);
+    if (!b->blocks)
+        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for the blocks of %zu points", b->count);
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
-        for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++)
+        for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1);
+             i++)
             if (b->owner[i] != PARTITION_NO_BLOCK) partition_find_all_blocks(b, i, b->blocks + b->first[i]);
     return OXL_OK;
 }
@@ -164,10 +176,11 @@ static oxl_result partition_count_points(struct partition_build *b)
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- which views a block is trained on */
+/* ---------------- which views a block is trained on */
 
-/* Exact, in integers. all: different points that the view sees; inside: points of the block; both: of those the view sees. few_views: the
- * block has few views, and takes also those that see a tenth of what they see in it. */
+/* Exact, in integers. all: different points that the view sees; inside: points of the block; both: of those
+ * the view sees. few_views: the block has few views, and takes also those that see a tenth of what they see
+ * in it. */
 static enum partition_role partition_role(size_t both, size_t all, size_t inside, int few_views)
 {
     if (10 * both > 3 * all) return PARTITION_BASE;
@@ -192,7 +205,7 @@ static void partition_assign_view(const struct partition_build *b, size_t view, 
 static oxl_result partition_assign_views(struct partition_build *b)
 {
     const size_t blocks = (size_t)b->leaf_count, views = b->visibility->views;
-    uint32_t    *seen = oxl_alloc(b->ctx, blocks * PARTITION_TASKS, sizeof *seen);
+    uint32_t *seen = oxl_alloc(b->ctx, blocks * PARTITION_TASKS, sizeof *seen);
     oxl_free(b->ctx, b->role);
     b->role = oxl_calloc(b->ctx, blocks, views);
     if (!seen || !b->role) {
@@ -200,8 +213,10 @@ static oxl_result partition_assign_views(struct partition_build *b)
         return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %zu views of %zu blocks", views, blocks);
     }
 #pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) /* strided: views with neighbouring names observe the same points */
-        for (size_t v = (size_t)task; v < views; v += PARTITION_TASKS) partition_assign_view(b, v, seen + (size_t)task * blocks);
+    /* strided: views with neighbouring names observe the same points */
+    for (int task = 0; task < PARTITION_TASKS; task++)
+        for (size_t v = (size_t)task; v < views; v += PARTITION_TASKS)
+            partition_assign_view(b, v, seen + (size_t)task * blocks);
     oxl_free(b->ctx, seen);
     return OXL_OK;
 }
@@ -209,7 +224,8 @@ static oxl_result partition_assign_views(struct partition_build *b)
 static int partition_count_views(const struct partition_build *b, int block)
 {
     int count = 0;
-    for (size_t v = 0; v < b->visibility->views; v++) count += b->role[(size_t)block * b->visibility->views + v] != PARTITION_OUT;
+    for (size_t v = 0; v < b->visibility->views; v++)
+        count += b->role[(size_t)block * b->visibility->views + v] != PARTITION_OUT;
     return count;
 }
 
@@ -218,21 +234,22 @@ static oxl_result partition_assign_more_views(struct partition_build *b)
 {
     b->few_views = oxl_alloc(b->ctx, (size_t)b->leaf_count, sizeof *b->few_views);
     if (!b->few_views) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %d blocks", b->leaf_count);
-    for (int i = 0; i < b->leaf_count; i++) b->few_views[i] = partition_count_views(b, i) < PARTITION_ENOUGH_VIEWS;
+    for (int i = 0; i < b->leaf_count; i++)
+        b->few_views[i] = partition_count_views(b, i) < PARTITION_ENOUGH_VIEWS;
     return partition_assign_views(b);
 }
 
-/* ---------------------------------------------------------------- cuts that are undone */
+/* ---------------- cuts that are undone */
 
 /* The leaf'other place is divided among the blocks of its sibling, which moves up into the parent. */
 static void partition_undo_split(struct partition_build *b, int leaf)
 {
-    const int                    parent  = b->node[leaf].parent;
-    struct partition_node       *p       = &b->node[parent];
-    const int                    sibling = p->child[p->child[0] == leaf];
-    const struct partition_node *other   = &b->node[sibling];
-    p->axis                              = other->axis;
-    p->cut                               = other->cut;
+    const int parent = b->node[leaf].parent;
+    struct partition_node *p = &b->node[parent];
+    const int sibling = p->child[p->child[0] == leaf];
+    const struct partition_node *other = &b->node[sibling];
+    p->axis = other->axis;
+    p->cut = other->cut;
     for (int side = 0; side < 2; side++) {
         p->child[side] = other->child[side];
         if (p->child[side]) b->node[p->child[side]].parent = parent;
@@ -245,8 +262,8 @@ static int partition_undo_small(struct partition_build *b)
 {
     int taken = 0;
     for (int i = 0; i < b->leaf_count; i++) {
-        const int                    leaf = b->leaf[i];
-        const struct partition_node *n    = &b->node[leaf];
+        const int leaf = b->leaf[i];
+        const struct partition_node *n = &b->node[leaf];
         if (n->removed || leaf == 0 || n->child[0]) continue; /* went with its sibling */
         if (n->points >= b->min_points && partition_count_views(b, i) >= b->min_views) continue;
         partition_undo_split(b, leaf);
@@ -255,13 +272,14 @@ static int partition_undo_small(struct partition_build *b)
     return taken;
 }
 
-/* Assigns points and views to the leaves; cuts that leave a block too small are undone. largest: points of the largest block. */
+/* Assigns points and views to the leaves; cuts that leave a block too small are undone. largest: points of
+ * the largest block. */
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest)
 {
-    oxl_result rc    = OXL_OK;
-    int        taken = 1;
-    b->undone        = 0;
-    *largest         = 0;
+    oxl_result rc = OXL_OK;
+    int taken = 1;
+    b->undone = 0;
+    *largest = 0;
     oxl_free(b->ctx, b->few_views);
     b->few_views = NULL;
     while (rc == OXL_OK && taken > 0) {
@@ -274,7 +292,8 @@ OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *larg
         b->undone += taken;
     }
     if (rc == OXL_OK) rc = partition_assign_more_views(b);
-    for (int i = 0; i < b->leaf_count && rc == OXL_OK; i++) *largest = OXL_MAX(*largest, b->node[b->leaf[i]].points);
+    for (int i = 0; i < b->leaf_count && rc == OXL_OK; i++)
+        *largest = OXL_MAX(*largest, b->node[b->leaf[i]].points);
     return rc;
 }
 

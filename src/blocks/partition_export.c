@@ -1,15 +1,16 @@
 /* partition_export.c - writes each block as a COLMAP text export, readable by COLMAP and other trainers.
  *
  *     OUT/blocks/KKK/sparse/0/   cameras.txt, images.txt, points3D.txt
- *     OUT/blocks/KKK/images      a link to the survey's images, and masks likewise, where the system has links
- *     OUT/partition.svg, and OUT/partition.txt, which is written last and marks the export as complete
+ *     OUT/blocks/KKK/images      a link to the survey's images, and masks likewise, where the system has
+ *     links OUT/partition.svg, and OUT/partition.txt, which is written last and marks the export as complete
  *
- * A block holds its training views and initial points, in the world coordinates, camera models, names and ids of the survey; numbers as
- * %.17g. Tracks are reduced to the block's views. A view keeps all 2D points, unmatched (-1) if their track is not in the block, so
- * POINT2D_IDX of tracks is unchanged. Numbers of images.txt are copied as text; those of images.bin are written as %.17g, as in COLMAP's
- * text export.
+ * A block holds its training views and initial points, in the world coordinates, camera models, names and ids
+ * of the survey; numbers as %.17g. Tracks are reduced to the block's views. A view keeps all 2D points,
+ * unmatched (-1) if their track is not in the block, so POINT2D_IDX of tracks is unchanged. Numbers of
+ * images.txt are copied as text; those of images.bin are written as %.17g, as in COLMAP's text export.
  *
- * Several threads write files, one block each. Invariant: the content of files does not depend on the number of threads.
+ * Several threads write files, one block each. Invariant: the content of files does not depend on the number
+ * of threads.
  */
 #include "partition.h"
 #include "../core/bytes.h"
@@ -24,31 +25,31 @@ struct exporter_files { /* of a block */
     struct os_writer writer[EXPORT_FILES];
 };
 
-struct exporter_worker {     /* buffers of a thread, allocated before the threads start */
-    uint64_t        *bits;   /* (points) 1: initial point of the block */
-    uint8_t         *image;  /* (images) 1: its view is in the block */
-    uint8_t         *camera; /* (cameras) 1: camera of one of these views */
-    int64_t         *slot;   /* (slots) POINT3D_ID of each 2D point of the current view; -1: none */
-    char            *list;   /* (list_room) the text of a view's 2D points */
-    char            *buffer; /* (EXPORT_BUFFER) */
-    size_t           used;
-    FILE            *file;
+struct exporter_worker { /* buffers of a thread, allocated before the threads start */
+    uint64_t *bits;      /* (points) 1: initial point of the block */
+    uint8_t *image;      /* (images) 1: its view is in the block */
+    uint8_t *camera;     /* (cameras) 1: camera of one of these views */
+    int64_t *slot;       /* (slots) POINT3D_ID of each 2D point of the current view; -1: none */
+    char *list;          /* (list_room) the text of a view's 2D points */
+    char *buffer;        /* (EXPORT_BUFFER) */
+    size_t used;
+    FILE *file;
     struct os_reader reader; /* of the file of images */
-    size_t           loose;  /* track entries without a matching 2D point */
-    oxl_result       rc;
+    size_t loose;            /* track entries without a matching 2D point */
+    oxl_result rc;
 };
 
 struct exporter {
-    oxl_context            *ctx;
+    oxl_context *ctx;
     const struct partition *p;
-    const struct colmap    *colmap;
-    const char             *out;
-    char                   *images_file;
-    size_t                  slots, list_room;
+    const struct colmap *colmap;
+    const char *out;
+    char *images_file;
+    size_t slots, list_room;
     struct exporter_worker *worker; /* (ctx->threads) */
 };
 
-/* ---------------------------------------------------------------- text, fast */
+/* ---------------- text, fast */
 
 static void exporter_flush(struct exporter_worker *w)
 {
@@ -80,20 +81,20 @@ static void exporter_put_text(struct exporter_worker *w, const char *text)
 /* With `before` in front of it; 0: nothing. */
 static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
 {
-    char     *to     = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
+    char *to = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
     const int spaced = before != 0;
-    *to              = before;
+    *to = before;
     w->used += (size_t)spaced + format_int64(to + spaced, value);
 }
 
 static void exporter_put_real(struct exporter_worker *w, double value)
 {
     char *to = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
-    *to      = ' ';
+    *to = ' ';
     w->used += 1 + format_double(to + 1, value);
 }
 
-/* ---------------------------------------------------------------- the three files of a block */
+/* ---------------- the three files of a block */
 
 static int exporter_has_view(const struct exporter *e, int block, size_t view)
 {
@@ -109,7 +110,7 @@ static void exporter_mark(const struct exporter *e, struct exporter_worker *w, i
     partition_mark(e->p, block, w->bits);
     for (size_t v = 0; v < e->p->plan->visibility->views; v++)
         if (exporter_has_view(e, block, v)) {
-            w->image[scene_source_image(e->p->plan->scene, (int)v) - e->colmap->image]    = 1;
+            w->image[scene_source_image(e->p->plan->scene, (int)v) - e->colmap->image] = 1;
             w->camera[scene_source_camera(e->p->plan->scene, (int)v) - e->colmap->camera] = 1;
         }
 }
@@ -118,8 +119,9 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
 {
     int count = 0;
     for (size_t i = 0; i < e->colmap->camera_count; i++) count += w->camera[i];
-    exporter_put_text(w, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-                         "# Number of cameras:");
+    exporter_put_text(
+        w, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+           "# Number of cameras:");
     exporter_put_whole(w, ' ', count);
     for (size_t i = 0; i < e->colmap->camera_count; i++) {
         const struct colmap_camera *c = &e->colmap->camera[i];
@@ -184,12 +186,14 @@ static void exporter_list(const struct exporter *e, struct exporter_worker *w, c
 }
 
 /* The same of images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
-static void exporter_list_binary(const struct exporter *e, struct exporter_worker *w, const char *p, size_t size)
+static void exporter_list_binary(const struct exporter *e, struct exporter_worker *w, const char *p,
+                                 size_t size)
 {
     for (size_t k = 0; 24 * k + 24 <= size; k++) {
         for (int axis = 0; axis < 2; axis++) {
             if (k + (size_t)axis > 0) exporter_put(w, " ", 1);
-            w->used += format_double(exporter_reserve(w, NUMBER_TEXT_MAX), bytes_double(p + 24 * k + 8 * (size_t)axis));
+            w->used += format_double(exporter_reserve(w, NUMBER_TEXT_MAX),
+                                     bytes_double(p + 24 * k + 8 * (size_t)axis));
         }
         exporter_put_whole(w, ' ', k < e->slots ? w->slot[k] : -1);
         if (k < e->slots) w->slot[k] = -1;
@@ -199,7 +203,7 @@ static void exporter_list_binary(const struct exporter *e, struct exporter_worke
 static void exporter_image(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
     const struct colmap_image *image = scene_source_image(e->p->plan->scene, (int)view);
-    size_t                     got   = 0;
+    size_t got = 0;
     exporter_put_whole(w, 0, image->id);
     for (int k = 0; k < 4; k++) exporter_put_real(w, image->rotation[k]);
     for (int k = 0; k < 3; k++) exporter_put_real(w, image->translation[k]);
@@ -212,10 +216,11 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
 #endif
     {
         if (image->points_size) w->rc = os_reader_seek(e->ctx, &w->reader, image->points_at);
-        if (w->rc == OXL_OK && image->points_size) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
+        if (w->rc == OXL_OK && image->points_size)
+            w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
         if (w->rc == OXL_OK && got < image->points_size)
-            w->rc =
-                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: the file was truncated after it was read\nfix: run again", e->images_file);
+            w->rc = oxl_fail(e->ctx, OXL_ERR_INPUT,
+                             "%s: the file was truncated after it was read\nfix: run again", e->images_file);
     }
     exporter_fill_slots(e, w, view);
     w->list[got] = 0;
@@ -228,8 +233,9 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
 static void exporter_images(const struct exporter *e, struct exporter_worker *w, int block)
 {
     exporter_put_text(
-        w, "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-           "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images:");
+        w,
+        "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+        "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images:");
     exporter_put_whole(w, ' ', e->p->block[block].base_views + e->p->block[block].border_views);
     exporter_put_text(w, "\n");
     for (size_t v = 0; v < e->p->plan->visibility->views && w->rc == OXL_OK; v++)
@@ -253,18 +259,22 @@ static void exporter_point(const struct exporter *e, struct exporter_worker *w, 
 
 static void exporter_points(const struct exporter *e, struct exporter_worker *w, int block)
 {
-    exporter_put_text(w, "# 3D point list with one line of data per point:\n"
-                         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points:");
+    exporter_put_text(
+        w,
+        "# 3D point list with one line of data per point:\n"
+        "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points:");
     exporter_put_whole(w, ' ', (int64_t)e->p->block[block].start_points);
     exporter_put_text(w, "\n");
-    for (size_t word = 0; 64 * word < e->colmap->point_count; word++) { /* most words are 0 where blocks are many */
+    /* most words are 0 where blocks are many */
+    for (size_t word = 0; 64 * word < e->colmap->point_count; word++) {
         size_t i = 64 * word;
         for (uint64_t rest = w->bits[word]; rest; rest >>= 1, i++)
             if (rest & 1) exporter_point(e, w, &e->colmap->point[i]);
     }
 }
 
-static void exporter_block(const struct exporter *e, struct exporter_worker *w, int block, struct exporter_files *files)
+static void exporter_block(const struct exporter *e, struct exporter_worker *w, int block,
+                           struct exporter_files *files)
 {
     exporter_mark(e, w, block);
     for (int k = 0; k < EXPORT_FILES; k++) {
@@ -277,14 +287,14 @@ static void exporter_block(const struct exporter *e, struct exporter_worker *w, 
     }
 }
 
-/* ---------------------------------------------------------------- folders */
+/* ---------------- folders */
 
 #define EXPORTER_BLOCK(e, block) PATH((e)->out, "blocks/%03d", block)
 
 static oxl_result exporter_open(const struct exporter *e, int block, struct exporter_files *files)
 {
     const char *folder = PATH(EXPORTER_BLOCK(e, block), "sparse/0");
-    oxl_result  rc     = os_make_folder(e->ctx, folder);
+    oxl_result rc = os_make_folder(e->ctx, folder);
     for (int k = 0; k < EXPORT_FILES && rc == OXL_OK; k++)
         rc = os_writer_open(e->ctx, PATH(folder, "%s", exporter_name[k]), &files->writer[k]);
     return rc;
@@ -300,34 +310,40 @@ static void exporter_link(const struct exporter *e, int block, const char *name,
 /* What an earlier partition into more blocks has left. Models that were trained there stay. */
 static void exporter_remove_old(const struct exporter *e)
 {
-    static const char *const old[] = {
-        "sparse/0/cameras.txt", "sparse/0/images.txt", "sparse/0/points3D.txt", "sparse/0", "sparse", "images", "masks", ""};
+    static const char *const old[] = {"sparse/0/cameras.txt",
+                                      "sparse/0/images.txt",
+                                      "sparse/0/points3D.txt",
+                                      "sparse/0",
+                                      "sparse",
+                                      "images",
+                                      "masks",
+                                      ""};
     for (int block = e->p->block_count; os_is_folder(EXPORTER_BLOCK(e, block)); block++)
         for (size_t k = 0; k < OXL_COUNT(old); k++)
             remove(PATH(EXPORTER_BLOCK(e, block), "%s", old[k])); /* a folder only when it is empty */
 }
 
-/* ---------------------------------------------------------------- workers */
+/* ---------------- workers */
 
 static oxl_result exporter_prepare(struct exporter *e)
 {
-    const struct colmap *c     = e->colmap;
-    const size_t         views = e->p->plan->visibility->views;
+    const struct colmap *c = e->colmap;
+    const size_t views = e->p->plan->visibility->views;
     for (size_t v = 0; v < views; v++)
         e->list_room = OXL_MAX(e->list_room, scene_source_image(e->p->plan->scene, (int)v)->points_size);
-    e->slots       = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
+    e->slots = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
     e->images_file = oxl_path_join(e->ctx, c->folder, c->images_file);
-    e->worker      = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
+    e->worker = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
     if (!e->images_file || !e->worker) return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
     for (int i = 0; i < e->ctx->threads; i++) {
-        struct exporter_worker *w  = &e->worker[i];
-        const oxl_result        rc = e->list_room ? os_reader_open(e->ctx, e->images_file, &w->reader) : OXL_OK;
+        struct exporter_worker *w = &e->worker[i];
+        const oxl_result rc = e->list_room ? os_reader_open(e->ctx, e->images_file, &w->reader) : OXL_OK;
         if (rc != OXL_OK) return rc;
-        w->bits   = oxl_alloc(e->ctx, c->point_count / 64 + 1, sizeof *w->bits);
-        w->image  = oxl_alloc(e->ctx, c->image_count, 1);
+        w->bits = oxl_alloc(e->ctx, c->point_count / 64 + 1, sizeof *w->bits);
+        w->image = oxl_alloc(e->ctx, c->image_count, 1);
         w->camera = oxl_alloc(e->ctx, c->camera_count, 1);
-        w->slot   = oxl_alloc(e->ctx, e->slots, sizeof *w->slot);
-        w->list   = oxl_alloc(e->ctx, e->list_room + 1, 1);
+        w->slot = oxl_alloc(e->ctx, e->slots, sizeof *w->slot);
+        w->list = oxl_alloc(e->ctx, e->list_room + 1, 1);
         w->buffer = oxl_alloc(e->ctx, EXPORT_BUFFER, 1);
         if (!w->bits || !w->image || !w->camera || !w->slot || !w->list || !w->buffer)
             return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
@@ -364,7 +380,7 @@ static void exporter_batch_write(const struct exporter *e, int first, int count,
 static oxl_result exporter_batch(const struct exporter *e, int first, int count)
 {
     struct exporter_files *files = oxl_calloc(e->ctx, (size_t)count, sizeof *files);
-    oxl_result             rc    = files ? OXL_OK : oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    oxl_result rc = files ? OXL_OK : oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
     for (int i = 0; i < count && rc == OXL_OK; i++) rc = exporter_open(e, first + i, &files[i]);
     if (rc == OXL_OK) exporter_batch_write(e, first, count, files);
     for (int i = 0; i < e->ctx->threads && rc == OXL_OK; i++) rc = e->worker[i].rc;
@@ -380,9 +396,9 @@ static oxl_result exporter_batch(const struct exporter *e, int first, int count)
 
 static oxl_result exporter_blocks(struct exporter *e)
 {
-    const int  wave  = OXL_MIN(4 * e->ctx->threads, (int)EXPORT_WAVE);
-    size_t     loose = 0;
-    oxl_result rc    = exporter_prepare(e);
+    const int wave = OXL_MIN(4 * e->ctx->threads, (int)EXPORT_WAVE);
+    size_t loose = 0;
+    oxl_result rc = exporter_prepare(e);
     for (int i = 0; i < e->p->block_count && rc == OXL_OK; i += wave) {
         rc = context_stopped(e->ctx);
         if (rc == OXL_OK) rc = exporter_batch(e, i, OXL_MIN(wave, e->p->block_count - i));
@@ -399,7 +415,7 @@ static oxl_result exporter_blocks(struct exporter *e)
     return rc;
 }
 
-/* ---------------------------------------------------------------- into a folder */
+/* ---------------- into a folder */
 
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out)
 {
@@ -410,11 +426,12 @@ OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition 
 
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out)
 {
-    struct exporter e  = {.ctx = ctx, .p = p, .out = out};
-    oxl_result      rc = os_make_folder(ctx, out);
+    struct exporter e = {.ctx = ctx, .p = p, .out = out};
+    oxl_result rc = os_make_folder(ctx, out);
     if (rc == OXL_OK && !p->plan)
-        rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      "a partition read from partition.txt cannot be exported\nfix: partition the scene again");
+        rc = oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "a partition read from partition.txt cannot be exported\nfix: partition the scene again");
     if (rc != OXL_OK) return rc;
     e.colmap = scene_colmap(p->plan->scene);
     os_remove(PATH(out, "partition.txt"));

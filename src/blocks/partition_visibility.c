@@ -7,31 +7,31 @@
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
-/* ---------------------------------------------------------------- from lists by point to lists by view */
+/* ---------------- from lists by point to lists by view */
 
 struct visibility_build {
-    const struct colmap         *colmap;
-    const double                *origin;
-    int                         *view; /* (images of the COLMAP model) -1: none for training */
+    const struct colmap *colmap;
+    const double *origin;
+    int *view; /* (images of the COLMAP model) -1: none for training */
     struct partition_visibility *visibility;
-    size_t                      *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
+    size_t *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
 };
 
 static void visibility_scan(const struct visibility_build *b, int task, int fill)
 {
-    const struct colmap *c    = b->colmap;
-    size_t              *next = b->next + (size_t)task * b->visibility->views;
-    const size_t         from = c->point_count * (size_t)task / PARTITION_TASKS,
-                 end          = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
+    const struct colmap *c = b->colmap;
+    size_t *next = b->next + (size_t)task * b->visibility->views;
+    const size_t from = c->point_count * (size_t)task / PARTITION_TASKS,
+                 end = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
     for (size_t i = from; i < end; i++) {
         const struct colmap_point *p = &c->point[i];
         if (!scene_accepts_point(p, b->origin)) continue;
         for (uint32_t k = 0; k < p->track_count; k++) {
-            const struct colmap_track *t    = &c->track[p->first_track + k];
-            const int                  view = b->view[t->image_row];
+            const struct colmap_track *t = &c->track[p->first_track + k];
+            const int view = b->view[t->image_row];
             if (view < 0) continue;
             if (fill) {
-                b->visibility->point[next[view]]       = (uint32_t)i;
+                b->visibility->point[next[view]] = (uint32_t)i;
                 b->visibility->observation[next[view]] = t->observation;
             }
             next[view]++;
@@ -46,9 +46,9 @@ static void visibility_offsets(const struct visibility_build *b)
     for (size_t v = 0; v < b->visibility->views; v++) {
         b->visibility->first[v] = total;
         for (int task = 0; task < PARTITION_TASKS; task++) {
-            size_t      *next  = b->next + (size_t)task * b->visibility->views + v;
+            size_t *next = b->next + (size_t)task * b->visibility->views + v;
             const size_t count = *next;
-            *next              = total;
+            *next = total;
             total += count;
         }
     }
@@ -66,31 +66,34 @@ static uint32_t visibility_count_different(const struct partition_visibility *vi
 static oxl_result visibility_alloc_lists(oxl_context *ctx, struct partition_visibility *vis)
 {
     const size_t total = vis->first[vis->views];
-    vis->point         = oxl_alloc(ctx, total + 1, sizeof *vis->point);
-    vis->observation   = oxl_alloc(ctx, total + 1, sizeof *vis->observation);
+    vis->point = oxl_alloc(ctx, total + 1, sizeof *vis->point);
+    vis->observation = oxl_alloc(ctx, total + 1, sizeof *vis->observation);
     if (vis->point && vis->observation) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu observations", total);
 }
 
-OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out)
+OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene,
+                                                    struct partition_visibility **out)
 {
-    const size_t                 views = (size_t)oxl_scene_view_count(scene);
-    struct partition_visibility *vis   = oxl_calloc(ctx, 1, sizeof *vis);
-    struct visibility_build      b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .visibility = vis};
-    oxl_result                   rc    = OXL_OK;
-    *out                               = NULL;
+    const size_t views = (size_t)oxl_scene_view_count(scene);
+    struct partition_visibility *vis = oxl_calloc(ctx, 1, sizeof *vis);
+    struct visibility_build b = {
+        .colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .visibility = vis};
+    oxl_result rc = OXL_OK;
+    *out = NULL;
     if (vis) {
         vis->views = views;
         vis->first = oxl_calloc(ctx, views + 1, sizeof *vis->first);
-        vis->seen  = oxl_calloc(ctx, views + 1, sizeof *vis->seen);
-        b.next     = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
+        vis->seen = oxl_calloc(ctx, views + 1, sizeof *vis->seen);
+        b.next = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
     }
     if (!vis || !vis->first || !vis->seen || !b.next)
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the visibility of %zu views", views);
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%zu points are more than a partition can number (2^32 - 1)\nfix: filter points3D to fewer points",
-                      b.colmap->point_count);
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%zu points are more than a partition can number (2^32 - 1)\nfix: filter points3D to fewer points",
+            b.colmap->point_count);
     if (rc == OXL_OK && !(b.view = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN))) rc = ctx->failed;
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)

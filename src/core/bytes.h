@@ -7,8 +7,8 @@
 
 static inline uint64_t bytes_get(const void *from, int size)
 {
-    const unsigned char *p     = from;
-    uint64_t             value = 0;
+    const unsigned char *p = from;
+    uint64_t value = 0;
     for (int i = size - 1; i >= 0; i--) value = value << 8 | p[i];
     return value;
 }
@@ -26,7 +26,7 @@ static inline uint32_t bytes_u32(const void *from)
 static inline float bytes_float(const void *from)
 {
     const uint32_t bits = bytes_u32(from);
-    float          value;
+    float value;
     memcpy(&value, &bits, sizeof value);
     return value;
 }
@@ -34,7 +34,7 @@ static inline float bytes_float(const void *from)
 static inline double bytes_double(const void *from)
 {
     const uint64_t bits = bytes_get(from, 8);
-    double         value;
+    double value;
     memcpy(&value, &bits, sizeof value);
     return value;
 }

@@ -1,7 +1,7 @@
 /* context.c - the context: options, threads, interruption.
  *
- * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it, limit it or make it
- * fail.
+ * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it,
+ * limit it or make it fail.
  */
 #include "core.h"
 #include "simd.h"
@@ -27,7 +27,8 @@ enum { BASE_THREADS_MAX = 1024 };
 static int context_threads(int wanted, int *available)
 {
 #ifdef _OPENMP
-    const int requested = wanted > 0 ? wanted : omp_get_max_threads(), quota = os_processor_quota(), there = omp_get_num_procs();
+    const int requested = wanted > 0 ? wanted : omp_get_max_threads(), quota = os_processor_quota(),
+              there = omp_get_num_procs();
     *available = OXL_MIN(quota > 0 ? OXL_MIN(quota, there) : there, BASE_THREADS_MAX);
     return requested;
 #else
@@ -47,16 +48,17 @@ OXL_INTERNAL int context_thread(void)
 
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out)
 {
-    oxl_context_options o   = options ? *options : oxl_context_options_default();
-    oxl_context        *ctx = NULL;
-    int                 available, requested = context_threads(o.threads, &available);
+    oxl_context_options o = options ? *options : oxl_context_options_default();
+    oxl_context *ctx = NULL;
+    int available, requested = context_threads(o.threads, &available);
     *out = NULL;
     if (!o.reallocate) o.reallocate = context_reallocate;
     ctx = o.reallocate(o.user, NULL, sizeof *ctx);
     if (!ctx) return OXL_ERR_MEMORY;
     *ctx = (oxl_context){.options = o, .threads = OXL_MIN(requested, available), .isa = simd_detect()};
     if (requested > available)
-        oxl_log(ctx, OXL_LOG_INFO, "%d threads requested, but only %d processor%s available; %d threads are used", requested,
+        oxl_log(ctx, OXL_LOG_INFO,
+                "%d threads requested, but only %d processor%s available; %d threads are used", requested,
                 available, available == 1 ? " is" : "s are", available);
     *out = ctx;
     return OXL_OK;
@@ -108,7 +110,7 @@ const char *oxl_isa_name(const oxl_context *ctx)
 static void *context_reallocate_in_turn(void *user, void *old, size_t size)
 {
     const oxl_context_options *caller = user;
-    void                      *memory;
+    void *memory;
 #ifdef _OPENMP
 #pragma omp critical(base_memory)
 #endif
@@ -118,6 +120,7 @@ static void *context_reallocate_in_turn(void *user, void *old, size_t size)
 
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx)
 {
-    return (oxl_context){
-        .options = {.reallocate = context_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};
+    return (oxl_context){.options = {.reallocate = context_reallocate_in_turn, .user = &ctx->options},
+                         .threads = 1,
+                         .isa = ctx->isa};
 }

@@ -1,19 +1,21 @@
-/* core.h - context, errors, memory, text, numbers, files, the table of options. Each layer has one header, with a section per
- * module; it includes headers of lower layers only (make rooms).
+/* core.h - context, errors, memory, text, numbers, files, the table of options. Each layer has one header,
+ * with a section per module; it includes headers of lower layers only (make rooms).
  *
- * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other modules; static
- * functions belong to their file. In the single translation unit OXL_INTERNAL is static; in separate modules (OXL_MODULES) it is
- * extern, so every dependency must be declared here.
+ * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other
+ * modules; static functions belong to their file. In the single translation unit OXL_INTERNAL is static; in
+ * separate modules (OXL_MODULES) it is extern, so every dependency must be declared here.
  */
 #ifndef OXL_CORE_H
 #define OXL_CORE_H
 
-/* os_posix.c needs POSIX under -std=c99, and the first system header decides, so core.h is included before any system header. */
+/* os_posix.c needs POSIX under -std=c99, and the first system header decides, so core.h is included before
+ * any system header. */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 200809L
 #endif
 #if !defined(_WIN32) && !defined(_FILE_OFFSET_BITS)
-#define _FILE_OFFSET_BITS 64 /* on 32-bit machines too: files past 2 GB, folders of file systems with large offsets */
+/* on 32-bit machines too: files past 2 GB, folders of file systems with large offsets */
+#define _FILE_OFFSET_BITS 64
 #endif
 #if defined(__MINGW32__) && !defined(__USE_MINGW_ANSI_STDIO)
 #define __USE_MINGW_ANSI_STDIO 1 /* printf as C99 has it: %zu */
@@ -46,40 +48,41 @@
 #endif
 
 #define OXL_COUNT(array) (sizeof(array) / sizeof *(array))
-#define OXL_MIN(a, b)    ((a) < (b) ? (a) : (b))
-#define OXL_MAX(a, b)    ((a) > (b) ? (a) : (b))
-#define OXL_SWAP(type, a, b)          \
-    do {                              \
-        type const swapped = (a);     \
-        (a)                = (b);     \
-        (b)                = swapped; \
+#define OXL_MIN(a, b) ((a) < (b) ? (a) : (b))
+#define OXL_MAX(a, b) ((a) > (b) ? (a) : (b))
+#define OXL_SWAP(type, a, b)      \
+    do {                          \
+        type const swapped = (a); \
+        (a) = (b);                \
+        (b) = swapped;            \
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
-/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory; log.c: the log */
+/* ---------------- context.c: the context; memory.c: errors, memory; log.c: the log */
 
 struct oxl_context {
     oxl_context_options options;
-    int                 threads; /* resolved: at least 1 */
-    int                 isa;     /* enum isa of simd.h */
-    struct backend     *backend; /* of the renderer; NULL: not opened */
-    char                error[1024];
-    struct text        *notes;  /* copies of log lines, as elements of a JSON array; NULL: not kept */
-    oxl_result          failed; /* code of `error`, for functions that return a pointer or NULL */
+    int threads;             /* resolved: at least 1 */
+    int isa;                 /* enum isa of simd.h */
+    struct backend *backend; /* of the renderer; NULL: not opened */
+    char error[1024];
+    struct text *notes; /* copies of log lines, as elements of a JSON array; NULL: not kept */
+    oxl_result failed;  /* code of `error`, for functions that return a pointer or NULL */
 };
 
 /* The context without its backend, which backend.c opens and closes. */
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
-OXL_INTERNAL void       context_close(oxl_context *ctx);
+OXL_INTERNAL void context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
-/* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no progress; not while the
- * state is saved, and on one thread only. */
+/* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no
+ * progress; not while the state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
-OXL_INTERNAL int        context_report(const oxl_callback *callback,
-                                       const oxl_progress *progress);   /* callback may be NULL; nonzero: stop */
-OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds); /* sleeps, then as context_stopped */
+/* callback may be NULL; nonzero: stop */
+OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress);
+/* sleeps, then as context_stopped */
+OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds);
 
 /* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
@@ -89,13 +92,14 @@ OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
 /* Keeps min(old, new) elements; on failure `old` stays valid. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
-OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
-OXL_INTERNAL void  oxl_free_all(oxl_context *ctx, void *const *memory, size_t count);
+OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory);
+OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t count);
 #define OXL_FREE(ctx, ...) oxl_free_all(ctx, (void *[]){__VA_ARGS__}, OXL_COUNT(((void *[]){__VA_ARGS__})))
 
-/* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`, by a quarter where
- * memory allows, and keeps its contents. */
-OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size);
+/* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`,
+ * by a quarter where memory allows, and keeps its contents. */
+OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
+                                    size_t size);
 
 #if defined(__MINGW32__)
 #define OXL_PRINTF(at, first) __attribute__((format(gnu_printf, at, first)))
@@ -105,24 +109,26 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capac
 #define OXL_PRINTF(at, first)
 #endif
 
-/* `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`: public, here with its check of the format. */
+/* `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`: public, here with its check of the
+ * format. */
 OXL_API oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
-OXL_INTERNAL void  oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
+OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
 
-/* ---------------------------------------------------------------- text.c */
+/* ---------------- text.c */
 
 /* Growing text. A failed allocation sets `failed`, which is tested once at the end. */
 struct text {
     oxl_context *ctx;
-    char        *data; /* terminated; NULL before the first addition */
-    size_t       size, capacity;
-    int          failed;
+    char *data; /* terminated; NULL before the first addition */
+    size_t size, capacity;
+    int failed;
 };
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-OXL_INTERNAL void text_add_number(struct text *t,
-                                  double       value); /* shortest text that parses to the same value; null: not finite */
-OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value); /* of a JSON object, on a line of its own */
+/* shortest text that parses to the same value; null: not finite */
+OXL_INTERNAL void text_add_number(struct text *t, double value);
+/* of a JSON object, on a line of its own */
+OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
@@ -131,16 +137,18 @@ OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
 /* "a/b", allocated; a may be "" or end in a slash. */
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
-/* The same as a temporary of the enclosing block, the second part from a format: PATH(folder, "blocks/%03d", k). A path that is too
- * long becomes one that cannot exist. */
+/* The same as a temporary of the enclosing block, the second part from a format: PATH(folder, "blocks/%03d",
+ * k). A path that is too long becomes one that cannot exist. */
 enum { PATH_LENGTH = 4096 };
-OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...) OXL_PRINTF(3, 4);
+OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
+    OXL_PRINTF(3, 4);
 #define PATH(...) path_in((char[PATH_LENGTH]){0}, __VA_ARGS__)
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
-/* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
+/* ---------------- number.c: fast, exact, locale-independent number parsing */
 
-/* Parses one decimal number at *cursor, independent of the locale and correctly rounded, as strtod in the C locale; 0: no number.
+/* Parses one decimal number at *cursor, independent of the locale and correctly rounded, as strtod in the C
+ * locale; 0: no number.
  * Accepts signs, exponents, nan and inf in the usual spellings, also "-nan(ind)". *cursor moves past it. */
 OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
 OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
@@ -149,44 +157,49 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
-OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
-OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value);              /* parses to the same double */
-OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);                  /* parses to the same float */
+OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
+/* parses to the same double */
+OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value);
+/* parses to the same float */
+OXL_INTERNAL void format_float(char out[NUMBER_TEXT_MAX], float value);
 
 /* The value as text, for %s in a format: it parses to the same value; "null" if it is not finite. */
 OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 #define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
 
-/* ---------------------------------------------------------------- options.c: the table of options; other functions are public */
+/* ---------------- options.c: the table of options; other functions are public */
 
-#define UCD_CAP 5.0                                                      /* largest depth weight of UCD */
-OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag); /* sets the options with this flag of `use` to off */
+#define UCD_CAP 5.0 /* largest depth weight of UCD */
+/* sets the options with this flag of `use` to off */
+OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag);
 
-/* ---------------------------------------------------------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
+/* ---------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
 
 struct os_file_map { /* a whole file in memory, read-only, with one zero byte after it */
     const char *data;
-    size_t      size;
+    size_t size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 /* If a file does not begin with `start`, only its first bytes are read. */
-OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
-OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
-/* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without mapping read it. */
+OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
+                                          struct os_file_map *out);
+OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map);
+/* Maps the file: pages are read on use and may be dropped again; no zero byte follows. Systems without
+ * mapping read it. */
 OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-OXL_INTERNAL void       os_unmap_file(oxl_context *ctx, struct os_file_map *map);
+OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 
 /* A file read in pieces. `path` is borrowed. */
 struct os_reader {
-    FILE       *file;
+    FILE *file;
     const char *path;
-    uint64_t    size; /* a hint: 0 for a pipe, and a file may grow */
+    uint64_t size; /* a hint: 0 for a pipe, and a file may grow */
 };
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
 OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
                                        size_t *got); /* *got < size: end of file */
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
-OXL_INTERNAL void       os_reader_close(struct os_reader *r);
+OXL_INTERNAL void os_reader_close(struct os_reader *r);
 
 /* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
@@ -198,16 +211,17 @@ OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *fold
 struct os_writer {
     FILE *file;
     char *path, *temporary;
-    int   error;    /* errno of os_writer_sync */
-    int   unsynced; /* 1: no fsync, for files that a crash of the machine may lose */
+    int error;    /* errno of os_writer_sync */
+    int unsynced; /* 1: no fsync, for files that a crash of the machine may lose */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
-OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
-OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc); /* rc != OXL_OK: discard */
+OXL_INTERNAL void os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
+/* rc != OXL_OK: discard */
+OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc);
 
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
-OXL_INTERNAL int   os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
-OXL_INTERNAL int   os_remove(const char *path);                 /* 0: success */
+OXL_INTERNAL int os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
+OXL_INTERNAL int os_remove(const char *path);                 /* 0: success */
 
 /* A lock on a file, exclusive or shared between processes; see lock.c. */
 enum os_locked {
@@ -219,41 +233,47 @@ enum os_locked {
 };
 struct os_lock {
     intptr_t file;
-    long     process;     /* that holds it, as reported by the system; 0: unknown */
-    char     holder[128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
+    long process; /* that holds it, as reported by the system; 0: unknown */
+    char holder
+        [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
 };
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
-OXL_INTERNAL void           os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
+OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
 /* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
-OXL_INTERNAL oxl_result     os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what, int error);
-OXL_INTERNAL void           os_lock_close(struct os_lock *lock, const char *remove); /* releases it; remove: its path, or NULL */
+OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what,
+                                int error);
+/* releases it; remove: its path, or NULL */
+OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
 
 #ifdef OXL_VULKAN
 /* A library loaded at run time; NULL: not found. */
 OXL_INTERNAL void *os_library_open(const char *name);
-OXL_INTERNAL void  os_library_symbol(void *library, const char *name, void *out, size_t size); /* out: a function pointer */
-OXL_INTERNAL void  os_library_close(void *library);
+/* out: a function pointer */
+OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size);
+OXL_INTERNAL void os_library_close(void *library);
 #endif
 
-OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; an existing folder is no error */
+/* with its parents; an existing folder is no error */
+OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
-OXL_INTERNAL int        os_link(const char *target, const char *path);
-OXL_INTERNAL int        os_is_file(const char *path);
-OXL_INTERNAL int        os_is_folder(const char *path);
-OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
-OXL_INTERNAL int        os_processor_quota(void); /* processors that the process may use (Linux cgroups); 0: no limit known */
-OXL_INTERNAL double     os_seconds(void);         /* monotonic clock */
-OXL_INTERNAL double     os_disk_free(const char *folder);   /* bytes; 0: unknown */
-OXL_INTERNAL int        os_remove_folder(const char *path); /* an empty one; 0: success */
-OXL_INTERNAL void       os_sleep(double seconds);           /* a signal ends it */
-OXL_INTERNAL size_t     os_peak_rss(void);                  /* bytes; 0 when unknown */
-OXL_INTERNAL size_t     os_memory_free(void);               /* bytes available without swapping; 0: unknown */
+OXL_INTERNAL int os_link(const char *target, const char *path);
+OXL_INTERNAL int os_is_file(const char *path);
+OXL_INTERNAL int os_is_folder(const char *path);
+OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
+/* processors that the process may use (Linux cgroups); 0: no limit known */
+OXL_INTERNAL int os_processor_quota(void);
+OXL_INTERNAL double os_seconds(void);                 /* monotonic clock */
+OXL_INTERNAL double os_disk_free(const char *folder); /* bytes; 0: unknown */
+OXL_INTERNAL int os_remove_folder(const char *path);  /* an empty one; 0: success */
+OXL_INTERNAL void os_sleep(double seconds);           /* a signal ends it */
+OXL_INTERNAL size_t os_peak_rss(void);                /* bytes; 0 when unknown */
+OXL_INTERNAL size_t os_memory_free(void);             /* bytes available without swapping; 0: unknown */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
-OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
-                                       void *user);
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
+                                       void (*visit)(void *user, const char *name), void *user);
 
-/* ---------------------------------------------------------------- lock.c: a folder that one process writes to at a time */
+/* ---------------- lock.c: a folder that one process writes to at a time */
 
 /* oxl_lock_folder; shared: other processes may share it, too. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);

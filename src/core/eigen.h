@@ -1,6 +1,7 @@
 /* eigen.h - eigenvectors of a symmetric 3 x 3 matrix, for principal axes. The library and the program use it.
  *
- * Source: Jacobi rotations (1846). They use only + - * / and the square root, so the result has the same bits on all machines.
+ * Source: Jacobi rotations (1846). They use only + - * / and the square root, so the result has the same bits
+ * on all machines.
  */
 #ifndef OXL_EIGEN_H
 #define OXL_EIGEN_H
@@ -14,7 +15,8 @@ enum { EIGEN_SWEEPS = 30 }; /* three or four suffice: convergence is quadratic *
 static inline void eigen_rotate(double a[3][3], double v[3][3], int i, int j)
 {
     const double theta = (a[j][j] - a[i][i]) / (2 * a[i][j]);
-    const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1)), c = 1 / sqrt(t * t + 1), s = t * c;
+    const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1)), c = 1 / sqrt(t * t + 1),
+                 s = t * c;
     for (int k = 0; k < 3; k++) {
         const double x = a[k][i], y = a[k][j];
         a[k][i] = c * x - s * y;
@@ -29,7 +31,8 @@ static inline void eigen_rotate(double a[3][3], double v[3][3], int i, int j)
     }
 }
 
-/* The rows of v become the unit eigenvectors of the symmetric a, in no order; the diagonal of a becomes the eigenvalues. */
+/* The rows of v become the unit eigenvectors of the symmetric a, in no order; the diagonal of a becomes the
+ * eigenvalues. */
 static inline void eigen_symmetric(double a[3][3], double v[3][3])
 {
     const double scale = fabs(a[0][0]) + fabs(a[1][1]) + fabs(a[2][2]);
@@ -41,7 +44,8 @@ static inline void eigen_symmetric(double a[3][3], double v[3][3])
                 if (fabs(a[i][j]) > EIGEN_ZERO * scale) eigen_rotate(a, v, i, j);
 }
 
-/* 1: the largest element of an axis is negative. An eigenvector has no sign of its own; one rule gives all maps of a survey the same. */
+/* 1: the largest element of an axis is negative. An eigenvector has no sign of its own; one rule gives all
+ * maps of a survey the same. */
 static inline int eigen_is_backward(const double axis[3])
 {
     int largest = 0;

@@ -16,7 +16,8 @@ static const char *json_past_string(const char *at)
     return *at ? at + 1 : at;
 }
 
-/* Change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind of bracket does not count. */
+/* Change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind of bracket
+ * does not count. */
 static int json_depth_change(char c)
 {
     return (c == '{' || c == '[') - (c == '}' || c == ']');
@@ -39,8 +40,8 @@ const char *oxl_json_end(const char *at)
 
 const char *oxl_json_error(const char *text)
 {
-    const char *at    = json_blank(text);
-    int         depth = 0;
+    const char *at = json_blank(text);
+    int depth = 0;
     if (*at != '{' && *at != '[') return at;
     do {
         if (*at == '"') {
@@ -79,7 +80,7 @@ const char *oxl_json_value(const char *key)
 const char *oxl_json_member(const char *object, const char *name)
 {
     const size_t length = strlen(name);
-    const char  *at     = object ? json_blank(object) : NULL;
+    const char *at = object ? json_blank(object) : NULL;
     if (!at || *at != '{') return NULL;
     for (at = oxl_json_first(at); at && *at == '"';) {
         const char *value = oxl_json_value(at);
@@ -93,7 +94,7 @@ const char *oxl_json_member(const char *object, const char *name)
 double oxl_json_number_at(const char **cursor)
 {
     const char *at = *cursor;
-    double      value;
+    double value;
     if (*at != '-' && (*at < '0' || *at > '9')) return NAN;
     if (!parse_double(&at, at + strcspn(at, ",]} \t\r\n"), &value)) return NAN;
     *cursor = at;
@@ -112,9 +113,10 @@ int oxl_json_is_true(const char *object, const char *name)
     return value && strncmp(value, "true", 4) == 0;
 }
 
-/* ---------------------------------------------------------------- strings */
+/* ---------------- strings */
 
-/* A byte that is not of UTF-8 is written as the surrogate DC00 + byte, which text cannot hold alone (Python's surrogateescape):
+/* A byte that is not of UTF-8 is written as the surrogate DC00 + byte, which text cannot hold alone (Python's
+ * surrogateescape):
  * names of files come back as they were. */
 enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
 
@@ -133,7 +135,8 @@ static size_t json_put(char *out, unsigned long code)
         out[0] = (char)(0xC0 | code >> 6), out[1] = (char)(0x80 | (code & 63));
         return 2;
     }
-    out[0] = (char)(0xE0 | code >> 12), out[1] = (char)(0x80 | (code >> 6 & 63)), out[2] = (char)(0x80 | (code & 63));
+    out[0] = (char)(0xE0 | code >> 12), out[1] = (char)(0x80 | (code >> 6 & 63)),
+    out[2] = (char)(0x80 | (code & 63));
     return 3;
 }
 
@@ -149,19 +152,19 @@ static unsigned long json_code(const char *at)
 static size_t json_unescape(const char **cursor, char *out)
 {
     static const char from[] = "\"\\/bfnrt", to[] = "\"\\/\b\f\n\r\t";
-    const char       *at   = *cursor, *known;
-    unsigned long     code = json_code(at), second;
+    const char *at = *cursor, *known;
+    unsigned long code = json_code(at), second;
     if (code) {
         *cursor = at + 5;
-        second  = code - JSON_HIGH < JSON_SURROGATES && at[5] == '\\' ? json_code(at + 6) : 0;
+        second = code - JSON_HIGH < JSON_SURROGATES && at[5] == '\\' ? json_code(at + 6) : 0;
         if (second - JSON_LOW < JSON_SURROGATES) { /* two of them are one character */
             *cursor = at + 11;
-            code    = 0x10000 + ((code - JSON_HIGH) << 10) + (second - JSON_LOW);
+            code = 0x10000 + ((code - JSON_HIGH) << 10) + (second - JSON_LOW);
         }
         return json_put(out, code);
     }
-    known   = strchr(from, *at);
-    out[0]  = known ? to[known - from] : *at;
+    known = strchr(from, *at);
+    out[0] = known ? to[known - from] : *at;
     *cursor = at + 1;
     return 1;
 }
@@ -169,7 +172,12 @@ static size_t json_unescape(const char **cursor, char *out)
 /* Bytes of the UTF-8 character at s; 0: s begins none. */
 static size_t json_character(const unsigned char *s)
 {
-    const size_t size = s[0] < 0x80 ? 1 : s[0] < 0xC2 ? 0 : s[0] < 0xE0 ? 2 : s[0] < 0xF0 ? 3 : s[0] < 0xF5 ? 4 : 0;
+    const size_t size = s[0] < 0x80   ? 1
+                        : s[0] < 0xC2 ? 0
+                        : s[0] < 0xE0 ? 2
+                        : s[0] < 0xF0 ? 3
+                        : s[0] < 0xF5 ? 4
+                                      : 0;
     for (size_t i = 1; i < size; i++)
         if ((s[i] & 0xC0) != 0x80) return 0;
     if ((s[0] == 0xE0 && s[1] < 0xA0) || (s[0] == 0xED && s[1] > 0x9F)) return 0;
@@ -178,8 +186,8 @@ static size_t json_character(const unsigned char *s)
 
 size_t oxl_json_escape(const char *s, char out[8])
 {
-    const unsigned char c    = (unsigned char)*s;
-    const size_t        size = json_character((const unsigned char *)s);
+    const unsigned char c = (unsigned char)*s;
+    const size_t size = json_character((const unsigned char *)s);
     if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
     else if (c < 0x20 || size == 0) snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
     else snprintf(out, 8, "%.*s", (int)size, s);

@@ -1,5 +1,5 @@
-/* json.h - reads JSON text through a cursor, without building a tree; numbers and characters to write it. The library and
- * the program use it.
+/* json.h - reads JSON text through a cursor, without building a tree; numbers and characters to write it. The
+ * library and the program use it.
  *
  * A value is a pointer to its first byte in the text; NULL is a missing value, without members or number.
  * The functions are not public API; they are not OXL_INTERNAL because the program calls them.
@@ -10,29 +10,31 @@
 
 #include <stddef.h>
 
-/* NULL if every bracket and string is closed and nothing follows; otherwise the position of the error. Not a validator: brackets are
- * counted, their kind is not compared ("[}" passes). The functions below treat what they cannot parse as a missing value. */
+/* NULL if every bracket and string is closed and nothing follows; otherwise the position of the error. Not a
+ * validator: brackets are counted, their kind is not compared ("[}" passes). The functions below treat what
+ * they cannot parse as a missing value. */
 const char *oxl_json_error(const char *text);
 
-/* The first element of an array or first key of an object; the element after one, or the key after a value; the value of a key. */
+/* The first element of an array or first key of an object; the element after one, or the key after a value;
+ * the value of a key. */
 const char *oxl_json_first(const char *value);
 const char *oxl_json_next(const char *value);
 const char *oxl_json_value(const char *key);
 const char *oxl_json_end(const char *value); /* first byte after it */
 
 const char *oxl_json_member(const char *object, const char *name);
-double      oxl_json_number_at(const char **cursor); /* moves past it; NAN: no number */
-double      oxl_json_number(const char *object, const char *name);
-int         oxl_json_is_true(const char *object, const char *name);
+double oxl_json_number_at(const char **cursor); /* moves past it; NAN: no number */
+double oxl_json_number(const char *object, const char *name);
+int oxl_json_is_true(const char *object, const char *name);
 
-/* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does not fit. The
- * result is never longer than the source. */
-size_t      oxl_json_text(const char *value, char *out, size_t size);
-/* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8 comes back from
- * oxl_json_text. */
-size_t      oxl_json_escape(const char *s, char out[8]);
+/* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
+ * does not fit. The result is never longer than the source. */
+size_t oxl_json_text(const char *value, char *out, size_t size);
+/* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8
+ * comes back from oxl_json_text. */
+size_t oxl_json_escape(const char *s, char out[8]);
 /* The shortest text that parses to the same value; null: not finite. Returns out. */
 const char *oxl_json_number_text(char out[48], double value);
-size_t      oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
+size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 
 #endif

@@ -3,7 +3,7 @@
 
 OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...)
 {
-    char    line[1024];
+    char line[1024];
     va_list args;
     if (!ctx->options.log && !ctx->notes) return;
     va_start(args, format);

@@ -1,7 +1,7 @@
 /* memory.c - errors and allocation, used by every other file. */
 #include "core.h"
 
-/* ---------------------------------------------------------------- errors */
+/* ---------------- errors */
 
 oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
@@ -14,7 +14,7 @@ oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
     return rc;
 }
 
-/* ---------------------------------------------------------------- memory */
+/* ---------------- memory */
 
 /* Blocks are aligned to a cache line; the allocator's pointer is stored directly before the block. */
 enum { MEMORY_ALIGN = 64 };
@@ -22,8 +22,9 @@ enum { MEMORY_ALIGN = 64 };
 /* The block in `raw`, whose contents move from `offset` to where alignment wants them. */
 static void *memory_align(char *raw, size_t offset, size_t bytes)
 {
-    const uintptr_t aligned = ((uintptr_t)raw + MEMORY_ALIGN + sizeof(void *)) & ~(uintptr_t)(MEMORY_ALIGN - 1);
-    void           *header  = raw;
+    const uintptr_t aligned =
+        ((uintptr_t)raw + MEMORY_ALIGN + sizeof(void *)) & ~(uintptr_t)(MEMORY_ALIGN - 1);
+    void *header = raw;
     if (bytes > 0 && aligned - (uintptr_t)raw != offset) memmove((void *)aligned, raw + offset, bytes);
     memcpy((char *)aligned - sizeof header, &header, sizeof header);
     return (void *)aligned;
@@ -41,12 +42,13 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size)
     return memory;
 }
 
-/* By the caller's reallocate, which moves pages of large blocks instead of copying them, where it is realloc of a usual libc. */
+/* By the caller's reallocate, which moves pages of large blocks instead of copying them, where it is realloc
+ * of a usual libc. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size)
 {
     const size_t overhead = MEMORY_ALIGN + sizeof(void *);
-    char        *raw      = NULL;
-    size_t       offset   = 0;
+    char *raw = NULL;
+    size_t offset = 0;
     if (size != 0 && new_count > (SIZE_MAX - overhead) / size) return NULL;
     if (old) {
         memcpy(&raw, (char *)old - sizeof raw, sizeof raw);
@@ -69,10 +71,12 @@ OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t cou
     for (size_t i = 0; i < count; i++) oxl_free(ctx, memory[i]);
 }
 
-OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed, size_t size)
+OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
+                                    size_t size)
 {
-    size_t wanted = OXL_MAX(OXL_MAX(needed, (size_t)64), *capacity <= SIZE_MAX / 2 ? *capacity + *capacity / 4 : 0);
-    void  *old, *grown;
+    size_t wanted =
+        OXL_MAX(OXL_MAX(needed, (size_t)64), *capacity <= SIZE_MAX / 2 ? *capacity + *capacity / 4 : 0);
+    void *old, *grown;
     if (needed <= *capacity) return OXL_OK;
     memcpy(&old, array, sizeof old);
     grown = oxl_regrow(ctx, old, *capacity, wanted, size);

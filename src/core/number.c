@@ -2,8 +2,8 @@
  *
  * A decimal number is w x 10^e with an integer w. Of three methods the fastest exact one is used:
  *
- *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once (Clinger 1990)
- *     w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all digits that rounding needs
+ *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once (Clinger
+ *     1990) w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all digits that rounding needs
  *     otherwise               strtod on text without a decimal point, which is the same in every locale
  *
  * Invariant: equal to strtod in the "C" locale; hexadecimal numbers and leading blanks are not accepted.
@@ -15,7 +15,7 @@ static int number_is_digit(char c)
     return (unsigned char)(c - '0') < 10;
 }
 
-/* ---------------------------------------------------------------- integers */
+/* ---------------- integers */
 
 static int number_fits(const char *digits, const char *end, uint64_t limit)
 {
@@ -30,25 +30,26 @@ static int number_fits(const char *digits, const char *end, uint64_t limit)
 
 OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 {
-    const char *p        = *cursor, *first;
-    const int   negative = p < end && *p == '-';
-    uint64_t    w        = 0;
+    const char *p = *cursor, *first;
+    const int negative = p < end && *p == '-';
+    uint64_t w = 0;
     if (p < end && (*p == '-' || *p == '+')) p++;
     for (first = p; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
     if (p == first) return 0;
     if (p - first > 18 && !number_fits(first, p, (uint64_t)INT64_MAX + (uint64_t)negative)) return 0;
-    *out    = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w; /* -INT64_MIN is not an int64_t */
+    *out = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w; /* -INT64_MIN is not an int64_t */
     *cursor = p;
     return 1;
 }
 
-/* ---------------------------------------------------------------- w x 10^e to the nearest double */
+/* ---------------- w x 10^e to the nearest double */
 
 enum {
-    NUMBER_DIGITS_MAX  = 19,  /* always fit into 64 bits */
-    NUMBER_DIGITS_KEPT = 800, /* a midpoint between two doubles has at most 767 digits; further digits only break ties */
-    NUMBER_POWER10_MAX = 22,  /* the last power of 10 that is a double */
-    NUMBER_POWER5_MAX  = 27   /* the last power of 5 below 2^63 */
+    NUMBER_DIGITS_MAX = 19, /* always fit into 64 bits */
+    /* a midpoint between two doubles has at most 767 digits; further digits only break ties */
+    NUMBER_DIGITS_KEPT = 800,
+    NUMBER_POWER10_MAX = 22, /* the last power of 10 that is a double */
+    NUMBER_POWER5_MAX = 27   /* the last power of 5 below 2^63 */
 };
 
 static const double number_power10[NUMBER_POWER10_MAX + 1] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
@@ -58,9 +59,9 @@ static const double number_power10[NUMBER_POWER10_MAX + 1] = {1e0,  1e1,  1e2,  
 /* digits .. end may hold a decimal point; the number is (the digits read as one integer) x 10^exponent. */
 static double number_by_strtod(const char *digits, const char *end, int64_t exponent)
 {
-    char   text[NUMBER_DIGITS_KEPT + 32];
-    size_t size   = 0;
-    int    sticky = 0;
+    char text[NUMBER_DIGITS_KEPT + 32];
+    size_t size = 0;
+    int sticky = 0;
     for (; digits < end; digits++) {
         if (*digits == '.' || (size == 0 && *digits == '0')) continue;
         if (size < NUMBER_DIGITS_KEPT) {
@@ -96,25 +97,26 @@ static const uint64_t number_power5[NUMBER_POWER5_MAX + 1] = {
 static double number_power2(int exponent) /* -1022 .. 1023 */
 {
     const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
-    double         value;
+    double value;
     memcpy(&value, &bits, sizeof value);
     return value;
 }
 
-/* With w and 5^|e| shifted to their top bits, the product or quotient fills 63 or 64 bits; lower bits become one sticky bit,
- * and the conversion to double rounds once. The remaining power of 2 is exact: results stay away from 2^-1022 and 2^1023. */
+/* With w and 5^|e| shifted to their top bits, the product or quotient fills 63 or 64 bits; lower bits become
+ * one sticky bit, and the conversion to double rounds once. The remaining power of 2 is exact: results stay
+ * away from 2^-1022 and 2^1023. */
 static double number_scale_wide(uint64_t w, int e)
 {
     const uint64_t power = number_power5[e < 0 ? -e : e];
-    const int      ws = __builtin_clzll(w), ps = __builtin_clzll(power);
+    const int ws = __builtin_clzll(w), ps = __builtin_clzll(power);
     const uint64_t a = w << ws, b = power << ps;
     if (e < 0) {
         const number_wide n = (number_wide)a << 63;
-        const uint64_t    q = (uint64_t)(n / b), sticky = n - (number_wide)q * b != 0;
+        const uint64_t q = (uint64_t)(n / b), sticky = n - (number_wide)q * b != 0;
         return (double)(q | sticky) * number_power2(ps - ws - 63 + e);
     } else {
         const number_wide n = (number_wide)a * b;
-        const uint64_t    q = (uint64_t)(n >> 64), sticky = (uint64_t)n != 0;
+        const uint64_t q = (uint64_t)(n >> 64), sticky = (uint64_t)n != 0;
         return (double)(q | sticky) * number_power2(64 - ps - ws + e);
     }
 }
@@ -138,7 +140,7 @@ static double number_scale(uint64_t w, const char *digits, const char *end, int 
     return number_by_strtod(digits, end, exponent);
 }
 
-/* ---------------------------------------------------------------- the text of a double */
+/* ---------------- the text of a double */
 
 /* The position after `word`, ignoring case; NULL: no match. */
 static const char *number_skip_word(const char *p, const char *end, const char *word)
@@ -152,7 +154,7 @@ static const char *number_skip_word(const char *p, const char *end, const char *
 static const char *number_parse_name(const char *p, const char *end, double *out)
 {
     const char *past = number_skip_word(p, end, "nan");
-    *out             = NAN;
+    *out = NAN;
     if (past) {
         p = past;
         if (p < end && *p == '(') {
@@ -177,9 +179,9 @@ static const char *number_parse_sharp(const char *p, const char *end, double *ou
 /* p is at the 'e'; stays there when no digit follows. */
 static const char *number_parse_exponent(const char *p, const char *end, int64_t *exponent)
 {
-    const char *digit    = p + 1;
-    int         negative = 0;
-    int64_t     value    = 0;
+    const char *digit = p + 1;
+    int negative = 0;
+    int64_t value = 0;
     if (digit < end && (*digit == '-' || *digit == '+')) negative = *digit++ == '-';
     if (digit == end || !number_is_digit(*digit)) return p;
     for (; digit < end && number_is_digit(*digit); digit++)
@@ -198,12 +200,12 @@ static int number_significant(const char *digits, const char *end)
 
 OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
 {
-    const char *p        = *cursor, *first, *last;
-    int         negative = 0;
-    uint64_t    w        = 0;
-    int64_t     exponent = 0;
-    ptrdiff_t   digits;
-    double      value = 0;
+    const char *p = *cursor, *first, *last;
+    int negative = 0;
+    uint64_t w = 0;
+    int64_t exponent = 0;
+    ptrdiff_t digits;
+    double value = 0;
     if (p < end && (*p == '-' || *p == '+')) negative = *p++ == '-';
     for (first = p; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
     digits = p - first;
@@ -224,16 +226,17 @@ OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
         if (digits > NUMBER_DIGITS_MAX) digits = number_significant(first, last);
         value = number_scale(w, first, last, (int)digits, exponent);
     }
-    *out    = negative ? -value : value;
+    *out = negative ? -value : value;
     *cursor = p;
     return 1;
 }
 
-/* ---------------------------------------------------------------- digits */
+/* ---------------- digits */
 
-static const char number_pairs[] = "00010203040506070809101112131415161718192021222324252627282930313233343536373839"
-                                   "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
-                                   "8081828384858687888990919293949596979899";
+static const char number_pairs[] =
+    "00010203040506070809101112131415161718192021222324252627282930313233343536373839"
+    "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
+    "8081828384858687888990919293949596979899";
 
 /* Writes the digits before `end`, two at a time; returns their start. */
 static char *number_put_digits(char *end, uint64_t w)
@@ -246,46 +249,49 @@ static char *number_put_digits(char *end, uint64_t w)
 
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value)
 {
-    char         text[20];
-    const char  *first = number_put_digits(text + sizeof text, value < 0 ? 0 - (uint64_t)value : (uint64_t)value);
-    const size_t size  = (size_t)(text + sizeof text - first);
+    char text[20];
+    const char *first =
+        number_put_digits(text + sizeof text, value < 0 ? 0 - (uint64_t)value : (uint64_t)value);
+    const size_t size = (size_t)(text + sizeof text - first);
     if (value < 0) *out++ = '-';
     memcpy(out, first, size);
     out[size] = 0;
     return size + (value < 0);
 }
 
-/* ---------------------------------------------------------------- a double to text */
+/* ---------------- a double to text */
 
 #ifdef __SIZEOF_INT128__
-/* m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The result has at most 18 digits. */
+/* m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The result has
+ * at most 18 digits. */
 static uint64_t number_scale_up(uint64_t m, int e, int scale)
 {
     const number_wide product = (number_wide)m * number_power5[scale];
-    const int         shift   = -(e + scale);
-    number_wide       rest, half;
-    uint64_t          q;
+    const int shift = -(e + scale);
+    number_wide rest, half;
+    uint64_t q;
     if (shift <= 0) return (uint64_t)(product << -shift);
-    q    = (uint64_t)(product >> shift);
+    q = (uint64_t)(product >> shift);
     rest = product & (((number_wide)1 << shift) - 1);
     half = (number_wide)1 << (shift - 1);
     return q + (rest > half || (rest == half && (q & 1)));
 }
 
-/* The 17 significant digits of a positive number in 1e-5 .. 1e16 and the exponent of the first; 0: out of range. */
+/* The 17 significant digits of a positive number in 1e-5 .. 1e16 and the exponent of the first; 0: out of
+ * range. */
 static int number_digits(double value, char digits[17], int *exponent)
 {
     const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
-    uint64_t       bits, w;
-    double         guess;
-    int            e, ten;
+    uint64_t bits, w;
+    double guess;
+    int e, ten;
     if (!(value >= 1e-5 && value < 1e16)) return 0;
     memcpy(&bits, &value, sizeof bits);
-    e     = (int)(bits >> 52) - 1075;
-    bits  = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
+    e = (int)(bits >> 52) - 1075;
+    bits = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
     guess = (e + 52) * 0.30102999; /* below log10(2): the guess is exact or one too low */
-    ten   = (int)guess - (guess < 0);
-    w     = number_scale_up(bits, e, 16 - ten);
+    ten = (int)guess - (guess < 0);
+    w = number_scale_up(bits, e, 16 - ten);
     if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
     number_put_digits(digits + 17, w); /* 10^16 <= w < 10^17 */
     *exponent = ten;
@@ -296,7 +302,7 @@ static int number_digits(double value, char digits[17], int *exponent)
 static size_t number_format_plain(char *out, double value)
 {
     char digits[17], *p = out;
-    int  ten, count     = 17;
+    int ten, count = 17;
     if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
     while (count > 1 && digits[count - 1] == '0') count--;
     if (ten < 0) {
@@ -323,9 +329,10 @@ static size_t number_format_plain(char *out, double value)
 
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 {
-    char         text[48];
-    size_t       size  = value < 0;
-    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value); /* ten times as fast as snprintf */
+    char text[48];
+    size_t size = value < 0;
+    /* ten times as fast as snprintf */
+    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value);
     if (plain) {
         if (size) out[0] = '-';
         return size + plain;
@@ -333,14 +340,16 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
     size = 0;
     snprintf(text, sizeof text, "%.17g", value);
     for (const char *p = text; *p; p++) {
-        if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')) out[size++] = *p;
-        else if (size == 0 || out[size - 1] != '.') out[size++] = '.'; /* the locale's decimal point can have several bytes */
+        if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z'))
+            out[size++] = *p;
+        /* the locale's decimal point can have several bytes */
+        else if (size == 0 || out[size - 1] != '.') out[size++] = '.';
     }
     out[size] = 0;
     return size;
 }
 
-/* ---------------------------------------------------------------- the shortest text */
+/* ---------------- the shortest text */
 
 /* As %.*g in every locale. */
 OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)

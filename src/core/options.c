@@ -1,15 +1,17 @@
-/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks. It lies
- * in the lowest layer because the functions of all layers take their defaults from it.
+/* options.c - the options of a training job: one table with a row per option, and its parser, printer and
+ * range checks. It lies in the lowest layer because the functions of all layers take their defaults from it.
  *
- * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its reading back, the command
- * that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option takes
- *   - a row here; `use` names the commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
+ * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its
+ * reading back, the command that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option
+ * takes
+ *   - a row here; `use` names the commands that take it, and states whether the bytes of the result depend on
+ *   it (RESULT), and where it
  *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
  *   - `make man`, and a test.
  *
- * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same
- * bits. Text does not depend on the locale.
+ * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by
+ * oxl_option_set to the same bits. Text does not depend on the locale.
  */
 #include "core.h"
 #include "../../oceanxl_job.h"
@@ -17,7 +19,7 @@
 #include <errno.h>
 #include <stddef.h>
 
-/* ---------------------------------------------------------------- the table */
+/* ---------------- the table */
 
 #define OPTION_AT(member) offsetof(oxl_job_options, member)
 #define EACH(text)       \
@@ -30,13 +32,13 @@
     }
 enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
 #define OPTION_BYTES_MAX 1e15
-#define SURVEY           OXL_OPTION_OF_SURVEY
-#define TRAINING         OXL_OPTION_OF_TRAINING
-#define RUN              OXL_OPTION_OF_RUN
-#define RESULT           OXL_OPTION_OF_RESULT
-#define NOT_REFINED      OXL_OPTION_NOT_REFINED
-#define ONE_BLOCK        OXL_OPTION_ONE_BLOCK
-#define CPU_ONLY         OXL_OPTION_CPU_ONLY
+#define SURVEY OXL_OPTION_OF_SURVEY
+#define TRAINING OXL_OPTION_OF_TRAINING
+#define RUN OXL_OPTION_OF_RUN
+#define RESULT OXL_OPTION_OF_RESULT
+#define NOT_REFINED OXL_OPTION_NOT_REFINED
+#define ONE_BLOCK OXL_OPTION_ONE_BLOCK
+#define CPU_ONLY OXL_OPTION_CPU_ONLY
 
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
@@ -134,13 +136,14 @@ const oxl_option *oxl_option_find(const char *name)
 const char *oxl_option_member(const oxl_option *option, char out[40])
 {
     snprintf(out, 40, "%s%s", option->name,
-             option->kind == OXL_OPTION_TEXT && option->value && !strcmp(option->value, "FOLDER") ? "_folder" : "");
+             option->kind == OXL_OPTION_TEXT && option->value && !strcmp(option->value, "FOLDER") ? "_folder"
+                                                                                                  : "");
     for (char *c = out; *c; c++)
         if (*c == '-') *c = '_';
     return out;
 }
 
-/* ---------------------------------------------------------------- defaults */
+/* ---------------- defaults */
 
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
@@ -165,7 +168,7 @@ oxl_partition_options oxl_partition_options_default(void)
     return oxl_job_options_default(OXL_PRESET_DRAFT).partition;
 }
 
-/* ---------------------------------------------------------------- text to a value */
+/* ---------------- text to a value */
 
 /* Letters of the word that a number's value begins with, as in auto|FRACTION; 0: there is none. */
 static size_t option_word(const oxl_option *o)
@@ -177,8 +180,8 @@ static size_t option_word(const oxl_option *o)
 /* A number without a sign at *text, which moves past it; not 1.#IND. */
 static int option_unsigned(const char **text, double *out)
 {
-    return ((unsigned char)(**text - '0') < 10 || **text == '.') && parse_double(text, *text + strlen(*text), out) &&
-           !isnan(*out);
+    return ((unsigned char)(**text - '0') < 10 || **text == '.') &&
+           parse_double(text, *text + strlen(*text), out) && !isnan(*out);
 }
 
 /* A plain number, and perhaps one of the units. */
@@ -242,7 +245,7 @@ static int option_read_point(const char *text, double *out)
 /* "400x260" */
 static int option_read_size(const oxl_option *o, const char *text, int *out)
 {
-    double      v[2];
+    double v[2];
     const char *x = text + strspn(text, "0123456789");
     if (!option_unsigned(&text, &v[0]) || text != x || *x != 'x' || !option_whole(x + 1, &v[1])) return 0;
     if (!(v[0] >= o->low && v[1] >= o->low && v[0] <= o->high && v[1] <= o->high)) return 0;
@@ -283,7 +286,7 @@ static int option_read_choice(const oxl_option *o, const char *text, int *out)
 static int option_read_limit(const oxl_option *o, const char *text, float *out)
 {
     static const double percent = 1;
-    double              v;
+    double v;
     if (!option_number(text, "%", &percent, &v)) return 0;
     if (strchr(text, '%') ? v > 100 : !((float)v >= (float)o->low && v <= o->high)) return 0;
     *out = strchr(text, '%') ? (float)(-v / 100) : (float)v;
@@ -295,21 +298,21 @@ static oxl_ucd option_default_ucd(void)
     return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
-/* on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on, corrected during the run, with
- * ",fixed" not; after "auto,": automatic with these. */
+/* on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on, corrected
+ * during the run, with ",fixed" not; after "auto,": automatic with these. */
 static int option_read_ucd(const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);
-    double      mid = 0, back = 0;
-    oxl_ucd     ucd   = option_default_ucd();
-    int         is_ok = strcmp(text, "auto") == 0 || strcmp(text, "on") == 0 || strcmp(text, "off") == 0;
+    double mid = 0, back = 0;
+    oxl_ucd ucd = option_default_ucd();
+    int is_ok = strcmp(text, "auto") == 0 || strcmp(text, "on") == 0 || strcmp(text, "off") == 0;
     if (strncmp(text, "auto", 4) != 0) ucd.mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
     if (strncmp(text, "auto,", 5) == 0) at += 5;
     if (!is_ok && parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
         ucd.f_mid = (float)mid;
         ucd.f_far = (float)back;
         ucd.learn = strcmp(at, ",fixed") != 0;
-        is_ok     = (!*at || !ucd.learn) && mid >= 1 && back >= mid && back <= UCD_CAP;
+        is_ok = (!*at || !ucd.learn) && mid >= 1 && back >= mid && back <= UCD_CAP;
     }
     if (is_ok) *out = ucd;
     return is_ok;
@@ -319,9 +322,9 @@ static int option_read_ucd(const char *text, oxl_ucd *out)
 static double option_unit(const char *s)
 {
     static const char letters[] = "kmgt";
-    const char       *letter    = *s ? strchr(letters, *s | 0x20) : NULL;
-    double            unit      = 1;
-    int               binary;
+    const char *letter = *s ? strchr(letters, *s | 0x20) : NULL;
+    double unit = 1;
+    int binary;
     if ((*s | 0x20) == 'b') return s[1] == 0;
     if (!letter) return 0;
     binary = s[1] == 'i';
@@ -333,7 +336,7 @@ static double option_unit(const char *s)
 static int option_read_keep(const char *text, oxl_keep *out)
 {
     const char *at = text, *end = text + strlen(text);
-    double      value;
+    double value;
     if (strcmp(text, "auto") == 0) return *out = (oxl_keep){OXL_KEEP_AUTO, 0}, 1;
     if (strcmp(text, "all") == 0) return *out = (oxl_keep){OXL_KEEP_ALL, 0}, 1;
     if (!parse_double(&at, end, &value) || (*at && !(option_unit(at) > 0))) return 0;
@@ -356,10 +359,11 @@ static int option_read_preset(const oxl_option *o, const char *text, void *optio
 /* Numbers that have a range, as a double; -1 for the word. */
 static int option_read_number(const oxl_option *o, const char *text, double *out)
 {
-    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
-    const size_t        word   = option_word(o);
-    float               single = 0;
-    int                 is_one = 0;
+    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.},
+                        seconds[] = {1, 60, 3600, 86400};
+    const size_t word = option_word(o);
+    float single = 0;
+    int is_one = 0;
     if (word > 0 && strlen(text) == word && strncmp(text, o->value, word) == 0) return *out = -1, 1;
     switch (o->kind) {
     case OXL_OPTION_INT:
@@ -368,7 +372,7 @@ static int option_read_number(const oxl_option *o, const char *text, double *out
     case OXL_OPTION_SECONDS: is_one = option_number(text, "smhd", seconds, out); break;
     case OXL_OPTION_FLOAT:
         is_one = option_fraction(text, &single);
-        *out   = single;
+        *out = single;
         return is_one && single >= (float)o->low && single <= (float)o->high;
     default: is_one = option_number(text, "", NULL, out);
     }
@@ -378,9 +382,10 @@ static int option_read_number(const oxl_option *o, const char *text, double *out
 static int option_read(const oxl_option *o, const char *text, void *options)
 {
     void *const field = (char *)options + o->at;
-    double      v;
+    double v;
     switch (o->kind) {
-    case OXL_OPTION_FLAG: return strcmp(text, "true") && strcmp(text, "false") ? 0 : (*(int *)field = text[0] == 't', 1);
+    case OXL_OPTION_FLAG:
+        return strcmp(text, "true") && strcmp(text, "false") ? 0 : (*(int *)field = text[0] == 't', 1);
     case OXL_OPTION_TEXT: return text[0] ? (*(const char **)field = text, 1) : 0;
     case OXL_OPTION_SEED: return option_read_seed(text, field);
     case OXL_OPTION_CHOICE: return option_read_choice(o, text, field);
@@ -407,7 +412,7 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     return 1;
 }
 
-/* ---------------------------------------------------------------- what is wrong with a text */
+/* ---------------- what is wrong with a text */
 
 static void option_describe_range(const oxl_option *o, char out[160])
 {
@@ -432,22 +437,24 @@ static void option_describe_range(const oxl_option *o, char out[160])
 static void option_describe_error(const oxl_option *o, const char *text, char *error, size_t size)
 {
     const char *dashes = o->name[1] ? "--" : "-", *example = o->preset[0];
-    char        wanted[160];
+    char wanted[160];
     option_describe_range(o, wanted);
-    snprintf(error, size, "option %s%s: found '%.80s', expected %s\nfix: %s%s %s", dashes, o->name, text, wanted, dashes, o->name,
+    snprintf(error, size, "option %s%s: found '%.80s', expected %s\nfix: %s%s %s", dashes, o->name, text,
+             wanted, dashes, o->name,
              example    ? example
              : o->value ? o->value
                         : "");
 }
 
-oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size)
+oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error,
+                          size_t error_size)
 {
     if (option_read(option, text ? text : "true", options)) return OXL_OK;
     if (error) option_describe_error(option, text ? text : "nothing", error, error_size);
     return OXL_ERR_USAGE;
 }
 
-/* ---------------------------------------------------------------- a value to text */
+/* ---------------- a value to text */
 
 /* The percentage that is read back as this negative float. */
 static void option_get_percent(float value, char *out, size_t size)
@@ -455,7 +462,7 @@ static void option_get_percent(float value, char *out, size_t size)
     char digits[NUMBER_TEXT_MAX];
     for (int precision = 3; precision <= 17; precision++) { /* 100 has three digits */
         const char *at = digits;
-        double      v;
+        double v;
         format_digits(digits, 100 * fabs((double)value), precision);
         if (parse_double(&at, at + strlen(at), &v) && (float)(-v / 100) == value) break;
     }
@@ -465,15 +472,17 @@ static void option_get_percent(float value, char *out, size_t size)
 static void option_get_ucd(const oxl_ucd *ucd, char *out, size_t size)
 {
     static const char *const modes[] = {"off", "on", "auto"};
-    const oxl_ucd            plain   = option_default_ucd();
-    char                     mid[NUMBER_TEXT_MAX], distant[NUMBER_TEXT_MAX];
-    if (ucd->mode == OXL_UCD_OFF || (ucd->f_mid == plain.f_mid && ucd->f_far == plain.f_far && ucd->learn == plain.learn)) {
+    const oxl_ucd plain = option_default_ucd();
+    char mid[NUMBER_TEXT_MAX], distant[NUMBER_TEXT_MAX];
+    if (ucd->mode == OXL_UCD_OFF ||
+        (ucd->f_mid == plain.f_mid && ucd->f_far == plain.f_far && ucd->learn == plain.learn)) {
         snprintf(out, size, "%s", (unsigned)ucd->mode < OXL_COUNT(modes) ? modes[ucd->mode] : "unknown");
         return;
     }
     format_float(mid, ucd->f_mid);
     format_float(distant, ucd->f_far);
-    snprintf(out, size, "%s%s,%s%s", ucd->mode == OXL_UCD_AUTO ? "auto," : "", mid, distant, ucd->learn ? "" : ",fixed");
+    snprintf(out, size, "%s%s,%s%s", ucd->mode == OXL_UCD_AUTO ? "auto," : "", mid, distant,
+             ucd->learn ? "" : ",fixed");
 }
 
 static void option_get_keep(const oxl_keep *keep, char *out, size_t size)
@@ -491,14 +500,15 @@ static void option_get_keep(const oxl_keep *keep, char *out, size_t size)
 static void option_get_bytes(size_t bytes, char *out, size_t size)
 {
     static const char units[] = " KMGT";
-    int               unit    = 0;
+    int unit = 0;
     while (bytes > 0 && bytes % 1024 == 0 && unit < 4) bytes /= 1024, unit++;
     snprintf(out, size, unit ? "%zu%c" : "%zu", bytes, units[unit]);
 }
 
 static void option_get_seconds(double seconds, char out[NUMBER_TEXT_MAX])
 {
-    const int hours = seconds >= 3600 && fmod(seconds, 3600) == 0, minutes = seconds >= 60 && fmod(seconds, 60) == 0;
+    const int hours = seconds >= 3600 && fmod(seconds, 3600) == 0,
+              minutes = seconds >= 60 && fmod(seconds, 60) == 0;
     format_shortest(out, hours ? seconds / 3600 : minutes ? seconds / 60 : seconds);
     if (hours || minutes) strcat(out, hours ? "h" : "m");
 }
@@ -524,7 +534,7 @@ static void option_get_number(const oxl_option *o, const void *field, char *out,
                      : o->kind == OXL_OPTION_LONG  ? (double)*(const long *)field
                      : o->kind == OXL_OPTION_FLOAT ? (double)*(const float *)field
                                                    : *(const double *)field;
-    char         digits[NUMBER_TEXT_MAX];
+    char digits[NUMBER_TEXT_MAX];
     if (v == -1 && option_word(o)) {
         snprintf(out, size, "%.*s", (int)option_word(o), o->value);
         return;
@@ -537,20 +547,26 @@ static void option_get_number(const oxl_option *o, const void *field, char *out,
 
 const char *oxl_option_get(const oxl_option *o, const void *options, char *out, size_t size)
 {
-    const void  *field = (const char *)options + o->at;
-    const float *f     = field;
+    const void *field = (const char *)options + o->at;
+    const float *f = field;
     switch (o->kind) {
     case OXL_OPTION_FLAG: snprintf(out, size, *(const int *)field ? "true" : "false"); break;
-    case OXL_OPTION_TEXT: snprintf(out, size, "%s", *(const char *const *)field ? *(const char *const *)field : ""); break;
+    case OXL_OPTION_TEXT:
+        snprintf(out, size, "%s", *(const char *const *)field ? *(const char *const *)field : "");
+        break;
     case OXL_OPTION_PRESET:
-        snprintf(out, size, "%s", ((const oxl_job_options *)options)->preset ? ((const oxl_job_options *)options)->preset : "");
+        snprintf(out, size, "%s",
+                 ((const oxl_job_options *)options)->preset ? ((const oxl_job_options *)options)->preset
+                                                            : "");
         break;
     case OXL_OPTION_SEED: snprintf(out, size, "%llu", (unsigned long long)*(const uint64_t *)field); break;
     case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
     case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
     case OXL_OPTION_RGB: option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size); break;
     case OXL_OPTION_POINT: option_get_three(field, 0, out, size); break;
-    case OXL_OPTION_SIZE: snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]); break;
+    case OXL_OPTION_SIZE:
+        snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]);
+        break;
     case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
     case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;
     case OXL_OPTION_LIMIT:
@@ -562,7 +578,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
     return out;
 }
 
-/* ---------------------------------------------------------------- all options */
+/* ---------------- all options */
 
 /* The value without effect. */
 static const char *option_off(const oxl_option *o)
@@ -583,7 +599,7 @@ OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
 {
     oxl_job_options read = *options;
-    char            text[128], error[400];
+    char text[128], error[400];
     for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++) {
         if (OPTIONS[i].kind == OXL_OPTION_TEXT) continue;
         oxl_option_get(&OPTIONS[i], options, text, sizeof text);
@@ -596,6 +612,6 @@ oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *option
 oxl_result oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options)
 {
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
-    job.train           = *options;
+    job.train = *options;
     return oxl_job_options_check(ctx, &job);
 }

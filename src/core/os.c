@@ -1,4 +1,5 @@
-/* os.c - files and folders, in C99 on top of the system's functions (os.h): atomic writes, reading, locks, errors with a fix.
+/* os.c - files and folders, in C99 on top of the system's functions (os.h): atomic writes, reading, locks,
+ * errors with a fix.
  *
  * Invariant: after a failed or interrupted write, the file at the path is unchanged.
  */
@@ -6,9 +7,10 @@
 
 enum { OS_START = 64 }; /* bytes that identify a format */
 
-/* ---------------------------------------------------------------- errors and folders */
+/* ---------------- errors and folders */
 
-OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what, int error)
+OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what,
+                                int error)
 {
     const char *fix = error == ENOENT || error == ENOTDIR ? "correct the path"
                       : error == EACCES || error == EPERM || error == EROFS || error == 0
@@ -33,8 +35,8 @@ OXL_INTERNAL int os_is_folder(const char *path)
 
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
 {
-    oxl_result   rc   = OXL_OK;
-    char        *part = oxl_strdup(ctx, path);
+    oxl_result rc = OXL_OK;
+    char *part = oxl_strdup(ctx, path);
     const size_t size = strlen(path);
     if (!part) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to make the folder", path);
     for (size_t i = 1; i <= size && rc == OXL_OK; i++) {
@@ -51,10 +53,11 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     return rc;
 }
 
-OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
-                                       void *user)
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
+                                       void (*visit)(void *user, const char *name), void *user)
 {
-    return os_list(path, visit, user) == 0 ? OXL_OK : os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", errno);
+    return os_list(path, visit, user) == 0 ? OXL_OK
+                                           : os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", errno);
 }
 
 OXL_INTERNAL int os_link(const char *target, const char *path)
@@ -64,17 +67,18 @@ OXL_INTERNAL int os_link(const char *target, const char *path)
     return os_make_link(PATH(here, "%s", target), path) == 0;
 }
 
-/* ---------------------------------------------------------------- locks */
+/* ---------------- locks */
 
 /* "process N on HOST" of the text in the file; of another process than that, N alone. */
 static void os_lock_holder(struct os_lock *lock)
 {
-    const size_t size                           = os_lock_read(lock, lock->holder, sizeof lock->holder - 1);
-    long         named                          = 0;
-    lock->holder[size]                          = 0;
+    const size_t size = os_lock_read(lock, lock->holder, sizeof lock->holder - 1);
+    long named = 0;
+    lock->holder[size] = 0;
     lock->holder[strcspn(lock->holder, "\r\n")] = 0;
     if (sscanf(lock->holder, "process %ld", &named) != 1) lock->holder[0] = 0;
-    if (lock->process > 0 && named != lock->process) snprintf(lock->holder, sizeof lock->holder, "process %ld", lock->process);
+    if (lock->process > 0 && named != lock->process)
+        snprintf(lock->holder, sizeof lock->holder, "process %ld", lock->process);
 }
 
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out)
@@ -103,36 +107,40 @@ OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock)
     os_lock_write(lock, text);
 }
 
-/* ---------------------------------------------------------------- reading */
+/* ---------------- reading */
 
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
 {
     return os_read_file_like(ctx, path, "", out);
 }
 
-OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out)
+OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
+                                          struct os_file_map *out)
 {
-    oxl_result rc       = OXL_OK;
-    char      *data     = NULL;
-    size_t     capacity = 0, size = 0, got = 0;
-    uint64_t   expected = 0; /* a hint: the file may grow, and a pipe has no size */
-    FILE      *file     = os_open(path, "rb");
-    *out                = (struct os_file_map){0};
+    oxl_result rc = OXL_OK;
+    char *data = NULL;
+    size_t capacity = 0, size = 0, got = 0;
+    uint64_t expected = 0; /* a hint: the file may grow, and a pipe has no size */
+    FILE *file = os_open(path, "rb");
+    *out = (struct os_file_map){0};
     if (!file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     if (os_kind_of(path, &expected) != OS_FILE) expected = 0;
     if (expected > SIZE_MAX / 2) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: too large for this machine's addresses", path);
         goto done;
     }
-    capacity = (start[0] ? OS_START : (size_t)expected) + 2; /* the zero byte, and one byte to detect the end without growing */
-    data     = oxl_alloc(ctx, capacity, 1);
+    /* the zero byte, and one byte to detect the end without growing */
+    capacity = (start[0] ? OS_START : (size_t)expected) + 2;
+    data = oxl_alloc(ctx, capacity, 1);
     if (!data) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for %zu bytes", path, capacity);
         goto done;
     }
     setvbuf(file, NULL, _IONBF, 0);
     errno = 0;
-    while ((got = fread(data + size, 1, OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) > 0) {
+    while ((got = fread(data + size, 1,
+                        OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) >
+           0) {
         size += got;
         if (size >= strlen(start) && memcmp(data, start, strlen(start)) != 0) break;
         rc = oxl_reserve(ctx, &data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
@@ -143,7 +151,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
         goto done;
     }
     data[size] = 0;
-    *out       = (struct os_file_map){.data = data, .size = size};
+    *out = (struct os_file_map){.data = data, .size = size};
 done:
     fclose(file);
     if (rc != OXL_OK) oxl_free(ctx, data);
@@ -177,10 +185,11 @@ OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struc
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size, size_t *got)
+OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
+                                       size_t *got)
 {
     errno = 0;
-    *got  = fread(data, 1, size, r->file);
+    *got = fread(data, 1, size, r->file);
     if (*got < size && ferror(r->file)) return os_fail(ctx, OXL_ERR_IO, r->path, "cannot read", errno);
     return OXL_OK;
 }
@@ -197,7 +206,7 @@ OXL_INTERNAL void os_reader_close(struct os_reader *r)
     *r = (struct os_reader){0};
 }
 
-/* ---------------------------------------------------------------- writing */
+/* ---------------- writing */
 
 static void os_writer_free(oxl_context *ctx, struct os_writer *writer)
 {
@@ -207,10 +216,11 @@ static void os_writer_free(oxl_context *ctx, struct os_writer *writer)
 
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out)
 {
-    oxl_result  rc   = OXL_OK;
+    oxl_result rc = OXL_OK;
     struct text name = {.ctx = ctx};
-    *out             = (struct os_writer){.path = oxl_strdup(ctx, path)};
-    text_add(&name, "%s.%ld.tmp", path, os_process()); /* unique among processes that share an output folder */
+    *out = (struct os_writer){.path = oxl_strdup(ctx, path)};
+    text_add(&name, "%s.%ld.tmp", path,
+             os_process()); /* unique among processes that share an output folder */
     out->temporary = name.data;
     if (!out->path || name.failed) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", path);
@@ -243,18 +253,18 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
     int failed = rc != OXL_OK, error = 0;
     if (!writer->file) return rc; /* not open */
     if (!failed) {
-        errno  = writer->error;
+        errno = writer->error;
         failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
                  (!writer->unsynced && os_sync(writer->file) != 0);
         error = errno;
     }
     if (fclose(writer->file) != 0 && !failed) {
         failed = 1;
-        error  = errno;
+        error = errno;
     }
     if (!failed && os_rename(writer->temporary, writer->path) != 0) {
         failed = 1;
-        error  = errno;
+        error = errno;
     }
     if (failed) os_remove(writer->temporary);
     if (failed && rc == OXL_OK) /* errno of an earlier fwrite is lost; a full disk is the most likely cause */
@@ -266,31 +276,35 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
 
 struct os_sweeping {
     oxl_context *ctx;
-    const char  *folder;
+    const char *folder;
 };
 
 static void os_remove_temporary(void *user, const char *name)
 {
-    const struct os_sweeping *s      = user;
-    const size_t              length = strlen(name);
+    const struct os_sweeping *s = user;
+    const size_t length = strlen(name);
     if (length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(PATH(s->folder, "%s", name));
 }
 
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder)
 {
-    return os_is_folder(folder) ? os_list_folder(ctx, folder, os_remove_temporary, &(struct os_sweeping){ctx, folder}) : OXL_OK;
+    return os_is_folder(folder)
+               ? os_list_folder(ctx, folder, os_remove_temporary, &(struct os_sweeping){ctx, folder})
+               : OXL_OK;
 }
 
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size)
 {
     struct os_writer writer;
-    oxl_result       rc = os_writer_open(ctx, path, &writer);
+    oxl_result rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
-    if (size > 0 && fwrite(data, 1, size, writer.file) != size) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
+    if (size > 0 && fwrite(data, 1, size, writer.file) != size)
+        rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
     return os_writer_close(ctx, &writer, rc);
 }
 
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t)
 {
-    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path) : os_write_file(ctx, path, t->data, t->size);
+    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path)
+                     : os_write_file(ctx, path, t->data, t->size);
 }

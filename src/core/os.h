@@ -1,4 +1,5 @@
-/* os.h - what a port to another system has to provide, besides the functions under "system" in core.h: os_posix.c or os_windows.c.
+/* os.h - what a port to another system has to provide, besides the functions under "system" in core.h:
+ * os_posix.c or os_windows.c.
  *
  * Only os.c uses these. They set errno where they fail.
  */
@@ -10,26 +11,28 @@
 
 enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 
-OXL_INTERNAL int          os_is_separator(char c);
-OXL_INTERNAL int          os_is_absolute(const char *path);
-OXL_INTERNAL int          os_working_folder(char *out, size_t size);    /* 0: success, here and below */
-OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size); /* size: of a file in bytes, or NULL */
-OXL_INTERNAL int          os_make_one_folder(const char *path);
-OXL_INTERNAL int          os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
+OXL_INTERNAL int os_is_separator(char c);
+OXL_INTERNAL int os_is_absolute(const char *path);
+OXL_INTERNAL int os_working_folder(char *out, size_t size); /* 0: success, here and below */
+/* size: of a file in bytes, or NULL */
+OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size);
+OXL_INTERNAL int os_make_one_folder(const char *path);
+OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
 /* Calls `visit` with the name of each entry but "." and "..". */
-OXL_INTERNAL int          os_list(const char *path, void (*visit)(void *user, const char *name), void *user);
-OXL_INTERNAL long         os_process(void);                     /* the id of this process */
-OXL_INTERNAL void         os_host_name(char *out, size_t size); /* the name of this machine */
+OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user);
+OXL_INTERNAL long os_process(void);                     /* the id of this process */
+OXL_INTERNAL void os_host_name(char *out, size_t size); /* the name of this machine */
 
-OXL_INTERNAL const char *os_map(const char *path, size_t *size);  /* read-only; NULL: cannot be mapped */
-OXL_INTERNAL int         os_unmap(const char *data, size_t size); /* 1: success */
-OXL_INTERNAL int         os_seek(FILE *file, uint64_t offset);    /* from the start */
-OXL_INTERNAL int         os_sync(FILE *file);                     /* written data reach the disk */
-OXL_INTERNAL void        os_sync_folder(const char *path);        /* renames in it reach the disk, if the system supports this */
+OXL_INTERNAL const char *os_map(const char *path, size_t *size); /* read-only; NULL: cannot be mapped */
+OXL_INTERNAL int os_unmap(const char *data, size_t size);        /* 1: success */
+OXL_INTERNAL int os_seek(FILE *file, uint64_t offset);           /* from the start */
+OXL_INTERNAL int os_sync(FILE *file);                            /* written data reach the disk */
+/* renames in it reach the disk, if the system supports this */
+OXL_INTERNAL void os_sync_folder(const char *path);
 
-OXL_INTERNAL int            os_lock_file(const char *path, struct os_lock *lock); /* opens or creates it */
+OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock); /* opens or creates it */
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared);
-OXL_INTERNAL size_t         os_lock_read(const struct os_lock *lock, char *text, size_t size); /* bytes read */
-OXL_INTERNAL void           os_lock_write(const struct os_lock *lock, const char *text);       /* replaces the text */
+OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size); /* bytes read */
+OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text);         /* replaces the text */
 
 #endif

@@ -48,8 +48,8 @@ OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 OXL_INTERNAL const char *os_map(const char *path, size_t *size)
 {
     struct stat s;
-    const int   file = open(path, O_RDONLY);
-    void       *data = MAP_FAILED;
+    const int file = open(path, O_RDONLY);
+    void *data = MAP_FAILED;
     if (file >= 0 && fstat(file, &s) == 0 && s.st_size > 0)
         data = mmap(NULL, *size = (size_t)s.st_size, PROT_READ, MAP_PRIVATE, file, 0);
     if (file >= 0) close(file);
@@ -99,7 +99,8 @@ OXL_INTERNAL int os_working_folder(char *out, size_t size)
     return getcwd(out, size) ? 0 : -1;
 }
 
-/* Makes the rename durable. Errors are ignored: not all file systems support it, and the data are on disk already. */
+/* Makes the rename durable. Errors are ignored: not all file systems support it, and the data are on disk
+ * already. */
 OXL_INTERNAL void os_sync_folder(const char *path)
 {
     const int fd = open(path, O_RDONLY);
@@ -161,24 +162,25 @@ OXL_INTERNAL size_t os_peak_rss(void)
 /* The number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
 static double os_number_in(const char *folder, const char *file, const char *name)
 {
-    char   path[3200], line[300];
+    char path[3200], line[300];
     double value = -1;
-    FILE  *opened;
+    FILE *opened;
     snprintf(path, sizeof path, "%s/%s", folder, file);
     opened = fopen(path, "r");
     while (opened && value < 0 && fgets(line, sizeof line, opened))
-        if (strncmp(line, name, strlen(name)) != 0 || sscanf(line + strlen(name), "%lf", &value) != 1) value = -1;
+        if (strncmp(line, name, strlen(name)) != 0 || sscanf(line + strlen(name), "%lf", &value) != 1)
+            value = -1;
     if (opened) fclose(opened);
     return value;
 }
 
-/* The least of `limit` over the control group of the process and those above it, of version 2; 0: none has a limit. In a container, and
- * of version 1, the root's files are the container's. */
+/* The least of `limit` over the control group of the process and those above it, of version 2; 0: none has a
+ * limit. In a container, and of version 1, the root's files are the container's. */
 static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
 {
-    FILE  *file  = fopen("/proc/self/cgroup", "r");
+    FILE *file = fopen("/proc/self/cgroup", "r");
     double least = of_version_1;
-    char   line[3000], path[3100];
+    char line[3000], path[3100];
     while (file && fgets(line, sizeof line, file)) {
         if (strncmp(line, "0::/", 4) != 0) continue;
         line[strcspn(line, "\n")] = 0;
@@ -203,9 +205,9 @@ static double os_processors_of(double quota, double period)
 /* "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none. */
 static double os_processors_in(const char *folder)
 {
-    char   path[3200];
+    char path[3200];
     double quota = 0, period = 0;
-    FILE  *file;
+    FILE *file;
     snprintf(path, sizeof path, "%s/cpu.max", folder);
     file = fopen(path, "r");
     if (file && fscanf(file, "%lf %lf", &quota, &period) != 2) quota = 0;
@@ -216,7 +218,8 @@ static double os_processors_in(const char *folder)
 OXL_INTERNAL int os_processor_quota(void)
 {
     static const char root[] = "/sys/fs/cgroup/cpu";
-    const double      quota = os_number_in(root, "cpu.cfs_quota_us", ""), period = os_number_in(root, "cpu.cfs_period_us", "");
+    const double quota = os_number_in(root, "cpu.cfs_quota_us", ""),
+                 period = os_number_in(root, "cpu.cfs_period_us", "");
     return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
 }
 
@@ -234,17 +237,19 @@ static double os_memory_in(const char *folder)
 
 OXL_INTERNAL size_t os_memory_free(void)
 {
-    static const char root[] = "/sys/fs/cgroup/memory";                                  /* of version 1 */
-    const double      free   = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* Linux; elsewhere unknown */
-    const double      limit  = os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
-                                                                         os_number_in(root, "memory.usage_in_bytes", ""),
-                                                                         os_number_in(root, "memory.stat", "inactive_file ")));
+    static const char root[] = "/sys/fs/cgroup/memory"; /* of version 1 */
+    const double free =
+        1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* Linux; elsewhere unknown */
+    const double limit =
+        os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
+                                                  os_number_in(root, "memory.usage_in_bytes", ""),
+                                                  os_number_in(root, "memory.stat", "inactive_file ")));
     return free > 0 ? (size_t)(limit > 0 ? OXL_MIN(free, limit) : free) : 0;
 }
 
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user)
 {
-    DIR           *folder = opendir(path);
+    DIR *folder = opendir(path);
     struct dirent *entry;
     if (!folder) return -1;
     while ((entry = readdir(folder)) != NULL)
@@ -258,7 +263,7 @@ OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char 
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
 {
     struct flock l = {.l_type = shared ? F_RDLCK : F_WRLCK, .l_whence = SEEK_SET};
-    struct stat  s;
+    struct stat s;
     lock->process = 0;
     if (fcntl((int)lock->file, F_SETLK, &l) == 0)
         return fstat((int)lock->file, &s) == 0 && s.st_nlink == 0 ? OS_LOCK_REMOVED : OS_LOCK_TAKEN;
@@ -271,7 +276,7 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
 OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
 {
     const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    lock->file     = file;
+    lock->file = file;
     if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* it is another user's */
     return file >= 0 ? 0 : -1;
 }
@@ -284,7 +289,8 @@ OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t 
 
 OXL_INTERNAL void os_lock_write(const struct os_lock *lock, const char *text)
 {
-    if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0; /* a full disk */
+    /* a full disk */
+    if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0;
 }
 
 OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)

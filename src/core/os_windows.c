@@ -1,4 +1,5 @@
-/* os_windows.c - the operating system through the Windows API: the functions of os.h. Each sets errno on failure.
+/* os_windows.c - the operating system through the Windows API: the functions of os.h. Each sets errno on
+ * failure.
  *
  * Paths are UTF-8 here and UTF-16 in the API.
  */
@@ -40,9 +41,10 @@ OXL_INTERNAL int os_is_separator(char c)
 
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
 {
-    wchar_t                   wide[OS_PATH_MAX];
+    wchar_t wide[OS_PATH_MAX];
     WIN32_FILE_ATTRIBUTE_DATA data;
-    if (os_done(GetFileAttributesExW(os_wide(path, wide), GetFileExInfoStandard, &data)) != 0) return OS_NOTHING;
+    if (os_done(GetFileAttributesExW(os_wide(path, wide), GetFileExInfoStandard, &data)) != 0)
+        return OS_NOTHING;
     if (size) *size = (uint64_t)data.nFileSizeHigh << 32 | data.nFileSizeLow;
     return data.dwFileAttributes & FILE_ATTRIBUTE_DIRECTORY ? OS_FOLDER : OS_FILE;
 }
@@ -50,10 +52,11 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
 /* Tenths of microseconds. */
 OXL_INTERNAL int64_t os_modified(const char *path)
 {
-    wchar_t                   wide[OS_PATH_MAX];
+    wchar_t wide[OS_PATH_MAX];
     WIN32_FILE_ATTRIBUTE_DATA data;
     if (!GetFileAttributesExW(os_wide(path, wide), GetFileExInfoStandard, &data)) return 0;
-    return (int64_t)((uint64_t)data.ftLastWriteTime.dwHighDateTime << 32 | data.ftLastWriteTime.dwLowDateTime);
+    return (int64_t)((uint64_t)data.ftLastWriteTime.dwHighDateTime << 32 |
+                     data.ftLastWriteTime.dwLowDateTime);
 }
 
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
@@ -85,7 +88,8 @@ OXL_INTERNAL int os_seek(FILE *file, uint64_t offset)
 OXL_INTERNAL int os_rename(const char *from, const char *to)
 {
     wchar_t a[OS_PATH_MAX], b[OS_PATH_MAX];
-    return os_done(MoveFileExW(os_wide(from, a), os_wide(to, b), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH));
+    return os_done(
+        MoveFileExW(os_wide(from, a), os_wide(to, b), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH));
 }
 
 OXL_INTERNAL int os_make_link(const char *target, const char *path)
@@ -137,7 +141,7 @@ OXL_INTERNAL double os_seconds(void)
 
 OXL_INTERNAL double os_disk_free(const char *folder)
 {
-    wchar_t        wide[OS_PATH_MAX];
+    wchar_t wide[OS_PATH_MAX];
     const wchar_t *name = os_wide(folder, wide);
     ULARGE_INTEGER bytes;
     return name && GetDiskFreeSpaceExW(name, &bytes, NULL, NULL) ? (double)bytes.QuadPart : 0;
@@ -145,7 +149,7 @@ OXL_INTERNAL double os_disk_free(const char *folder)
 
 OXL_INTERNAL int os_remove_folder(const char *path)
 {
-    wchar_t        wide[OS_PATH_MAX];
+    wchar_t wide[OS_PATH_MAX];
     const wchar_t *name = os_wide(path, wide);
     return name && RemoveDirectoryW(name) ? 0 : -1;
 }
@@ -158,7 +162,8 @@ OXL_INTERNAL void os_sleep(double seconds)
 OXL_INTERNAL size_t os_peak_rss(void)
 {
     PROCESS_MEMORY_COUNTERS counters;
-    return GetProcessMemoryInfo(GetCurrentProcess(), &counters, sizeof counters) ? counters.PeakWorkingSetSize : 0;
+    return GetProcessMemoryInfo(GetCurrentProcess(), &counters, sizeof counters) ? counters.PeakWorkingSetSize
+                                                                                 : 0;
 }
 
 OXL_INTERNAL int os_processor_quota(void)
@@ -186,10 +191,10 @@ OXL_INTERNAL size_t os_memory_free(void)
 
 OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char *name), void *user)
 {
-    wchar_t          wide[OS_PATH_MAX];
-    char             name[OS_PATH_MAX];
+    wchar_t wide[OS_PATH_MAX];
+    char name[OS_PATH_MAX];
     WIN32_FIND_DATAW data;
-    HANDLE           find;
+    HANDLE find;
     snprintf(name, sizeof name, "%s/*", path);
     find = FindFirstFileW(os_wide(name, wide), &data);
     if (find == INVALID_HANDLE_VALUE) {
@@ -204,24 +209,27 @@ OXL_INTERNAL int os_list(const char *path, void (*visit)(void *user, const char 
     return 0;
 }
 
-/* ---- locks: of a byte that no file reaches, so that the text stays readable; Windows releases them when the process ends */
+/* ---- locks: of a byte that no file reaches, so that the text stays readable; Windows releases them when the
+ * process ends */
 
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
 {
-    OVERLAPPED  place = {.Offset = 0x7fffffff};
-    const DWORD how   = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
-    lock->process     = 0;
+    OVERLAPPED place = {.Offset = 0x7fffffff};
+    const DWORD how = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
+    lock->process = 0;
     UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place); /* what this handle holds: it cannot be changed */
     if (LockFileEx((HANDLE)lock->file, how, 0, 1, 0, &place)) return OS_LOCK_TAKEN;
-    return GetLastError() == ERROR_LOCK_VIOLATION || GetLastError() == ERROR_IO_PENDING ? OS_LOCK_BUSY : OS_LOCK_NONE;
+    return GetLastError() == ERROR_LOCK_VIOLATION || GetLastError() == ERROR_IO_PENDING ? OS_LOCK_BUSY
+                                                                                        : OS_LOCK_NONE;
 }
 
 OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
 {
     wchar_t wide[OS_PATH_MAX];
-    lock->file =
-        (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
-                              OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL); /* it cannot be removed while it is open */
+    lock->file = (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE,
+                                       FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
+                                       /* it cannot be removed while it is open */
+                                       OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL);
     return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
 }
 

@@ -5,9 +5,10 @@
  *     SIMD_BODY void blur_body(const int fused, const struct blur *job) { ... #pragma omp simd ... }
  *     SIMD_DISPATCH(static, blur, struct blur)      makes   static void blur(int isa, const struct blur *job)
  *
- * Each wrapper is compiled for its own target. `fused` is a constant there: 1 where the target has fused multiply-add.
- * Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes for any vector width: all sums have a fixed order,
- * and every fused operation is explicit.
+ * Each wrapper is compiled for its own target. `fused` is a constant there: 1 where the target has fused
+ * multiply-add.
+ * Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes for any vector width: all sums
+ * have a fixed order, and every fused operation is explicit.
  */
 #ifndef OXL_SIMD_H
 #define OXL_SIMD_H
@@ -34,14 +35,17 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #endif
 
 #if defined(__GNUC__) && defined(__x86_64__) && !defined(OXL_NO_SIMD)
-#define SIMD_X86         1
+#define SIMD_X86 1
 #define SIMD_TARGET_AVX2 __attribute__((target("avx2,fma")))
 #ifdef __clang__
-#define SIMD_TARGET_AVX512 __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"), min_vector_width(512)))
-#else
-/* tune: with generic costs gcc reloads a vector at each use, even across cache lines, instead of keeping it in a register. */
 #define SIMD_TARGET_AVX512 \
-    __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
+    __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"), min_vector_width(512)))
+#else
+/* tune: with generic costs gcc reloads a vector at each use, even across cache lines, instead of keeping it
+ * in a register. */
+#define SIMD_TARGET_AVX512 \
+    __attribute__((        \
+        target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
 #endif
 #define SIMD_DISPATCH(linkage, name, job_type)                        \
     SIMD_TARGET_AVX512 static void name##_avx512(const job_type *job) \

@@ -1,7 +1,7 @@
 /* svg.h - elements of SVG drawings as text, for %s in a format. The library and the program use it.
  *
- * Lengths are px, written with at most one decimal, independent of the locale; `look` is further attributes, as class='grid'. The macros
- * make temporaries of the enclosing block.
+ * Lengths are px, written with at most one decimal, independent of the locale; `look` is further attributes,
+ * as class='grid'. The macros make temporaries of the enclosing block.
  */
 #ifndef OXL_SVG_H
 #define OXL_SVG_H
@@ -24,23 +24,28 @@ static inline const char *svg_px(char out[SVG_PX], double px)
 
 static inline const char *svg_open(char out[SVG_ROOM], double wide, double tall, const char *look)
 {
-    snprintf(out, SVG_ROOM, "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%s\" height=\"%s\" viewBox=\"0 0 %s %s\" %s>\n",
-             PX(wide), PX(tall), PX(wide), PX(tall), look);
+    snprintf(
+        out, SVG_ROOM,
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%s\" height=\"%s\" viewBox=\"0 0 %s %s\" %s>\n",
+        PX(wide), PX(tall), PX(wide), PX(tall), look);
     return out;
 }
 #define SVG_OPEN(wide, tall, look) svg_open((char[SVG_ROOM]){0}, wide, tall, look)
 
-static inline const char *svg_line(char out[SVG_ROOM], double x0, double y0, double x1, double y1, const char *look)
+static inline const char *svg_line(char out[SVG_ROOM], double x0, double y0, double x1, double y1,
+                                   const char *look)
 {
-    snprintf(out, SVG_ROOM, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" %s/>\n", PX(x0), PX(y0), PX(x1), PX(y1), look);
+    snprintf(out, SVG_ROOM, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" %s/>\n", PX(x0), PX(y0), PX(x1),
+             PX(y1), look);
     return out;
 }
 #define SVG_LINE(x0, y0, x1, y1, look) svg_line((char[SVG_ROOM]){0}, x0, y0, x1, y1, look)
 
-static inline const char *svg_rectangle(char out[SVG_ROOM], double x, double y, double wide, double tall, const char *look)
+static inline const char *svg_rectangle(char out[SVG_ROOM], double x, double y, double wide, double tall,
+                                        const char *look)
 {
-    snprintf(out, SVG_ROOM, "<rect x=\"%s\" y=\"%s\" width=\"%s\" height=\"%s\" %s/>\n", PX(x), PX(y), PX(fmax(wide, 0)),
-             PX(fmax(tall, 0)), look);
+    snprintf(out, SVG_ROOM, "<rect x=\"%s\" y=\"%s\" width=\"%s\" height=\"%s\" %s/>\n", PX(x), PX(y),
+             PX(fmax(wide, 0)), PX(fmax(tall, 0)), look);
     return out;
 }
 #define SVG_RECTANGLE(x, y, wide, tall, look) svg_rectangle((char[SVG_ROOM]){0}, x, y, wide, tall, look)
@@ -53,7 +58,8 @@ static inline const char *svg_circle(char out[SVG_ROOM], double x, double y, dou
 }
 #define SVG_CIRCLE(x, y, radius, look) svg_circle((char[SVG_ROOM]){0}, x, y, radius, look)
 
-/* Open: words, escaped, and </text> follow. (x, y): the left end of the base line, or where the look anchors it. */
+/* Open: words, escaped, and </text> follow. (x, y): the left end of the base line, or where the look anchors
+ * it. */
 static inline const char *svg_text(char out[SVG_ROOM], double x, double y, const char *look)
 {
     snprintf(out, SVG_ROOM, "<text x=\"%s\" y=\"%s\" %s>", PX(x), PX(y), look);

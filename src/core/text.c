@@ -5,12 +5,13 @@
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
 {
     va_list args;
-    int     length;
+    int length;
     if (t->failed) return;
     va_start(args, format);
     length = vsnprintf(NULL, 0, format, args);
     va_end(args);
-    if (length < 0 || oxl_reserve(t->ctx, &t->data, &t->capacity, t->size + (size_t)length + 1, 1) != OXL_OK) {
+    if (length < 0 ||
+        oxl_reserve(t->ctx, &t->data, &t->capacity, t->size + (size_t)length + 1, 1) != OXL_OK) {
         t->failed = 1;
         return;
     }
@@ -50,7 +51,7 @@ OXL_INTERNAL void text_free(struct text *t)
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out)
 {
     const int failed = t->failed;
-    *out             = NULL;
+    *out = NULL;
     if (failed) text_free(t);
     else *out = t->data;
     *t = (struct text){.ctx = t->ctx};
@@ -65,18 +66,18 @@ void oxl_text_free(oxl_context *ctx, char *text)
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s)
 {
     const size_t size = strlen(s) + 1;
-    char        *copy = oxl_alloc(ctx, size, 1);
+    char *copy = oxl_alloc(ctx, size, 1);
     if (copy) memcpy(copy, s, size);
     return copy;
 }
 
-/* ---------------------------------------------------------------- paths */
+/* ---------------- paths */
 
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
 {
     const size_t na = strlen(a), nb = strlen(b);
-    const int    slash = na > 0 && a[na - 1] != '/';
-    char        *path  = oxl_alloc(ctx, na + nb + 2, 1);
+    const int slash = na > 0 && a[na - 1] != '/';
+    char *path = oxl_alloc(ctx, na + nb + 2, 1);
     if (!path) return NULL;
     memcpy(path, a, na);
     if (slash) path[na] = '/';
@@ -87,8 +88,8 @@ OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
 {
     const size_t size = strlen(folder), slash = size > 0 && folder[size - 1] != '/', at = size + slash;
-    int          rest = PATH_LENGTH;
-    va_list      args;
+    int rest = PATH_LENGTH;
+    va_list args;
     if (at < PATH_LENGTH) {
         memcpy(out, folder, size);
         memcpy(out + size, "/", slash);

@@ -1,21 +1,24 @@
-/* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as JSON. */
+/* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as
+ * JSON. */
 #include "job.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
-/* ---------------------------------------------------------------- a view as its image was taken */
+/* ---------------- a view as its image was taken */
 
 /* Without the lamp and the gains. */
-static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out, float *depth)
+static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
+                                       float *depth)
 {
     oxl_render_options options = oxl_render_options_default();
-    options.near_plane         = (float)scene_near_plane(d->scene);
+    options.near_plane = (float)scene_near_plane(d->scene);
     renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
     return renderer_draw(ctx, d->r, d->model, &oxl_scene_view(d->scene, view)->camera, &options, out, depth);
 }
 
-OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out, float *depth)
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
+                                      float *depth)
 {
     oxl_result rc = evaluate_draw_medium(ctx, d, view, out, depth);
     if (rc == OXL_OK && d->imaging) rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, out);
@@ -23,20 +26,21 @@ OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, i
     return rc;
 }
 
-/* ---------------------------------------------------------------- what is measured of a view */
+/* ---------------- what is measured of a view */
 
 struct evaluate_bands { /* what is summed over all views */
     struct depth_bands of;
     struct metrics_sum sum[3];
 };
 
-static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *rendered,
-                                     const oxl_image *image, struct evaluate_bands *b)
+static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, int view,
+                                     const oxl_image *rendered, const oxl_image *image,
+                                     struct evaluate_bands *b)
 {
     const size_t pixels = (size_t)rendered->width * (size_t)rendered->height;
-    uint8_t     *band   = oxl_alloc(ctx, pixels, 1);
-    oxl_result   rc     = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
-                               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
+    uint8_t *band = oxl_alloc(ctx, pixels, 1);
+    oxl_result rc = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
+                         : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
     for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
         if (band[i]) metrics_add_pixel(rendered, image, i, &b->sum[band[i] - 1]);
     oxl_free(ctx, band);
@@ -45,14 +49,14 @@ static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, i
 
 /* What is measured of each view. */
 struct evaluate_pass {
-    struct renderer       *r;
-    const oxl_model       *model;
-    oxl_scene             *scene;
+    struct renderer *r;
+    const oxl_model *model;
+    oxl_scene *scene;
     struct evaluate_bands *bands; /* NULL: only PSNR, cc_psnr and SSIM, for less than half of the time */
 };
 
-static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass *p, oxl_image *rendered, const oxl_image *image,
-                                   oxl_view_metrics *row)
+static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass *p, oxl_image *rendered,
+                                   const oxl_image *image, oxl_view_metrics *row)
 {
     oxl_result rc = OXL_OK;
     if (p->bands) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
@@ -67,28 +71,30 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
-static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image, oxl_view_metrics *row)
+static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image,
+                                oxl_view_metrics *row)
 {
-    const struct drawn d        = {p->r, p->model, p->scene, &p->scene->imaging};
-    oxl_image          rendered = {0};
-    oxl_result         rc       = evaluate_draw_medium(ctx, &d, row->view, &rendered, NULL);
+    const struct drawn d = {p->r, p->model, p->scene, &p->scene->imaging};
+    oxl_image rendered = {0};
+    oxl_result rc = evaluate_draw_medium(ctx, &d, row->view, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;
 }
 
 /* Unreadable or completely masked images are logged and left out, as in training. */
-static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass *p, int view, oxl_metrics *out)
+static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass *p, int view,
+                                    oxl_metrics *out)
 {
-    oxl_image        image = {0};
-    oxl_view_metrics row   = {.view = view};
-    oxl_result       rc    = oxl_scene_image(ctx, p->scene, view, &image);
+    oxl_image image = {0};
+    oxl_view_metrics row = {.view = view};
+    oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
     if (rc == OXL_OK) out->views[out->count++] = row;
     if (rc != OXL_ERR_INPUT) return rc;
-    oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation", oxl_scene_view(p->scene, view)->name,
-            oxl_error_text(ctx));
+    oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation",
+            oxl_scene_view(p->scene, view)->name, oxl_error_text(ctx));
     return OXL_OK;
 }
 
@@ -110,12 +116,13 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
                                  struct evaluate_bands *bands, oxl_metrics *out)
 {
-    struct evaluate_pass p    = {.model = model, .scene = scene, .bands = bands};
-    const size_t         room = (size_t)oxl_scene_view_count(scene) + 1;
-    oxl_result           rc   = OXL_OK;
-    int                 *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
+    struct evaluate_pass p = {.model = model, .scene = scene, .bands = bands};
+    const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
+    oxl_result rc = OXL_OK;
+    int *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
-    if (!view || !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
+    if (!view || !out->views)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
@@ -130,17 +137,18 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     return rc;
 }
 
-oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                        oxl_metrics *out)
 {
     struct evaluate_bands bands = {.sum = {{0}}};
-    const oxl_result      rc    = evaluate_views(ctx, model, scene, split, &bands, out);
+    const oxl_result rc = evaluate_views(ctx, model, scene, split, &bands, out);
     if (rc == OXL_OK) evaluate_sum_up(out, &bands);
     depth_bands_free(ctx, &bands.of);
     return rc;
 }
 
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
-                                       oxl_metrics *out)
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+                                       oxl_split split, oxl_metrics *out)
 {
     return evaluate_views(ctx, model, scene, split, NULL, out);
 }
@@ -154,8 +162,8 @@ void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)
 
 static void evaluate_write_depths(struct text *t, const oxl_metrics *m)
 {
-    static const char *const names[]  = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
-    const double             values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
+    static const char *const names[] = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
+    const double values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
     text_add(t, ",\n  \"by_depth\": ");
     for (int i = 0; i < 5; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", names[i], NUMBER(values[i]));
     text_add(t, "},\n");
@@ -168,10 +176,12 @@ static void evaluate_write_six(struct text *t, const char *between, const double
     for (int i = 0; i < 6; i++) text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
 }
 
-OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m)
+OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,
+                                            const oxl_metrics *m)
 {
     text_add(t, "  ");
-    evaluate_write_six(t, ",\n  ", (double[6]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr, m->half_psnr});
+    evaluate_write_six(t, ",\n  ",
+                       (double[6]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr, m->half_psnr});
     evaluate_write_depths(t, m);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
@@ -179,9 +189,11 @@ OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, co
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
         text_add(t, ", ");
-        evaluate_write_six(t, ", ", (double[6]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr});
+        evaluate_write_six(
+            t, ", ", (double[6]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr});
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");
-    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", m->count) : OXL_OK;
+    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", m->count)
+                     : OXL_OK;
 }

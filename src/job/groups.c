@@ -1,12 +1,14 @@
-/* groups.c - the last stage of a run in blocks, where the merged model does not fit into memory: it is trained in groups of views.
+/* groups.c - the last stage of a run in blocks, where the merged model does not fit into memory: it is
+ * trained in groups of views.
  *
- * Memory holds the Gaussians visible in the views of one group, with gradients and moments. A task trains them, whichever block they belong
- * to, on the group's views. Moments are stored with the Gaussians and each group has several turns, so the result is close to that of
- * training on all views in random order (docs/SCALE.md).
+ * Memory holds the Gaussians visible in the views of one group, with gradients and moments. A task trains
+ * them, whichever block they belong to, on the group's views. Moments are stored with the Gaussians and each
+ * group has several turns, so the result is close to that of training on all views in random order
+ * (docs/SCALE.md).
  *
- * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and KKK.square.V.ply; V is the number
- * of the task that wrote them. Invariant: a task writes files with its own number, then groups.txt; if it is stopped, it is repeated and
- * gives the same bytes.
+ * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and
+ * KKK.square.V.ply; V is the number of the task that wrote them. Invariant: a task writes files with its own
+ * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes.
  */
 #include "job_state.h"
 #include "../render/render.h"
@@ -18,16 +20,16 @@
 struct groups {
     struct job *job;
     const char *folder;
-    double      limit;   /* Gaussians that fit */
-    int         views;   /* of the survey */
-    int         count;   /* groups */
-    int         done;    /* tasks */
-    int         step;    /* of the task, as reported last */
-    int         gains;   /* version of imaging.V.txt; 0: none */
-    int        *of;      /* (views) group; -1: none */
-    int        *version; /* (blocks) 0: the block's own model */
-    double      seconds;
-    uint8_t   **keep; /* (blocks) (rows) 1: in the task's model */
+    double limit; /* Gaussians that fit */
+    int views;    /* of the survey */
+    int count;    /* groups */
+    int done;     /* tasks */
+    int step;     /* of the task, as reported last */
+    int gains;    /* version of imaging.V.txt; 0: none */
+    int *of;      /* (views) group; -1: none */
+    int *version; /* (blocks) 0: the block's own model */
+    double seconds;
+    uint8_t **keep; /* (blocks) (rows) 1: in the task's model */
 };
 
 static void groups_free(struct groups *g)
@@ -36,9 +38,10 @@ static void groups_free(struct groups *g)
     OXL_FREE(g->job->ctx, g->keep, g->of, g->version);
 }
 
-/* ---------------------------------------------------------------- files */
+/* ---------------- files */
 
-static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, int block, const char *what, int version)
+static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, int block, const char *what,
+                               int version)
 {
     if (block < 0) return path_in(out, g->folder, "%s.%d.txt", what, version);
     if (version > 0) return path_in(out, g->folder, "%03d.%s.%d.ply", block, what, version);
@@ -51,13 +54,13 @@ static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"
 /* Parameters and moments of a block. */
 static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
 {
-    oxl_context *ctx     = g->job->ctx;
-    const int    version = g->version[block];
-    oxl_result   rc      = OXL_OK;
-    *m                   = (struct trained_model){0};
+    oxl_context *ctx = g->job->ctx;
+    const int version = g->version[block];
+    oxl_result rc = OXL_OK;
+    *m = (struct trained_model){0};
     for (int k = 0; k < (version > 0 ? TRAINED_PARTS : 1) && rc == OXL_OK; k++) {
         const char *path = GROUPS_PATH(g, block, GROUPS_PART[k], version);
-        rc               = oxl_model_read(ctx, path, model_trained_part(m, k));
+        rc = oxl_model_read(ctx, path, model_trained_part(m, k));
         if (rc == OXL_OK && model_trained_part(m, k)->count != m->model.count)
             rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: its rows differ from those of its model", path);
     }
@@ -72,8 +75,8 @@ static oxl_result groups_write(const struct groups *g, int block, int version, s
 {
     oxl_result rc = OXL_OK;
     for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
-        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version), model_trained_part(m, k),
-                                  m->model.sh_degree);
+        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version),
+                                  model_trained_part(m, k), m->model.sh_degree);
     return rc;
 }
 
@@ -86,7 +89,7 @@ static void groups_remove(const struct groups *g, int block, int version)
 static oxl_result groups_write_state(const struct groups *g)
 {
     struct text t = {.ctx = g->job->ctx};
-    oxl_result  rc;
+    oxl_result rc;
     text_add(
         &t,
         "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\n"
@@ -103,11 +106,11 @@ static oxl_result groups_write_state(const struct groups *g)
 /* A damaged file, or one of another run, is ignored: count stays 0. */
 static oxl_result groups_read_state(struct groups *g)
 {
-    struct os_file_map map    = {0};
-    const int          blocks = g->job->partition.block_count;
-    const char        *path = PATH(g->folder, "groups.txt"), *s = NULL;
-    int                used = 0, good;
-    const oxl_result   rc   = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
+    struct os_file_map map = {0};
+    const int blocks = g->job->partition.block_count;
+    const char *path = PATH(g->folder, "groups.txt"), *s = NULL;
+    int used = 0, good;
+    const oxl_result rc = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
     if (rc == OXL_OK && map.data && strstr(map.data, g->job->key.data)) s = strstr(map.data, "\ngroups ");
     good = s && sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4;
     for (int i = 0; i < blocks + g->views && good; i++) {
@@ -122,14 +125,15 @@ static oxl_result groups_read_state(struct groups *g)
     return rc;
 }
 
-/* A file of another version than in groups.txt is left by a process that was killed before it removed or named the file. */
+/* A file of another version than in groups.txt is left by a process that was killed before it removed or
+ * named the file. */
 static void groups_remove_other_version(void *user, const char *name)
 {
-    const struct groups *g     = user;
-    int                  block = -1, version = 0;
+    const struct groups *g = user;
+    int block = -1, version = 0;
     if (sscanf(name, "imaging.%d.", &version) == 1 && version != g->gains) groups_remove(g, -1, version);
-    else if (sscanf(name, "%d.%*[a-z].%d.", &block, &version) == 2 && block >= 0 && block < g->job->partition.block_count &&
-             version != g->version[block])
+    else if (sscanf(name, "%d.%*[a-z].%d.", &block, &version) == 2 && block >= 0 &&
+             block < g->job->partition.block_count && version != g->version[block])
         groups_remove(g, block, version);
 }
 
@@ -140,18 +144,20 @@ static oxl_result groups_remove_temporaries(struct groups *g)
     return os_remove_temporaries(g->job->ctx, g->folder);
 }
 
-/* ---------------------------------------------------------------- groups */
+/* ---------------- groups */
 
 /* keep (rows): 1 for those that one of `count` views may show. Returns their number. */
-static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m, uint8_t *keep)
+static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m,
+                                  uint8_t *keep)
 {
     const double near = scene_near_plane(g->job->scene);
-    size_t       kept = 0;
+    size_t kept = 0;
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(g->job->ctx->threads)
     for (int64_t i = 0; i < (int64_t)m->count; i++) {
         keep[i] = 0;
         for (int v = 0; v < count && !keep[i]; v++)
-            keep[i] = (uint8_t)model_row_shows(&oxl_scene_view(g->job->scene, view[v])->camera, near, m, (size_t)i);
+            keep[i] =
+                (uint8_t)model_row_shows(&oxl_scene_view(g->job->scene, view[v])->camera, near, m, (size_t)i);
     }
     for (size_t i = 0; i < m->count; i++) kept += keep[i];
     return kept;
@@ -160,11 +166,11 @@ static size_t groups_mark_visible(const struct groups *g, const int *view, int c
 static oxl_result groups_count(const struct groups *g, const int *view, int count, double *rows)
 {
     oxl_result rc = OXL_OK;
-    *rows         = 0;
+    *rows = 0;
     for (int k = 0; k < g->job->partition.block_count && rc == OXL_OK; k++) {
-        oxl_model m    = {0};
-        uint8_t  *keep = NULL;
-        rc             = job_read_model(g->job, k, 0, &m);
+        oxl_model m = {0};
+        uint8_t *keep = NULL;
+        rc = job_read_model(g->job, k, 0, &m);
         if (rc == OXL_OK && !(keep = oxl_alloc(g->job->ctx, m.count + 1, 1))) rc = job_no_memory(g->job);
         if (rc == OXL_OK) *rows += (double)groups_mark_visible(g, view, count, &m, keep);
         oxl_free(g->job->ctx, keep);
@@ -176,8 +182,8 @@ static oxl_result groups_count(const struct groups *g, const int *view, int coun
 /* The views as one group, or halved until each fits. */
 static oxl_result groups_divide(struct groups *g, const int *view, int count)
 {
-    double     rows = 0;
-    oxl_result rc   = context_stopped(g->job->ctx);
+    double rows = 0;
+    oxl_result rc = context_stopped(g->job->ctx);
     if (rc == OXL_OK) rc = groups_count(g, view, count, &rows);
     if (rc != OXL_OK) return rc;
     if (rows > g->limit && count > 1) {
@@ -185,9 +191,10 @@ static oxl_result groups_divide(struct groups *g, const int *view, int count)
         return rc == OXL_OK ? groups_divide(g, view + count / 2, count - count / 2) : rc;
     }
     if (rows > g->limit) {
-        oxl_log(g->job->ctx, OXL_LOG_WARNING,
-                "%s shows %.0f Gaussians, more than the %.0f that fit into memory: it is left out of the last stage",
-                oxl_scene_view(g->job->scene, view[0])->name, rows, g->limit);
+        oxl_log(
+            g->job->ctx, OXL_LOG_WARNING,
+            "%s shows %.0f Gaussians, more than the %.0f that fit into memory: it is left out of the last stage",
+            oxl_scene_view(g->job->scene, view[0])->name, rows, g->limit);
         return OXL_OK;
     }
     for (int v = 0; v < count; v++) g->of[view[v]] = g->count;
@@ -198,14 +205,14 @@ static oxl_result groups_divide(struct groups *g, const int *view, int count)
 /* The training views, those of a block together: it has the largest window in them. */
 static oxl_result groups_order(const struct groups *g, int *view, int *count)
 {
-    const int  blocks  = g->job->partition.block_count;
-    double    *largest = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *largest);
-    int       *owner   = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *owner);
-    oxl_result rc      = largest && owner ? OXL_OK : job_no_memory(g->job);
-    *count             = 0;
+    const int blocks = g->job->partition.block_count;
+    double *largest = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *largest);
+    int *owner = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *owner);
+    oxl_result rc = largest && owner ? OXL_OK : job_no_memory(g->job);
+    *count = 0;
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         struct block_plan plan = {0};
-        rc                     = block_plan_read(g->job, k, &plan);
+        rc = block_plan_read(g->job, k, &plan);
         for (int i = 0; i < plan.views; i++) {
             const double area = (double)plan.window[i].width * plan.window[i].height;
             if (area > largest[i]) largest[i] = area, owner[i] = k;
@@ -221,19 +228,20 @@ static oxl_result groups_order(const struct groups *g, int *view, int *count)
 
 static oxl_result groups_make(struct groups *g)
 {
-    int       *view = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
+    int *view = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
     oxl_result rc = view ? groups_order(g, view, &count) : job_no_memory(g->job);
     for (int i = 0; i < g->views; i++) g->of[i] = -1;
     if (rc == OXL_OK) rc = groups_divide(g, view, count);
     if (rc == OXL_OK)
-        oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views", g->count);
+        oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views",
+                g->count);
     if (rc == OXL_OK) rc = os_make_folder(g->job->ctx, g->folder);
     if (rc == OXL_OK) rc = groups_write_state(g);
     oxl_free(g->job->ctx, view);
     return rc;
 }
 
-/* ---------------------------------------------------------------- a task */
+/* ---------------- a task */
 
 /* The last step of a task; steps are divided by views. */
 static int groups_last_step(const struct groups *g, int task, int steps)
@@ -249,10 +257,10 @@ static int groups_last_step(const struct groups *g, int task, int steps)
 static oxl_result groups_load(struct groups *g, const int *view, int views, struct trained_model *all)
 {
     oxl_context *ctx = g->job->ctx;
-    oxl_result   rc  = OXL_OK;
+    oxl_result rc = OXL_OK;
     for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++) {
         oxl_model *to = model_trained_part(all, k);
-        rc            = oxl_model_create(ctx, 0, 0, to);
+        rc = oxl_model_create(ctx, 0, 0, to);
         memcpy(to->origin, g->job->origin, sizeof to->origin);
     }
     for (int b = 0; b < g->job->partition.block_count && rc == OXL_OK; b++) {
@@ -276,13 +284,15 @@ static void groups_copy_row(const oxl_model *all, size_t from, oxl_model *m, siz
     for (int p = OXL_LOBE; p < OXL_PLANES && to < m->lobes; p++) m->plane[p][to] = all->plane[p][from];
 }
 
-/* The rows of a block from the task's model, in which those with lobes come first. A row that is not finite stays as it was. */
-static oxl_result groups_store_block(struct groups *g, int block, int version, struct trained_model *all, size_t at[2])
+/* The rows of a block from the task's model, in which those with lobes come first. A row that is not finite
+ * stays as it was. */
+static oxl_result groups_store_block(struct groups *g, int block, int version, struct trained_model *all,
+                                     size_t at[2])
 {
-    const uint8_t       *keep = g->keep[block];
-    size_t               kept = 0;
+    const uint8_t *keep = g->keep[block];
+    size_t kept = 0;
     struct trained_model m;
-    oxl_result           rc = groups_read(g, block, &m);
+    oxl_result rc = groups_read(g, block, &m);
     if (rc == OXL_OK) rc = model_trained_set_degree(g->job->ctx, &m, all->model.sh_degree);
     for (size_t i = 0; i < m.model.count && rc == OXL_OK; i++) {
         const size_t from = keep[i] ? at[i >= m.model.lobes]++ : 0;
@@ -298,17 +308,18 @@ static oxl_result groups_store_block(struct groups *g, int block, int version, s
 
 static oxl_result groups_store(struct groups *g, struct trained_model *all)
 {
-    const int  blocks = g->job->partition.block_count, version = g->done + 1;
-    const int  gains = g->gains;
-    size_t     at[2] = {0, all->model.lobes};
-    int       *old   = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
-    oxl_result rc    = old ? OXL_OK : job_no_memory(g->job);
+    const int blocks = g->job->partition.block_count, version = g->done + 1;
+    const int gains = g->gains;
+    size_t at[2] = {0, all->model.lobes};
+    int *old = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
+    oxl_result rc = old ? OXL_OK : job_no_memory(g->job);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
         old[b] = g->version[b];
-        rc     = groups_store_block(g, b, version, all, at);
+        rc = groups_store_block(g, b, version, all, at);
     }
     if (rc == OXL_OK && imaging_is_needed(&g->job->scene->imaging)) {
-        rc       = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene, &g->job->scene->imaging);
+        rc = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene,
+                           &g->job->scene->imaging);
         g->gains = version;
     }
     g->done = version;
@@ -324,33 +335,34 @@ static oxl_result groups_store(struct groups *g, struct trained_model *all)
 static int groups_progress(void *user, const oxl_progress *progress)
 {
     struct groups *g = user;
-    g->step          = progress->iteration;
+    g->step = progress->iteration;
     return job_progress(g->job, progress);
 }
 
-static oxl_result groups_train(struct groups *g, const struct image_window *window, struct trained_model *all, int from,
-                               int until)
+static oxl_result groups_train(struct groups *g, const struct image_window *window, struct trained_model *all,
+                               int from, int until)
 {
-    struct job         *job   = g->job;
-    const int           steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
-    oxl_train_options   o     = block_refinement(&job->options.train, all->model.sh_degree, steps);
-    struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
-    oxl_model           out     = {0};
-    struct train_output place   = {.folder  = g->folder,
-                                   .log     = &log,
-                                   .notes   = &notes,
-                                   .start   = &all->model,
-                                   .moments = all,
-                                   .window  = window,
-                                   .first   = from,
-                                   .until   = until};
-    const double        started = os_seconds();
-    oxl_result          rc;
+    struct job *job = g->job;
+    const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
+    oxl_train_options o = block_refinement(&job->options.train, all->model.sh_degree, steps);
+    struct text key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
+    oxl_model out = {0};
+    struct train_output place = {.folder = g->folder,
+                                 .log = &log,
+                                 .notes = &notes,
+                                 .start = &all->model,
+                                 .moments = all,
+                                 .window = window,
+                                 .first = from,
+                                 .until = until};
+    const double started = os_seconds();
+    oxl_result rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
     place.key = key.data;
-    rc        = key.failed ? job_no_memory(job) : OXL_OK;
+    rc = key.failed ? job_no_memory(job) : OXL_OK;
     job_limit_time(job, &o);
-    if (rc == OXL_OK) rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
+    if (rc == OXL_OK)
+        rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
     if (rc == OXL_OK) oxl_model_free(job->ctx, &all->model), all->model = out;
     else oxl_model_free(job->ctx, &out);
     g->seconds += os_seconds() - started;
@@ -362,15 +374,15 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
 
 static oxl_result groups_task(struct groups *g, int from, int until)
 {
-    oxl_context         *ctx    = g->job->ctx;
+    oxl_context *ctx = g->job->ctx;
     struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
-    int                 *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
+    int *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
     struct trained_model all = {{0}, {0}, {0}};
-    oxl_result           rc  = window && view ? OXL_OK : job_no_memory(g->job);
+    oxl_result rc = window && view ? OXL_OK : job_no_memory(g->job);
     for (int i = 0; i < g->views && rc == OXL_OK; i++) {
         const oxl_camera *c = &oxl_scene_view(g->job->scene, i)->camera;
         if (g->of[i] != g->done % g->count) continue;
-        window[i]     = (struct image_window){0, 0, c->width, c->height};
+        window[i] = (struct image_window){0, 0, c->width, c->height};
         view[views++] = i;
     }
     if (rc == OXL_OK) rc = groups_load(g, view, views, &all);
@@ -382,7 +394,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
     return rc;
 }
 
-/* ---------------------------------------------------------------- all tasks */
+/* ---------------- all tasks */
 
 /* The gains as the last task has left them, or the blocks'. */
 static oxl_result groups_read_gains(const struct groups *g)
@@ -397,8 +409,9 @@ static oxl_result groups_read_gains(const struct groups *g)
 static oxl_result groups_bake(const struct groups *g, int block)
 {
     const struct imaging *imaging = &g->job->scene->imaging;
-    oxl_model             model   = {0};
-    oxl_result            rc      = oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
+    oxl_model model = {0};
+    oxl_result rc =
+        oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
         model_drop_lobes(&model);
         medium_bake(g->job->scene, &(struct imaging){.medium = imaging->medium}, 0, &model);
@@ -411,11 +424,12 @@ static oxl_result groups_bake(const struct groups *g, int block)
 /* The blocks' models side by side, or with `standard` those for viewers. */
 static oxl_result groups_merge(const struct groups *g, int standard)
 {
-    const int  blocks = g->job->partition.block_count;
-    char     **path   = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
-    oxl_result rc     = path ? OXL_OK : job_no_memory(g->job);
+    const int blocks = g->job->partition.block_count;
+    char **path = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
+    oxl_result rc = path ? OXL_OK : job_no_memory(g->job);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
-        const char *from = GROUPS_PATH(g, b, standard ? "standard" : GROUPS_PART[0], standard ? 1 : g->version[b]);
+        const char *from =
+            GROUPS_PATH(g, b, standard ? "standard" : GROUPS_PART[0], standard ? 1 : g->version[b]);
         if (standard) rc = groups_bake(g, b);
         if (rc == OXL_OK && !(path[b] = oxl_strdup(g->job->ctx, from))) rc = job_no_memory(g->job);
     }
@@ -433,11 +447,12 @@ static oxl_result groups_merge(const struct groups *g, int standard)
 /* model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
 static oxl_result groups_finish(struct groups *g)
 {
-    const int           blocks = g->job->partition.block_count;
+    const int blocks = g->job->partition.block_count;
     struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
-    oxl_result          rc     = groups_merge(g, 0);
+    oxl_result rc = groups_merge(g, 0);
     if (rc == OXL_OK && imaging_alters_colours(&g->job->scene->imaging)) rc = groups_merge(g, 1);
-    if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
+    if (rc == OXL_OK)
+        rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
     if (rc == OXL_OK) groups_remove(g, -1, g->gains);
     return rc;
@@ -445,16 +460,17 @@ static oxl_result groups_finish(struct groups *g)
 
 OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
 {
-    const struct cost_load load   = cost_load_of_scene(job->scene);
-    const int              blocks = job->partition.block_count, steps = job->stage_until;
-    struct groups          g = {.job     = job,
-                                .folder  = folder,
-                                .limit   = budget_max_gaussians(&load, &job->options),
-                                .views   = oxl_scene_view_count(job->scene),
-                                .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
-                                .keep    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
-    oxl_result             rc =
-        (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep ? OXL_OK : job_no_memory(job);
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    const int blocks = job->partition.block_count, steps = job->stage_until;
+    struct groups g = {.job = job,
+                       .folder = folder,
+                       .limit = budget_max_gaussians(&load, &job->options),
+                       .views = oxl_scene_view_count(job->scene),
+                       .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
+                       .keep = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
+    oxl_result rc = (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep
+                        ? OXL_OK
+                        : job_no_memory(job);
     if (rc == OXL_OK) rc = groups_read_state(&g);
     if (rc == OXL_OK) rc = groups_remove_temporaries(&g);
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
@@ -462,7 +478,8 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     if (rc == OXL_OK) rc = groups_read_gains(&g);
     job_set_cache(job, budget_cache(&job->options));
     while (rc == OXL_OK && g.done < GROUPS_PASSES * g.count && !job->unfinished) {
-        const int from = g.done > 0 ? groups_last_step(&g, g.done - 1, steps) : 0, until = groups_last_step(&g, g.done, steps);
+        const int from = g.done > 0 ? groups_last_step(&g, g.done - 1, steps) : 0,
+                  until = groups_last_step(&g, g.done, steps);
         if (until > from) rc = groups_task(&g, from, until);
         else g.done++;
     }

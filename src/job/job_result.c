@@ -9,17 +9,19 @@
 
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is logged when it is so much above PSNR */
 
-/* ---------------------------------------------------------------- models */
+/* ---------------- models */
 
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
+    const int blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
     oxl_result rc = job_read_model(job, one, standard, out);
-    if (rc == OXL_OK && job->scene) rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
+    if (rc == OXL_OK && job->scene)
+        rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
-                      "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
+                      "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
+                      job->out);
     return rc;
 }
 
@@ -29,11 +31,12 @@ static int job_alters_colours(const struct job *job)
     return job->scene && imaging_alters_colours(&job->scene->imaging);
 }
 
-static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
+static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree,
+                                size_t *bytes)
 {
     struct os_reader file = {0};
-    const char      *path = PATH(job->out, "%s", name);
-    oxl_result       rc   = model_file_write_ply(job->ctx, path, model, degree);
+    const char *path = PATH(job->out, "%s", name);
+    oxl_result rc = model_file_write_ply(job->ctx, path, model, degree);
     if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
     *bytes = (size_t)file.size;
     os_reader_close(&file);
@@ -43,26 +46,29 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
 /* Without lobes and medium; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
-    const int  made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
-    oxl_result rc   = made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
+    const int made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
+    oxl_result rc =
+        made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
     if (rc == OXL_OK && !made && job_alters_colours(job))
         medium_bake(job->scene, &(struct imaging){.medium = job->scene->imaging.medium}, 0, out);
     return rc;
 }
 
-/* scene.ply has the model's SH degree, and the lobes, or with a medium the standard model; scene_clear.ply then has the
- * former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of the file that the metrics are of, and
- * of the standard model's. */
+/* scene.ply has the model's SH degree, and the lobes, or with a medium the standard model; scene_clear.ply
+ * then has the former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of
+ * the file that the metrics are of, and of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
-    const int        hides = job_alters_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
+    const int hides = job_alters_colours(job),
+              is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
     const oxl_model *shown = hides ? standard : &job->model;
-    oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
-    size_t           full  = 0;
+    oxl_result rc = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
+    size_t full = 0;
     bytes[0] = bytes[1] = 0;
     if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[hides]);
-    if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[0]);
+    if (rc == OXL_OK && hides)
+        rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[0]);
     else os_remove(PATH(job->out, "scene_clear.ply"));
     if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
     if (rc == OXL_OK && !is_standard) rc = job_write_ply(job, "scene_standard.ply", standard, 3, &full);
@@ -70,13 +76,14 @@ static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t 
     return rc;
 }
 
-/* ---------------------------------------------------------------- metrics */
+/* ---------------- metrics */
 
-oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
+oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics,
+                               char **out)
 {
-    struct text t  = {.ctx = ctx};
-    oxl_result  rc = OXL_OK;
-    *out           = NULL;
+    struct text t = {.ctx = ctx};
+    oxl_result rc = OXL_OK;
+    *out = NULL;
     text_add(&t, "{\n");
     rc = evaluate_write_json(ctx, &t, scene, metrics);
     text_add(&t, "}\n");
@@ -91,23 +98,26 @@ static oxl_split job_evaluated_split(const struct job *job)
 }
 
 /* What a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
-static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
+                                   oxl_metrics *m)
 {
     struct imaging *imaging = &job->scene->imaging, whole = *imaging;
-    const int       hides = job_alters_colours(job);
-    oxl_metrics     plain;
-    oxl_result      rc;
+    const int hides = job_alters_colours(job);
+    oxl_metrics plain;
+    oxl_result rc;
     if (job->model.lobes == 0 && !hides) return OXL_OK;
     imaging->medium = (struct medium){0};
-    rc              = oxl_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
-    *imaging        = whole;
+    rc = oxl_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
+    *imaging = whole;
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
+    oxl_log(job->ctx, OXL_LOG_INFO,
+            "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
             hides ? "scene.ply" : "scene_standard.ply", plain.psnr, plain.psnr - m->psnr, plain.plain_psnr);
-    for (int i = 0; i < m->count && i < plain.count && hides; i++) m->views[i].plain_psnr = plain.views[i].plain_psnr;
+    for (int i = 0; i < m->count && i < plain.count && hides; i++)
+        m->views[i].plain_psnr = plain.views[i].plain_psnr;
     if (hides) m->plain_psnr = plain.plain_psnr;
-    text_add(t, "  \"standard\": {\"psnr\": %s, \"ssim\": %s, \"psnr_lost\": %s, \"bytes\": %zu},\n", NUMBER(plain.psnr),
-             NUMBER(plain.ssim), NUMBER(m->psnr - plain.psnr), bytes);
+    text_add(t, "  \"standard\": {\"psnr\": %s, \"ssim\": %s, \"psnr_lost\": %s, \"bytes\": %zu},\n",
+             NUMBER(plain.psnr), NUMBER(plain.ssim), NUMBER(m->psnr - plain.psnr), bytes);
     oxl_metrics_free(job->ctx, &plain);
     return OXL_OK;
 }
@@ -133,20 +143,25 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
     struct seam seam;
-    oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_evaluated_split(job), &m);
+    oxl_result rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
-    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
+    if (m.count == 0)
+        oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
-        oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
-                job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count,
-                job->model.count, (double)bytes[0] / 1e6);
-    if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(job->ctx, OXL_LOG_INFO,
-                "PSNR is %.2f dB after a factor per channel and view (cc_psnr): exposure may differ between views", m.cc_psnr);
+                "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
+                job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim,
+                m.count, job->model.count, (double)bytes[0] / 1e6);
+    if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
+        oxl_log(
+            job->ctx, OXL_LOG_INFO,
+            "PSNR is %.2f dB after a factor per channel and view (cc_psnr): exposure may differ between views",
+            m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc == OXL_OK && job->partition.block_count > 1)
-        rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_evaluated_split(job), &seam);
+        rc =
+            seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_evaluated_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
     rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
@@ -161,19 +176,20 @@ done:
     return rc;
 }
 
-/* ---------------------------------------------------------------- run.json */
+/* ---------------- run.json */
 
 static void job_add_partition_decision(const struct job *job, struct text *t)
 {
-    const struct partition *p     = &job->partition;
-    const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
-    text_add(t,
-             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
-             p->block_count == 1  ? "none"
-             : p->dimensions == 2 ? "2d"
-                                  : "3d",
-             p->block_count, p->memory, job->survey.points, NUMBER(floor(ratio * 1e3 + 0.5) / 1e3),
-             job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
+    const struct partition *p = &job->partition;
+    const double ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
+    text_add(
+        t,
+        "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
+        p->block_count == 1  ? "none"
+        : p->dimensions == 2 ? "2d"
+                             : "3d",
+        p->block_count, p->memory, job->survey.points, NUMBER(floor(ratio * 1e3 + 0.5) / 1e3),
+        job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
 /* What was decided, and on what evidence, block by block. */
@@ -200,17 +216,20 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
 
 OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
 {
-    struct text t  = {.ctx = job->ctx};
-    oxl_result  rc = OXL_OK;
-    text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n", OXL_VERSION,
-             finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
+    struct text t = {.ctx = job->ctx};
+    oxl_result rc = OXL_OK;
+    text_add(
+        &t,
+        "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n",
+        OXL_VERSION, finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
     text_add(&t, "  \"backend\": ");
     text_add_json_string(&t, oxl_backend_name(job->ctx));
     text_add(&t, ",\n  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
-    text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
-             job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]), NUMBER(job->origin[1]),
-             NUMBER(job->origin[2]), job->line.data, job->found.data);
+    text_add(&t,
+             ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
+             job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]),
+             NUMBER(job->origin[1]), NUMBER(job->origin[2]), job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
@@ -221,12 +240,12 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
     return rc;
 }
 
-/* ---------------------------------------------------------------- files */
+/* ---------------- files */
 
 static oxl_result job_render_views(struct job *job)
 {
     const oxl_render_output what = {.split = job_evaluated_split(job), .images = 1, .replace = 1};
-    int                     rendered;
+    int rendered;
     return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
 
@@ -243,8 +262,8 @@ static oxl_result job_write_gains(struct job *job)
 /* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
-    oxl_model  standard = {0};
-    size_t     bytes[2];
+    oxl_model standard = {0};
+    size_t bytes[2];
     oxl_result rc = job->scene || !evaluate ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_final_model(job, 0, &job->model);
     if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);

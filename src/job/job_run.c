@@ -1,7 +1,8 @@
 /* job_run.c - the whole job: a survey in, a folder with the model, its metrics and renders out.
  *
- * OUT/run.json is written first, as the key of the run, and last, when everything else is in place. Invariant: a run.json that
- * says "finished": true describes the scene.ply beside it. Its lines "job" and "found" hold all that the result depends
+ * OUT/run.json is written first, as the key of the run, and last, when everything else is in place.
+ * Invariant: a run.json that says "finished": true describes the scene.ply beside it. Its lines "job" and
+ * "found" hold all that the result depends
  * on: a second run with the same lines resumes the first, or has nothing to do.
  */
 #include "job_state.h"
@@ -9,7 +10,7 @@
 #include "../core/json.h"
 #include "../survey/scene.h"
 
-/* ---------------------------------------------------------------- run.json */
+/* ---------------- run.json */
 
 /* What of the survey the result depends on: another export in the same place is another job. */
 static void job_describe_found(struct job *job)
@@ -24,13 +25,15 @@ static oxl_result job_make_key(struct job *job)
     return job->found.failed || job->key.failed ? job_no_memory(job) : OXL_OK;
 }
 
-oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_manifest **run)
+oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options,
+                          oxl_manifest **run)
 {
     oxl_result rc = OXL_OK;
-    *run          = oxl_calloc(ctx, 1, sizeof **run);
+    *run = oxl_calloc(ctx, 1, sizeof **run);
     if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
     rc = manifest_read(ctx, out, *run);
-    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene)) manifest_options(*run, options);
+    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene))
+        manifest_options(*run, options);
     if (rc != OXL_OK) oxl_manifest_free(ctx, run);
     return rc;
 }
@@ -43,7 +46,7 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
     *run = NULL;
 }
 
-/* ---------------------------------------------------------------- what is there already */
+/* ---------------- what is there already */
 
 static oxl_result job_lock(struct job *job)
 {
@@ -51,7 +54,8 @@ static oxl_result job_lock(struct job *job)
     return rc == OXL_OK ? lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock) : rc;
 }
 
-/* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process is at work there. */
+/* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process
+ * is at work there. */
 static oxl_result job_lock_alone(struct job *job, int alone)
 {
     return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
@@ -65,14 +69,16 @@ static void job_count_block(void *user, const char *name)
 static int job_has_blocks(struct job *job)
 {
     int blocks = 0;
-    if (os_is_folder(PATH(job->out, "blocks"))) os_list_folder(job->ctx, PATH(job->out, "blocks"), job_count_block, &blocks);
+    if (os_is_folder(PATH(job->out, "blocks")))
+        os_list_folder(job->ctx, PATH(job->out, "blocks"), job_count_block, &blocks);
     return blocks > 0;
 }
 
 /* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
 static int job_is_of_another_survey(const struct job *job, const struct oxl_manifest *run)
 {
-    return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 && strcmp(run->found, job->found.data) != 0;
+    return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 &&
+           strcmp(run->found, job->found.data) != 0;
 }
 
 static int job_is_of_another_run(const struct job *job, const struct oxl_manifest *run)
@@ -84,7 +90,7 @@ static int job_is_of_another_run(const struct job *job, const struct oxl_manifes
 static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx}, there = t;
-    oxl_result  rc;
+    oxl_result rc;
     text_add(&there, "%s, %s", run->line, run->found ? run->found : "");
     rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(&t, there.data, job->key.data);
     if (rc == OXL_OK)
@@ -100,8 +106,8 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     return rc;
 }
 
-/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished run of this survey is
- * replaced. */
+/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished
+ * run of this survey is replaced. */
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
@@ -113,7 +119,8 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
     if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
     rc = job_lock_alone(job, 1);
     if (rc != OXL_OK) return rc;
-    if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
+    if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
+        job_drop_checkpoints(job);
     os_remove(PATH(job->out, "run.json"));
     os_remove(PATH(job->out, "metrics.json"));
     os_remove(PATH(job->out, "partition.txt"));
@@ -124,7 +131,8 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
 /* The model that training starts from, if it is not the points. */
 static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
 {
-    oxl_result rc = start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
+    oxl_result rc =
+        start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
     if (rc != OXL_OK || job->start.model.count == 0) return rc;
     oxl_model_move_origin(&job->start.model, job->origin);
     job->total.iterations = job->start.after;
@@ -136,8 +144,8 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
 static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
-    oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
-    *done                   = 0;
+    oxl_result rc = manifest_read(job->ctx, job->out, &run);
+    *done = 0;
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
@@ -147,14 +155,15 @@ leave:
     return rc;
 }
 
-/* ---------------------------------------------------------------- the survey */
+/* ---------------- the survey */
 
 static void job_log_survey(struct job *job)
 {
     static const char warning[] = "warning: ";
     for (const char *s = job->survey.text; *s; s += strcspn(s, "\n") + 1) {
         const size_t skip = strncmp(s, warning, sizeof warning - 1) == 0 ? sizeof warning - 1 : 0;
-        oxl_log(job->ctx, skip ? OXL_LOG_WARNING : OXL_LOG_INFO, "%.*s", (int)(strcspn(s, "\n") - skip), s + skip);
+        oxl_log(job->ctx, skip ? OXL_LOG_WARNING : OXL_LOG_INFO, "%.*s", (int)(strcspn(s, "\n") - skip),
+                s + skip);
     }
 }
 
@@ -162,7 +171,7 @@ static void job_log_survey(struct job *job)
 static void job_count_iterations(struct job *job, int images)
 {
     job->options.train.iterations = cost_iterations(&job->options, images);
-    job->options.iterations_for   = 0;
+    job->options.iterations_for = 0;
     text_free(&job->line);
     manifest_describe(&job->line, job->scene_path, &job->options);
 }
@@ -181,14 +190,15 @@ static oxl_result job_open(struct job *job)
     return job_make_key(job);
 }
 
-/* ---------------------------------------------------------------- blocks */
+/* ---------------- blocks */
 
-/* Of several blocks: what was read of the survey goes to a file, which is mapped instead. A full disk must not stop the run. */
+/* Of several blocks: what was read of the survey goes to a file, which is mapped instead. A full disk must
+ * not stop the run. */
 static oxl_result job_map_survey(struct job *job)
 {
-    const char *path   = PATH(job->out, "blocks/survey.oxl");
-    oxl_scene  *mapped = NULL;
-    oxl_result  rc     = scene_file_map(job->ctx, path, job->key.data, &mapped);
+    const char *path = PATH(job->out, "blocks/survey.oxl");
+    oxl_scene *mapped = NULL;
+    oxl_result rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
     if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
         rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
     if (!mapped) return rc;
@@ -199,13 +209,14 @@ static oxl_result job_map_survey(struct job *job)
     return rc;
 }
 
-/* The blocks, as partition.txt has them, else made and written: by the first of several processes, as they may find different memory;
+/* The blocks, as partition.txt has them, else made and written: by the first of several processes, as they
+ * may find different memory;
  * the others wait. One block that fits in any case: no file. */
 static oxl_result job_make_partition(struct job *job)
 {
     const char *path = PATH(job->out, "partition.txt");
-    oxl_lock   *lock = NULL;
-    oxl_result  rc   = OXL_OK;
+    oxl_lock *lock = NULL;
+    oxl_result rc = OXL_OK;
     while (rc == OXL_OK && job->options.block >= 0 && !lock && !os_is_file(path)) {
         rc = lock_folder_if_free(job->ctx, PATH(job->out, "blocks"), &lock);
         if (rc == OXL_OK && !lock) rc = context_wait(job->ctx, JOB_WAIT);
@@ -213,7 +224,8 @@ static oxl_result job_make_partition(struct job *job)
     if (rc == OXL_OK && !os_is_file(path)) {
         rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
         if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
-        if (rc == OXL_OK && (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
+        if (rc == OXL_OK &&
+            (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
             rc = partition_save(job->ctx, &job->partition, job->out);
     } else if (rc == OXL_OK) rc = partition_read(job->ctx, path, &job->partition);
     oxl_unlock_folder(job->ctx, &lock);
@@ -226,9 +238,10 @@ static oxl_result job_partition(struct job *job)
     if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
-        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                      "there is no block %d: the survey has %d blocks (0 to %d)\nfix: --block with one of these",
-                      job->options.block, job->partition.block_count, job->partition.block_count - 1);
+        rc = oxl_fail(
+            job->ctx, OXL_ERR_USAGE,
+            "there is no block %d: the survey has %d blocks (0 to %d)\nfix: --block with one of these",
+            job->options.block, job->partition.block_count, job->partition.block_count - 1);
     return rc;
 }
 
@@ -236,17 +249,19 @@ static oxl_result job_partition(struct job *job)
 static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_job_options *o)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    struct cost            cost;
+    struct cost cost;
     *o = job->options;
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
-        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "--ram %.0f MB has no room for trials: SH degree %d and no second lobes",
                 (double)o->ram / 1e6, o->train.sh_degree);
-    cost                    = cost_estimate(job->ctx, o, &load);
-    task->train             = o->train;
-    task->predicted_peak    = cost.memory;
+    cost = cost_estimate(job->ctx, o, &load);
+    task->train = o->train;
+    task->predicted_peak = cost.memory;
     task->predicted_seconds = job->survey.seconds; /* what was timed for the survey is not timed again */
-    if (!(job->survey.seconds > 0)) task->predicted_seconds = cost_seconds(job->ctx, job->scene, o, &cost, NULL);
+    if (!(job->survey.seconds > 0))
+        task->predicted_seconds = cost_seconds(job->ctx, job->scene, o, &cost, NULL);
     job_limit_time(job, &task->train);
     return OXL_OK;
 }
@@ -254,10 +269,12 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
 static oxl_result job_train_single(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
-    struct block_task  task     = {
-             .folder = folder, .key = job->key.data, .callback = &callback, .standard = block_standard_steps(&job->options.train)};
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
-    oxl_result      rc = job_plan_single(job, &task, &options);
+    oxl_result rc = job_plan_single(job, &task, &options);
     if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
     if (rc == OXL_OK) job_set_cache(job, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
@@ -266,14 +283,14 @@ static oxl_result job_train_single(struct job *job, const char *folder)
 /* A survey in one block. */
 static oxl_result job_run_single(struct job *job)
 {
-    const char         *folder = JOB_BLOCK(job, 0);
+    const char *folder = JOB_BLOCK(job, 0);
     struct block_record record;
-    oxl_result          rc = job_lock_alone(job, 1), trained = OXL_OK;
+    oxl_result rc = job_lock_alone(job, 1), trained = OXL_OK;
     if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
         trained = job_train_single(job, folder);
-        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
+        rc = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
     if (rc == OXL_OK) job_add_record(job, &record);
@@ -283,7 +300,7 @@ static oxl_result job_run_single(struct job *job)
 /* What can be had of the blocks that are there. rc is how their training ended. */
 static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
 {
-    const int  one    = job->partition.block_count == 1;
+    const int one = job->partition.block_count == 1;
     oxl_result joined = OXL_OK;
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.exists)) return rc;
     if (job->options.block >= 0 && !one) return rc;
@@ -292,22 +309,22 @@ static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
     return joined == OXL_OK ? rc : joined;
 }
 
-/* ---------------------------------------------------------------- the run */
+/* ---------------- the run */
 
-static void job_begin(struct job *job, oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
-                      const oxl_callback *callback)
+static void job_begin(struct job *job, oxl_context *ctx, const char *scene, const char *out,
+                      const oxl_job_options *options, const oxl_callback *callback)
 {
-    *job = (struct job){.ctx        = ctx,
+    *job = (struct job){.ctx = ctx,
                         .scene_path = scene,
-                        .out        = out,
-                        .options    = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT),
-                        .callback   = callback,
-                        .line       = {.ctx = ctx},
-                        .found      = {.ctx = ctx},
-                        .key        = {.ctx = ctx},
-                        .notes      = {.ctx = ctx},
-                        .started    = os_seconds(),
-                        .seed       = ctx->options.seed};
+                        .out = out,
+                        .options = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT),
+                        .callback = callback,
+                        .line = {.ctx = ctx},
+                        .found = {.ctx = ctx},
+                        .key = {.ctx = ctx},
+                        .notes = {.ctx = ctx},
+                        .started = os_seconds(),
+                        .seed = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
     backend_begin_run(ctx);
@@ -316,14 +333,15 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
 
 static oxl_result job_check(struct job *job)
 {
-    const oxl_result rc = job->line.failed ? job_no_memory(job) : oxl_job_options_check(job->ctx, &job->options);
+    const oxl_result rc =
+        job->line.failed ? job_no_memory(job) : oxl_job_options_check(job->ctx, &job->options);
     return rc == OXL_OK ? train_check(job->ctx, &job->options.train) : rc;
 }
 
 static void job_end(struct job *job)
 {
     job->ctx->options.seed = job->seed;
-    job->ctx->notes        = NULL;
+    job->ctx->notes = NULL;
     oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
@@ -336,11 +354,13 @@ static void job_end(struct job *job)
     text_free(&job->notes);
 }
 
-/* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing there. */
+/* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing
+ * there. */
 static oxl_result job_remove_temporaries(struct job *job)
 {
     oxl_result rc = job->options.block < 0 ? os_remove_temporaries(job->ctx, job->out) : OXL_OK;
-    return rc == OXL_OK && job->options.block < 0 ? os_remove_temporaries(job->ctx, PATH(job->out, "renders")) : rc;
+    return rc == OXL_OK && job->options.block < 0 ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"))
+                                                  : rc;
 }
 
 /* From the survey to the blocks; *done: nothing is left to do. */
@@ -350,8 +370,8 @@ static oxl_result job_prepare(struct job *job, int *done)
     if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
-        oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",
-                job->out);
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "%s already holds the finished result of this survey, these options and this seed", job->out);
     if (rc != OXL_OK || *done) return rc;
     rc = context_stopped(job->ctx);
     if (rc == OXL_OK) rc = job_partition(job);
@@ -359,15 +379,18 @@ static oxl_result job_prepare(struct job *job, int *done)
     return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
 
-/* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
+/* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read
+ * again. */
 static oxl_result job_prepare_block(struct job *job, int *ready)
 {
     const oxl_job_options requested = job->options;
-    struct oxl_manifest   run       = {0};
-    oxl_result            rc        = manifest_read(job->ctx, job->out, &run);
-    *ready                          = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && run.found &&
+    struct oxl_manifest run = {0};
+    oxl_result rc = manifest_read(job->ctx, job->out, &run);
+    *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && run.found &&
              os_is_file(PATH(job->out, "partition.txt"));
-    if (*ready) job_count_iterations(job, (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run.found), "images"), 0, INT_MAX));
+    if (*ready)
+        job_count_iterations(
+            job, (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run.found), "images"), 0, INT_MAX));
     *ready = *ready && job->line.data && !strcmp(run.line, job->line.data);
     if (!*ready) job->options = requested;
     if (*ready) {
@@ -382,8 +405,8 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
                        const oxl_callback *callback)
 {
     struct job job;
-    oxl_result rc    = backend_begin(ctx); /* the device is part of what the result depends on */
-    int        ready = 0, done = 0;
+    oxl_result rc = backend_begin(ctx); /* the device is part of what the result depends on */
+    int ready = 0, done = 0;
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
     rc = job_check(&job);
@@ -399,20 +422,21 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     return rc;
 }
 
-/* ---------------------------------------------------------------- merge */
+/* ---------------- merge */
 
 oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback)
 {
-    oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
-    struct oxl_manifest run     = {0};
-    oxl_lock           *lock    = NULL;
-    struct job          job;
-    int                 done = 0;
-    oxl_result          rc   = backend_begin(ctx);
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct oxl_manifest run = {0};
+    oxl_lock *lock = NULL;
+    struct job job;
+    int done = 0;
+    oxl_result rc = backend_begin(ctx);
     if (rc == OXL_OK && os_is_folder(out)) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, out);
     if (rc != OXL_OK) {
         oxl_unlock_folder(ctx, &lock);
@@ -423,7 +447,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     options.scene.allow_truncated = 1; /* as its training was allowed to */
     job_begin(&job, ctx, run.scene, out, &options, callback);
     job.lock = lock;
-    rc       = job_check(&job);
+    rc = job_check(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_plan_decoded(&job);
     if (rc == OXL_OK && !done) rc = rounds_collect(&job);

@@ -1,15 +1,17 @@
-/* job_state.c - what the files of a job share: names in OUT, the survey, decoded images, progress, records, the blocks' models.
+/* job_state.c - what the files of a job share: names in OUT, the survey, decoded images, progress, records,
+ * the blocks' models.
  *
- * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs is called here.
+ * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs
+ * is called here.
  */
 #include "job_state.h"
 #include "../survey/scene.h"
 
-#define JOB_MEMORY_FRACTION 4    /* a merged model of more than --ram over this stays in its file */
-#define JOB_SECONDS_MIN     1e-3 /* of the time left: 0 would be no limit */
-#define JOB_DISK            4    /* times the files' size must be free: a full disk must not stop the run */
+#define JOB_MEMORY_FRACTION 4 /* a merged model of more than --ram over this stays in its file */
+#define JOB_SECONDS_MIN 1e-3  /* of the time left: 0 would be no limit */
+#define JOB_DISK 4            /* times the files' size must be free: a full disk must not stop the run */
 
-/* ---------------------------------------------------------------- files of OUT */
+/* ---------------- files of OUT */
 
 OXL_INTERNAL oxl_result job_no_memory(struct job *job)
 {
@@ -28,7 +30,7 @@ OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct jo
     return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
 }
 
-/* ---------------------------------------------------------------- the survey, and its decoded images in files */
+/* ---------------- the survey, and its decoded images in files */
 
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
 {
@@ -47,7 +49,8 @@ OXL_INTERNAL oxl_result job_load(struct job *job)
     oxl_result rc = OXL_OK;
     if (job->partition.block_count > 1)
         rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
-    if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    if (rc == OXL_OK && !job->scene)
+        rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
     return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 
@@ -66,35 +69,37 @@ OXL_INTERNAL void job_remove_decoded(struct job *job)
 /* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
-    const double bytes  = job->scene ? 3 * schedule_pixels(job->scene) : 0;
-    const char  *folder = PATH(job->out, "blocks/decoded");
-    oxl_result   rc     = OXL_OK;
+    const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
+    const char *folder = PATH(job->out, "blocks/decoded");
+    oxl_result rc = OXL_OK;
     if (!os_is_folder(folder)) { /* else another process has decided */
-        const int wanted = job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
+        const int wanted =
+            job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
         if (wanted) rc = os_make_folder(job->ctx, folder);
         if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
     }
     oxl_free(job->ctx, job->decoded);
     job->decoded = NULL;
-    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder))) rc = job_no_memory(job);
+    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder)))
+        rc = job_no_memory(job);
     return rc == OXL_OK && job->scene ? job_use_decoded(job) : rc;
 }
 
-/* ---------------------------------------------------------------- progress and records */
+/* ---------------- progress and records */
 
 /* The run's progress from the block's. */
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 {
-    struct job  *job  = user;
-    oxl_progress p    = *progress;
+    struct job *job = user;
+    oxl_progress p = *progress;
     const double here = os_seconds() - job->started, limit = job->options.train.max_seconds;
-    const double done =
-        job->done + job->stage * (p.iteration - job->stage_first) / OXL_MAX(1, job->stage_until - job->stage_first);
+    const double done = job->done + job->stage * (p.iteration - job->stage_first) /
+                                        OXL_MAX(1, job->stage_until - job->stage_first);
     p.memory = os_peak_rss();
-    p.block  = job->block;
+    p.block = job->block;
     p.blocks = job->partition.block_count;
-    if (p.blocks > 1 && done > job->done_before)
-        p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before); /* the rest as what this process has done */
+    if (p.blocks > 1 && done > job->done_before) /* the rest as what this process has done */
+        p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before);
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
     return context_report(job->callback, &p);
 }
@@ -106,8 +111,8 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     total->iterations += r->iterations;
     total->gaussians += r->gaussians;
     total->seconds += r->seconds;
-    total->peak              = OXL_MAX(total->peak, r->peak);
-    total->predicted_peak    = OXL_MAX(total->predicted_peak, r->predicted_peak);
+    total->peak = OXL_MAX(total->peak, r->peak);
+    total->predicted_peak = OXL_MAX(total->predicted_peak, r->predicted_peak);
     total->predicted_seconds = total->predicted_seconds + r->predicted_seconds;
     nonfinite_add(&total->nonfinite, &r->nonfinite);
     job->unfinished += !r->finished;
@@ -116,7 +121,8 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 /* The time allowed is the run's: what comes later has what is left of it. */
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
-    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(JOB_SECONDS_MIN, o->max_seconds - (os_seconds() - job->started));
+    if (o->max_seconds > 0)
+        o->max_seconds = OXL_MAX(JOB_SECONDS_MIN, o->max_seconds - (os_seconds() - job->started));
 }
 
 static void job_drop_checkpoint(void *user, const char *name)
@@ -132,29 +138,31 @@ OXL_INTERNAL void job_drop_checkpoints(struct job *job)
     if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
 }
 
-/* ---------------------------------------------------------------- models of the blocks */
+/* ---------------- models of the blocks */
 
 /* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
     const char *folder = JOB_BLOCK(job, block);
-    const int refined = standard && os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
-    const int whole   = block > job->partition.block_count;
+    const int refined =
+        standard &&
+        os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
+    const int whole = block > job->partition.block_count;
     const size_t most = whole && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
     return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
 }
 
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
 {
-    const int    views  = oxl_scene_view_count(job->scene);
-    int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
+    const int views = oxl_scene_view_count(job->scene);
+    int *count = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
     const double none[] = {0, 0, 0};
-    oxl_result   rc     = imaging_create(job->ctx, views, out);
+    oxl_result rc = imaging_create(job->ctx, views, out);
     if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        const char    *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
-        struct imaging own  = {0};
+        const char *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
+        struct imaging own = {0};
         if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && imaging_is_needed(&own)) imaging_merge(out, count, &own);
         imaging_free(job->ctx, &own);

@@ -1,6 +1,7 @@
 /* manifest.c - run.json: all inputs of a run's result, written, read and compared.
  *
- * Invariant: runs with equal members "job" on the same files end in the same bytes. Options that only affect speed or memory
+ * Invariant: runs with equal members "job" on the same files end in the same bytes. Options that only affect
+ * speed or memory
  * (threads, --max-time, --image-cache) are not in it.
  */
 #include "job.h"
@@ -8,14 +9,15 @@
 
 #include "../core/json.h"
 
-/* ---------------------------------------------------------------- options to text */
+/* ---------------- options to text */
 
 static int manifest_is_json(const char *text)
 {
     const char *end = text;
-    double      value;
+    double value;
     if (strcmp(text, "true") == 0 || strcmp(text, "false") == 0) return 1;
-    return ((unsigned char)(text[0] - '0') < 10 || text[0] == '-') && parse_double(&end, text + strlen(text), &value) && !*end;
+    return ((unsigned char)(text[0] - '0') < 10 || text[0] == '-') &&
+           parse_double(&end, text + strlen(text), &value) && !*end;
 }
 
 /* Numbers, true and false unquoted, others as strings. */
@@ -30,7 +32,7 @@ static void manifest_add_value(struct text *t, const char *name, const char *val
 static void manifest_add_option(struct text *t, const oxl_option *option, const oxl_job_options *o)
 {
     const char *folder = NULL;
-    char        name[40], value[128];
+    char name[40], value[128];
     oxl_option_member(option, name);
     if (option->kind == OXL_OPTION_TEXT) {
         memcpy(&folder, (const char *)o + option->at, sizeof folder);
@@ -47,11 +49,12 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene, const oxl
     text_add_json_string(t, scene);
     for (int i = 0; i < oxl_option_count(); i++)
         if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT) manifest_add_option(t, oxl_option_at(i), o);
-    if (backend_device(t->ctx)) manifest_add_value(t, "device", backend_device(t->ctx)); /* results depend on the device */
+    if (backend_device(t->ctx))
+        manifest_add_value(t, "device", backend_device(t->ctx)); /* results depend on the device */
     text_add(t, "}");
 }
 
-/* ---------------------------------------------------------------- text to options */
+/* ---------------- text to options */
 
 /* A member of one of the objects of `"job": {...}, "found": {...}`, or NULL. */
 static const char *manifest_find(const char *line, const char *name)
@@ -59,8 +62,8 @@ static const char *manifest_find(const char *line, const char *name)
     const char *found = NULL;
     for (const char *key = line; key && *key == '"' && !found;) {
         const char *object = oxl_json_value(key);
-        found              = oxl_json_member(object, name);
-        key                = oxl_json_next(object);
+        found = oxl_json_member(object, name);
+        key = oxl_json_next(object);
     }
     return found;
 }
@@ -75,9 +78,10 @@ OXL_INTERNAL double manifest_number(const char *object, const char *name)
 static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char **out)
 {
     const size_t room = value ? OXL_MAX(oxl_json_room(value), (size_t)(oxl_json_end(value) - value) + 1) : 0;
-    *out              = NULL;
+    *out = NULL;
     if (!value || strncmp(value, "null", 4) == 0) return OXL_OK;
-    if (!(*out = oxl_calloc(ctx, room, 1))) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a value of run.json");
+    if (!(*out = oxl_calloc(ctx, room, 1)))
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a value of run.json");
     if (*value == '"') oxl_json_text(value, *out, room);
     else memcpy(*out, value, (size_t)(oxl_json_end(value) - value));
     return OXL_OK;
@@ -86,17 +90,19 @@ static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char 
 static oxl_result manifest_read_values(oxl_context *ctx, const char *job, struct oxl_manifest *run)
 {
     oxl_result rc = manifest_read_value(ctx, oxl_json_member(job, "scene"), &run->scene);
-    char       name[40];
+    char name[40];
     for (int i = 0; i < oxl_option_count() && i < MANIFEST_VALUES && rc == OXL_OK; i++)
         if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)
-            rc = manifest_read_value(ctx, oxl_json_member(job, oxl_option_member(oxl_option_at(i), name)), &run->value[i]);
+            rc = manifest_read_value(ctx, oxl_json_member(job, oxl_option_member(oxl_option_at(i), name)),
+                                     &run->value[i]);
     return rc;
 }
 
-/* `"name": {...}` with the object's text, allocated; "" for a truncated object; *out = NULL if there is none. */
+/* `"name": {...}` with the object's text, allocated; "" for a truncated object; *out = NULL if there is
+ * none. */
 static oxl_result manifest_copy_member(oxl_context *ctx, const char *root, const char *name, char **out)
 {
-    struct text t      = {.ctx = ctx};
+    struct text t = {.ctx = ctx};
     const char *object = oxl_json_member(root, name), *end = object ? oxl_json_end(object) : NULL;
     *out = NULL;
     if (!object) return OXL_OK;
@@ -107,17 +113,17 @@ static oxl_result manifest_copy_member(oxl_context *ctx, const char *root, const
 
 OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, struct oxl_manifest *out)
 {
-    struct os_file_map map  = {0};
-    const char        *path = PATH(folder, "run.json"), *root, *job;
-    oxl_result         rc   = os_is_file(path) ? os_read_file(ctx, path, &map) : OXL_OK;
-    *out                    = (struct oxl_manifest){0};
-    root                    = map.data;
-    job                     = oxl_json_member(root, "job");
+    struct os_file_map map = {0};
+    const char *path = PATH(folder, "run.json"), *root, *job;
+    oxl_result rc = os_is_file(path) ? os_read_file(ctx, path, &map) : OXL_OK;
+    *out = (struct oxl_manifest){0};
+    root = map.data;
+    job = oxl_json_member(root, "job");
     if (rc == OXL_OK && job) {
         const char *seed = oxl_json_member(job, "seed");
-        out->finished    = oxl_json_is_true(root, "finished");
-        out->seed        = seed ? strtoull(seed, NULL, 10) : 0;
-        rc               = manifest_copy_member(ctx, root, "job", &out->line);
+        out->finished = oxl_json_is_true(root, "finished");
+        out->seed = seed ? strtoull(seed, NULL, 10) : 0;
+        rc = manifest_copy_member(ctx, root, "job", &out->line);
         if (rc == OXL_OK) rc = manifest_copy_member(ctx, root, "found", &out->found);
         if (rc == OXL_OK) rc = manifest_read_value(ctx, oxl_json_member(root, "preset"), &out->preset);
         if (rc == OXL_OK) rc = manifest_read_values(ctx, job, out);
@@ -144,48 +150,51 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
         else if (option->kind == OXL_OPTION_TEXT) memcpy((char *)o + option->at, &none, sizeof none);
     }
     o->preset = run->preset;
-    o->seed   = run->seed;
+    o->seed = run->seed;
 }
 
-/* ---------------------------------------------------------------- differences of two runs */
+/* ---------------- differences of two runs */
 
 struct manifest_comparison {
     struct text *t;
-    const char  *old, *current; /* "job": {...} and "found": {...} of both */
-    int          count;
+    const char *old, *current; /* "job": {...} and "found": {...} of both */
+    int count;
 };
 
 /* Adds a line for a member with different values. */
 static oxl_result manifest_compare(struct manifest_comparison *c, const char *member, const char *label)
 {
-    char      *old = NULL, *current = NULL;
+    char *old = NULL, *current = NULL;
     oxl_result rc = manifest_read_value(c->t->ctx, manifest_find(c->old, member), &old);
     if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->current, member), &current);
-    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0) && c->count++ < MANIFEST_DIFFERENCES)
-        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given", current ? current : "not given");
+    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0) &&
+        c->count++ < MANIFEST_DIFFERENCES)
+        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given",
+                 current ? current : "not given");
     OXL_FREE(c->t->ctx, old, current);
     return rc;
 }
 
 OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current)
 {
-    static const char *const   others[][2] = {{"version", "version"},
-                                              {"scene", "survey"},
-                                              {"seed", "--seed"},
-                                              {"device", "device"},
-                                              {"images", "images of the survey"},
-                                              {"points", "points of the survey"},
-                                              {"extent", "extent of the survey"},
-                                              {"start", "model to start from"}};
-    struct manifest_comparison c           = {t, old, current, 0};
-    oxl_result                 rc          = OXL_OK;
+    static const char *const others[][2] = {{"version", "version"},
+                                            {"scene", "survey"},
+                                            {"seed", "--seed"},
+                                            {"device", "device"},
+                                            {"images", "images of the survey"},
+                                            {"points", "points of the survey"},
+                                            {"extent", "extent of the survey"},
+                                            {"start", "model to start from"}};
+    struct manifest_comparison c = {t, old, current, 0};
+    oxl_result rc = OXL_OK;
     for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {
         char member[40], label[48];
         if (!(oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)) continue;
         snprintf(label, sizeof label, "--%s", oxl_option_at(i)->name);
         rc = manifest_compare(&c, oxl_option_member(oxl_option_at(i), member), label);
     }
-    for (size_t i = 0; i < OXL_COUNT(others) && rc == OXL_OK; i++) rc = manifest_compare(&c, others[i][0], others[i][1]);
+    for (size_t i = 0; i < OXL_COUNT(others) && rc == OXL_OK; i++)
+        rc = manifest_compare(&c, others[i][0], others[i][1]);
     if (c.count > MANIFEST_DIFFERENCES) text_add(t, "  and %d more\n", c.count - MANIFEST_DIFFERENCES);
     return rc;
 }

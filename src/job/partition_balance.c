@@ -1,32 +1,33 @@
 /* partition_balance.c - balance of the blocks, predicted cost of each, and the command `partition`.
  *
- * Measures: largest / mean, the relative run time with one machine per block, and the coefficient of variation. Both kinds of
- * cut are measured, balanced and midpoint.
+ * Measures: largest / mean, the relative run time with one machine per block, and the coefficient of
+ * variation. Both kinds of cut are measured, balanced and midpoint.
  */
 #include "../blocks/partition.h"
 #include "job.h"
 #include "../survey/scene.h"
 
-/* ---------------------------------------------------------------- one block */
+/* ---------------- one block */
 
-static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
+static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block,
+                                      const oxl_job_options *o)
 {
-    const struct partition_block *b      = &p->block[block];
-    const struct cost_load        load   = cost_load_of_block(p, block);
-    oxl_job_options               fitted = *o;
-    struct cost                   cost;
+    const struct partition_block *b = &p->block[block];
+    const struct cost_load load = cost_load_of_block(p, block);
+    oxl_job_options fitted = *o;
+    struct cost cost;
     budget_fit(ctx, &load, &fitted);
     cost = cost_estimate(ctx, &fitted, &load);
-    return (oxl_block){.points       = b->points,
+    return (oxl_block){.points = b->points,
                        .start_points = b->start_points,
-                       .base_views   = b->base_views,
+                       .base_views = b->base_views,
                        .border_views = b->border_views,
-                       .gaussians    = cost.gaussians,
-                       .memory       = cost.memory,
-                       .seconds      = cost.seconds};
+                       .gaussians = cost.gaussians,
+                       .memory = cost.memory,
+                       .seconds = cost.seconds};
 }
 
-/* ---------------------------------------------------------------- all of them */
+/* ---------------- all of them */
 
 struct balance_sum {
     double sum, square, largest;
@@ -42,18 +43,18 @@ static void balance_add(struct balance_sum *s, double x)
 static void balance_measure(const struct balance_sum *s, int count, double *peak, double *spread)
 {
     const double mean = s->sum / count, variance = s->square / count - mean * mean;
-    *peak   = mean > 0 ? s->largest / mean : 1;
+    *peak = mean > 0 ? s->largest / mean : 1;
     *spread = mean > 0 ? sqrt(OXL_MAX(variance, 0)) / mean : 0;
 }
 
 static oxl_balance balance_summary(const oxl_block *block, int count)
 {
     struct balance_sum points = {0}, views = {0};
-    oxl_balance        b = {.blocks = count};
+    oxl_balance b = {.blocks = count};
     for (int i = 0; i < count; i++) {
         balance_add(&points, (double)block[i].points);
         balance_add(&views, block[i].base_views + block[i].border_views);
-        b.memory  = OXL_MAX(b.memory, block[i].memory);
+        b.memory = OXL_MAX(b.memory, block[i].memory);
         b.longest = OXL_MAX(b.longest, block[i].seconds);
         b.seconds += block[i].seconds;
     }
@@ -63,7 +64,8 @@ static oxl_balance balance_summary(const oxl_block *block, int count)
 }
 
 /* blocks is allocated. */
-static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, const oxl_job_options *o, oxl_block **blocks)
+static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
+                                 oxl_block **blocks)
 {
     *blocks = oxl_alloc(ctx, (size_t)p->block_count, sizeof **blocks);
     if (!*blocks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d blocks", p->block_count);
@@ -72,14 +74,15 @@ static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, co
 }
 
 /* What the other cut would give. */
-static oxl_result balance_alternative(oxl_context *ctx, const struct partition *p, const oxl_job_options *o, oxl_balance *out)
+static oxl_result balance_alternative(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
+                                      oxl_balance *out)
 {
-    oxl_job_options  other  = *o;
-    oxl_block       *blocks = NULL;
+    oxl_job_options other = *o;
+    oxl_block *blocks = NULL;
     struct partition q;
-    oxl_result       rc;
+    oxl_result rc;
     other.partition.cut = o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT;
-    rc                  = partition_variant(ctx, p, &other.partition, &q);
+    rc = partition_variant(ctx, p, &other.partition, &q);
     if (rc == OXL_OK) rc = balance_blocks(ctx, &q, &other, &blocks);
     if (rc == OXL_OK) *out = balance_summary(blocks, q.block_count);
     oxl_free(ctx, blocks);
@@ -87,17 +90,19 @@ static oxl_result balance_alternative(oxl_context *ctx, const struct partition *
     return rc;
 }
 
-OXL_INTERNAL oxl_result partition_report(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
-                                         oxl_partition_report *out)
+OXL_INTERNAL oxl_result partition_report(oxl_context *ctx, const struct partition *p,
+                                         const oxl_job_options *o, oxl_partition_report *out)
 {
     oxl_result rc;
-    *out = (oxl_partition_report){.dimensions = p->dimensions, .cut = o->partition.cut, .block_count = p->block_count};
+    *out = (oxl_partition_report){
+        .dimensions = p->dimensions, .cut = o->partition.cut, .block_count = p->block_count};
     memcpy(out->extent, p->extent, sizeof out->extent);
     rc = balance_blocks(ctx, p, o, &out->block);
     if (rc == OXL_OK) out->balance[o->partition.cut] = balance_summary(out->block, p->block_count);
     if (rc == OXL_OK)
-        rc = balance_alternative(ctx, p, o,
-                                 &out->balance[o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT]);
+        rc = balance_alternative(
+            ctx, p, o,
+            &out->balance[o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT]);
     if (rc != OXL_OK) oxl_partition_report_free(ctx, out);
     return rc;
 }
@@ -108,7 +113,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
     *report = (oxl_partition_report){0};
 }
 
-/* ---------------------------------------------------------------- the command */
+/* ---------------- the command */
 
 /* The COLMAP model alone is enough when the images are elsewhere. */
 static oxl_result balance_check_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
@@ -123,19 +128,20 @@ static oxl_result balance_check_images(oxl_context *ctx, const char *scene, oxl_
     return OXL_OK;
 }
 
-oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *out, const oxl_job_options *options,
-                         oxl_partition_report *report)
+oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *out,
+                         const oxl_job_options *options, oxl_partition_report *report)
 {
-    oxl_job_options      o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
-    oxl_scene           *scene = NULL;
-    struct partition     p     = {0};
-    oxl_partition_report own   = {0};
-    oxl_lock            *lock  = NULL;
-    oxl_result           rc    = balance_check_images(ctx, scene_path, &o.scene);
+    oxl_job_options o = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_scene *scene = NULL;
+    struct partition p = {0};
+    oxl_partition_report own = {0};
+    oxl_lock *lock = NULL;
+    oxl_result rc = balance_check_images(ctx, scene_path, &o.scene);
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
-    if (rc == OXL_OK) o.train.iterations = cost_iterations(&o, scene->stats.images_listed - scene->stats.images_missing);
+    if (rc == OXL_OK)
+        o.train.iterations = cost_iterations(&o, scene->stats.images_listed - scene->stats.images_missing);
     if (rc == OXL_OK) rc = budget_partition(ctx, scene, &o, &p);
     if (rc == OXL_OK) o.ram = (size_t)p.memory;
     if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
@@ -148,16 +154,17 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     return rc;
 }
 
-/* ---------------------------------------------------------------- JSON */
+/* ---------------- JSON */
 
 struct balance_member {
     const char *name;
-    double      value;
+    double value;
 };
 
 static void balance_add_members(struct text *t, const struct balance_member *m, size_t count)
 {
-    for (size_t i = 0; i < count; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", m[i].name, NUMBER(m[i].value));
+    for (size_t i = 0; i < count; i++)
+        text_add(t, "%s\"%s\": %s", i ? ", " : "{", m[i].name, NUMBER(m[i].value));
     text_add(t, "}");
 }
 
@@ -186,11 +193,12 @@ oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *r
     balance_add_json(&t, "midpoint", &r->balance[OXL_CUT_MIDPOINT]);
     text_add(&t, "  \"blocks\": [");
     for (int i = 0; i < r->block_count; i++) {
-        const oxl_block            *b   = &r->block[i];
-        const struct balance_member m[] = {{"points", (double)b->points},         {"start_points", (double)b->start_points},
-                                           {"base_views", b->base_views},         {"border_views", b->border_views},
-                                           {"predicted_gaussians", b->gaussians}, {"predicted_memory_bytes", b->memory},
-                                           {"predicted_seconds", b->seconds}};
+        const oxl_block *b = &r->block[i];
+        const struct balance_member m[] = {
+            {"points", (double)b->points},         {"start_points", (double)b->start_points},
+            {"base_views", b->base_views},         {"border_views", b->border_views},
+            {"predicted_gaussians", b->gaussians}, {"predicted_memory_bytes", b->memory},
+            {"predicted_seconds", b->seconds}};
         text_add(&t, "%s\n    ", i ? "," : "");
         balance_add_members(&t, m, OXL_COUNT(m));
     }

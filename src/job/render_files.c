@@ -10,8 +10,8 @@
 static char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
 {
     struct text t = {.ctx = ctx};
-    char       *path, *slash;
-    const int   escapes = name[0] == '/' || strstr(name, "..");
+    char *path, *slash;
+    const int escapes = name[0] == '/' || strstr(name, "..");
     text_add(&t, "%s/%s%s", folder, name, suffix);
     if (text_take(&t, &path) != OXL_OK) {
         oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a render");
@@ -19,7 +19,7 @@ static char *render_file_path(oxl_context *ctx, const char *folder, const char *
     }
     for (char *c = path + strlen(folder) + 1; escapes && *c; c++)
         if (*c == '/') *c = '_';
-    slash  = strrchr(path, '/');
+    slash = strrchr(path, '/');
     *slash = 0;
     if (os_make_folder(ctx, path) != OXL_OK) {
         oxl_free(ctx, path);
@@ -29,11 +29,11 @@ static char *render_file_path(oxl_context *ctx, const char *folder, const char *
     return path;
 }
 
-static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
-                                          const oxl_image *image)
+static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, const char *name,
+                                          const char *suffix, const oxl_image *image)
 {
-    char            *path = render_file_path(ctx, folder, name, suffix);
-    const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : ctx->failed;
+    char *path = render_file_path(ctx, folder, name, suffix);
+    const oxl_result rc = path ? oxl_image_write(ctx, path, image) : ctx->failed;
     oxl_free(ctx, path);
     return rc;
 }
@@ -41,34 +41,36 @@ static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, 
 /* Rows from the bottom; the sign of the scale is the byte order. */
 oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height)
 {
-    const uint16_t   one    = 1;
-    const int        small  = *(const unsigned char *)&one; /* little endian */
+    const uint16_t one = 1;
+    const int small = *(const unsigned char *)&one; /* little endian */
     struct os_writer writer = {0};
-    const oxl_result rc     = os_writer_open(ctx, path, &writer);
+    const oxl_result rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     fprintf(writer.file, "Pf\n%d %d\n%s\n", width, height, small ? "-1.0" : "1.0");
-    for (int y = height - 1; y >= 0; y--) fwrite(value + (size_t)y * width, sizeof *value, (size_t)width, writer.file);
+    for (int y = height - 1; y >= 0; y--)
+        fwrite(value + (size_t)y * width, sizeof *value, (size_t)width, writer.file);
     return os_writer_close(ctx, &writer, OXL_OK);
 }
 
-static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                        int height)
+static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name,
+                                        const float *depth, int width, int height)
 {
-    char            *path = render_file_path(ctx, folder, name, ".depth.pfm");
-    const oxl_result rc   = path ? oxl_write_pfm(ctx, path, depth, width, height) : ctx->failed;
+    char *path = render_file_path(ctx, folder, name, ".depth.pfm");
+    const oxl_result rc = path ? oxl_write_pfm(ctx, path, depth, width, height) : ctx->failed;
     oxl_free(ctx, path);
     return rc;
 }
 
 /* Thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or more. */
-static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                            int height)
+static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder, const char *name,
+                                            const float *depth, int width, int height)
 {
     const size_t pixels = (size_t)width * (size_t)height;
-    char        *path   = render_file_path(ctx, folder, name, ".depth16.png");
-    uint16_t    *value  = oxl_alloc(ctx, pixels, sizeof *value);
-    oxl_result   rc     = path ? OXL_OK : ctx->failed;
-    if (rc == OXL_OK && !value) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
+    char *path = render_file_path(ctx, folder, name, ".depth16.png");
+    uint16_t *value = oxl_alloc(ctx, pixels, sizeof *value);
+    oxl_result rc = path ? OXL_OK : ctx->failed;
+    if (rc == OXL_OK && !value)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
         value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
     if (rc == OXL_OK) rc = image_write_png16(ctx, path, value, width, height);
@@ -76,20 +78,22 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     return rc;
 }
 
-/* Depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean depth, 0 at infinity or without depth. */
-static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                          int height)
+/* Depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean depth, 0 at
+ * infinity or without depth. */
+static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name,
+                                          const float *depth, int width, int height)
 {
     const size_t pixels = (size_t)width * height;
-    oxl_image    grey   = {0};
-    double       sum    = 0;
-    size_t       met    = 0;
-    oxl_result   rc     = oxl_image_create(ctx, width, height, &grey);
+    oxl_image grey = {0};
+    double sum = 0;
+    size_t met = 0;
+    oxl_result rc = oxl_image_create(ctx, width, height, &grey);
     if (rc != OXL_OK) return rc;
     for (size_t i = 0; i < pixels; i++)
         if (depth[i] > 0) sum += depth[i], met++;
     for (size_t i = 0; i < pixels; i++) {
-        const float mean = (float)(met ? sum / (double)met : 1), v = depth[i] > 0 ? mean / (mean + depth[i]) : 0;
+        const float mean = (float)(met ? sum / (double)met : 1),
+                    v = depth[i] > 0 ? mean / (mean + depth[i]) : 0;
         for (int c = 0; c < 3; c++) grey.rgb[c * pixels + i] = v;
     }
     rc = render_file_write_image(ctx, folder, name, ".depth.png", &grey);
@@ -99,21 +103,22 @@ static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, 
     return rc;
 }
 
-/* ---------------------------------------------------------------- rendered one after the other, written side by side */
+/* ---------------- rendered one after the other, written side by side */
 
 enum {
     RENDER_FILES_AT_ONCE = 16,
-    RENDER_FILES_BYTES   = 52 /* a pixel, until it is on disk: three images, depth, a PNG on its way */
+    RENDER_FILES_BYTES = 52 /* a pixel, until it is on disk: three images, depth, a PNG on its way */
 };
 
 /* What is written of a view. */
 struct render_file {
     const char *name;
-    int         width, height;
-    oxl_image   rendered, image; /* image: empty if not requested or not readable */
-    oxl_image   clear;           /* beside an image, where a medium is fitted: without lamp and medium; else empty */
-    float      *depth;           /* (H,W) or NULL */
-    oxl_context own;             /* of the thread that writes it */
+    int width, height;
+    oxl_image rendered, image; /* image: empty if not requested or not readable */
+    /* beside an image, where a medium is fitted: without lamp and medium; else empty */
+    oxl_image clear;
+    float *depth;    /* (H,W) or NULL */
+    oxl_context own; /* of the thread that writes it */
 };
 
 static void render_file_free(oxl_context *ctx, struct render_file *file)
@@ -128,30 +133,35 @@ static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file
 {
     file->depth = oxl_alloc(ctx, (size_t)file->width * (size_t)file->height, sizeof *file->depth);
     return file->depth ? OXL_OK
-                       : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", file->width, file->height);
+                       : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", file->width,
+                                  file->height);
 }
 
 /* Unreadable images are skipped; the evaluation has reported them. */
-static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *file)
+static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view,
+                                         struct render_file *file)
 {
     const oxl_result rc = oxl_scene_image(ctx, scene, view, &file->image);
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
-static oxl_result render_file_render(oxl_context *ctx, const struct render_files *f, struct renderer *r, int view,
-                                     struct render_file *out)
+static oxl_result render_file_render(oxl_context *ctx, const struct render_files *f, struct renderer *r,
+                                     int view, struct render_file *out)
 {
-    const oxl_render_output *what    = f->what;
-    oxl_scene               *scene   = f->scene;
-    const oxl_view          *of      = oxl_scene_view(scene, view);
-    const struct imaging    *imaging = what->clear ? NULL : &scene->imaging;
-    oxl_result               rc      = OXL_OK;
-    *out                             = (struct render_file){.name = of->name, .own = context_for_thread(ctx)};
-    out->width                       = of->camera.width;
-    out->height                      = of->camera.height;
+    const oxl_render_output *what = f->what;
+    oxl_scene *scene = f->scene;
+    const oxl_view *of = oxl_scene_view(scene, view);
+    const struct imaging *imaging = what->clear ? NULL : &scene->imaging;
+    oxl_result rc = OXL_OK;
+    *out = (struct render_file){.name = of->name, .own = context_for_thread(ctx)};
+    out->width = of->camera.width;
+    out->height = of->camera.height;
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
-    if (rc == OXL_OK) rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, imaging}, view, &out->rendered, out->depth);
-    for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
+    if (rc == OXL_OK)
+        rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, imaging}, view, &out->rendered,
+                           out->depth);
+    for (size_t i = 0;
+         rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
     if (rc == OXL_OK && out->image.rgb && imaging && imaging_alters_colours(imaging))
@@ -165,21 +175,23 @@ static oxl_result render_file_write(struct render_file *file, const char *folder
     oxl_result rc = render_file_write_image(&file->own, folder, file->name, ".png", &file->rendered);
     if (rc == OXL_OK && file->depth)
         rc = render_file_write_depth(&file->own, folder, file->name, file->depth, file->width, file->height);
-    if (rc == OXL_OK && file->image.rgb) rc = render_file_write_image(&file->own, folder, file->name, ".image.png", &file->image);
-    if (rc == OXL_OK && file->clear.rgb) rc = render_file_write_image(&file->own, folder, file->name, ".clear.png", &file->clear);
+    if (rc == OXL_OK && file->image.rgb)
+        rc = render_file_write_image(&file->own, folder, file->name, ".image.png", &file->image);
+    if (rc == OXL_OK && file->clear.rgb)
+        rc = render_file_write_image(&file->own, folder, file->name, ".clear.png", &file->clear);
     return rc;
 }
 
-/* The views from `first` on, as many as may be in memory at once: one for each thread, within a quarter of the cache. *rendered: without
- * the one that failed. */
-static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, struct renderer *r, int first,
-                                      struct render_file *out, int *rendered)
+/* The views from `first` on, as many as may be in memory at once: one for each thread, within a quarter of
+ * the cache. *rendered: without the one that failed. */
+static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, struct renderer *r,
+                                      int first, struct render_file *out, int *rendered)
 {
-    const int *view  = f->view + first;
-    const int  count = f->views - first;
-    size_t     bytes = 0;
-    oxl_result rc    = OXL_OK;
-    *rendered        = 0;
+    const int *view = f->view + first;
+    const int count = f->views - first;
+    size_t bytes = 0;
+    oxl_result rc = OXL_OK;
+    *rendered = 0;
     if (f->what->images) scene_images_ahead(ctx, f->scene, view, count);
     while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(f->scene, view[*rendered])->camera;
@@ -193,7 +205,8 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
 }
 
 /* *written: before the first that could not be. */
-static oxl_result render_files_write(oxl_context *ctx, struct render_file *file, int count, const char *folder, int *written)
+static oxl_result render_files_write(oxl_context *ctx, struct render_file *file, int count,
+                                     const char *folder, int *written)
 {
     oxl_result rc[RENDER_FILES_AT_ONCE];
     *written = 0;
@@ -205,13 +218,13 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
     return *written < count ? ctx->failed : OXL_OK;
 }
 
-/* ---------------------------------------------------------------- FOLDER/.renders lists the files that the last call wrote there */
+/* ---------------- FOLDER/.renders lists the files that the last call wrote there */
 
 /* The next line of a list, without its end; NULL after the last. */
 static char *render_list_line(oxl_context *ctx, const char **at)
 {
     struct text line = {.ctx = ctx};
-    char       *out;
+    char *out;
     if (!**at) return NULL;
     text_add(&line, "%.*s", (int)strcspn(*at, "\n"), *at);
     *at += strcspn(*at, "\n");
@@ -219,7 +232,8 @@ static char *render_list_line(oxl_context *ctx, const char **at)
     return text_take(&line, &out) == OXL_OK ? out : NULL;
 }
 
-/* Whether the list has the line; *at: where the search begins and where it ends, as lists mostly have the same order. */
+/* Whether the list has the line; *at: where the search begins and where it ends, as lists mostly have the
+ * same order. */
 static int render_list_has(const char *list, const char *line, const char **at)
 {
     const size_t size = strlen(line);
@@ -236,13 +250,15 @@ static int render_list_has(const char *list, const char *line, const char **at)
 static oxl_result render_list_check(oxl_context *ctx, const char *folder, const char *old, const char *list)
 {
     const char *at = old;
-    oxl_result  rc = OXL_OK;
+    oxl_result rc = OXL_OK;
     for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &list)); oxl_free(ctx, name)) {
         char *path = render_file_path(ctx, folder, name, "");
         if (!path) rc = ctx->failed;
         else if (os_is_file(path) && !render_list_has(old, name, &at))
-            rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s exists, and no earlier render wrote it\nfix: choose another folder, or remove the file", path);
+            rc = oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s exists, and no earlier render wrote it\nfix: choose another folder, or remove the file",
+                path);
         oxl_free(ctx, path);
     }
     return rc;
@@ -262,9 +278,9 @@ static oxl_result render_list_remove(oxl_context *ctx, const char *folder, const
 
 oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace)
 {
-    struct os_file_map map  = {0};
-    char              *path = oxl_path_join(ctx, folder, ".renders");
-    oxl_result         rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    struct os_file_map map = {0};
+    char *path = oxl_path_join(ctx, folder, ".renders");
+    oxl_result rc = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && !replace) rc = render_list_check(ctx, folder, map.data ? map.data : "", list);
     if (rc == OXL_OK && map.data) rc = render_list_remove(ctx, folder, map.data);
@@ -277,14 +293,15 @@ oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *lis
 static oxl_result render_files_replace(oxl_context *ctx, const struct render_files *f)
 {
     const oxl_render_output *what = f->what;
-    struct text              list = {.ctx = ctx};
-    char                    *text;
-    oxl_result               rc;
+    struct text list = {.ctx = ctx};
+    char *text;
+    oxl_result rc;
     for (int i = 0; i < f->views; i++) {
         const char *name = oxl_scene_view(f->scene, f->view[i])->name;
         text_add(&list, "%s.png\n", name);
         if (what->images) text_add(&list, "%s.image.png\n", name);
-        if (what->images && !what->clear && imaging_alters_colours(&f->scene->imaging)) text_add(&list, "%s.clear.png\n", name);
+        if (what->images && !what->clear && imaging_alters_colours(&f->scene->imaging))
+            text_add(&list, "%s.clear.png\n", name);
         if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
     }
     text_add(&list, "%s", "");
@@ -297,17 +314,17 @@ static oxl_result render_files_replace(oxl_context *ctx, const struct render_fil
 
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count)
 {
-    struct renderer    *r    = NULL;
+    struct renderer *r = NULL;
     struct render_file *file = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *file);
-    oxl_result          rc   = os_make_folder(ctx, f->folder);
-    *count                   = 0;
+    oxl_result rc = os_make_folder(ctx, f->folder);
+    *count = 0;
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = render_files_replace(ctx, f);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     while (rc == OXL_OK && *count < f->views) {
-        int        rendered, written;
+        int rendered, written;
         oxl_result wrote;
-        rc    = render_files_render(ctx, f, r, *count, file, &rendered);
+        rc = render_files_render(ctx, f, r, *count, file, &rendered);
         wrote = render_files_write(ctx, file, rendered, f->folder, &written);
         *count += written;
         if (wrote != OXL_OK) rc = wrote;
@@ -318,16 +335,16 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     return rc;
 }
 
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
-                            const char *folder, int *count)
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+                            const oxl_render_output *what, const char *folder, int *count)
 {
-    int                *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    struct render_files f    = {model, scene, what, folder, view, 0};
-    oxl_result          rc;
+    int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    struct render_files f = {model, scene, what, folder, view, 0};
+    oxl_result rc;
     *count = 0;
     if (!view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     f.views = scene_views_of(scene, what->split, view);
-    rc      = render_files_of(ctx, &f, count);
+    rc = render_files_of(ctx, &f, count);
     oxl_free(ctx, view);
     return rc;
 }

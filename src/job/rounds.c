@@ -1,15 +1,20 @@
 /* rounds.c - several blocks, trained as one model (docs/SCALE.md).
  *
  * 1. The coarse model: the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
- * 2. Each block continues the run with the coarse model's Gaussians in its box, on the windows of the views in which they are visible.
- *    The context, all other Gaussians, is rendered and not trained. So the merged model is the blocks' models side by side.
- * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with which it shares a view, as of
- *    this round if they precede it, else as of the round before: two neighbours never correct the same error at the same time. It sees
- *    other blocks in the coarse model.
- * 4. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once to the allowed number; if the
+ * 2. Each block continues the run with the coarse model's Gaussians in its box, on the windows of the views
+ * in which they are visible.
+ *    The context, all other Gaussians, is rendered and not trained. So the merged model is the blocks' models
+ *    side by side.
+ * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with
+ * which it shares a view, as of
+ *    this round if they precede it, else as of the round before: two neighbours never correct the same error
+ *    at the same time. It sees other blocks in the coarse model.
+ * 4. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once
+ * to the allowed number; if the
  *    model does not fit into memory, in groups (groups.c).
  *
- * Invariant: the context of a round is a function of survey and options, not of the process or the order of training. A process with
+ * Invariant: the context of a round is a function of survey and options, not of the process or the order of
+ * training. A process with
  * --block K trains that block, and others while it waits for them.
  */
 #include "job_state.h"
@@ -20,14 +25,15 @@
 #define ROUNDS_GROWTH 0.25 /* of the merged model's part: Gaussians split once more (docs/log/SCALE.md) */
 
 struct rounds {
-    struct job        *job;
-    struct block_plan *plan;   /* (blocks) */
-    oxl_model          coarse; /* relative to the survey's origin */
+    struct job *job;
+    struct block_plan *plan; /* (blocks) */
+    oxl_model coarse;        /* relative to the survey's origin */
 };
 
-/* ---------------------------------------------------------------- the coarse model */
+/* ---------------- the coarse model */
 
-/* A medium that the tracks do not give is trained from MEDIUM_FIT_FROM of a run on; the coarse model ends before. */
+/* A medium that the tracks do not give is trained from MEDIUM_FIT_FROM of a run on; the coarse model ends
+ * before. */
 static void rounds_warn_of_medium(const struct job *job)
 {
     if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
@@ -39,21 +45,21 @@ static void rounds_warn_of_medium(const struct job *job)
 static oxl_result rounds_train_coarse(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
-    struct block_task  task     = {.folder   = folder,
-                                   .key      = job->key.data,
-                                   .callback = &callback,
-                                   .train    = job->options.train,
-                                   .until    = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
-    oxl_result         rc       = job->scene ? OXL_OK : job_load(job);
-    job->block                  = job->partition.block_count;
-    job->stage                  = JOB_COARSE;
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .train = job->options.train,
+                              .until = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
+    oxl_result rc = job->scene ? OXL_OK : job_load(job);
+    job->block = job->partition.block_count;
+    job->stage = JOB_COARSE;
     job->stage_first = 0, job->stage_until = task.until;
     if (rc == OXL_OK) {
         const struct cost_load load = cost_load_of_scene(job->scene);
-        oxl_job_options        o    = job->options;
+        oxl_job_options o = job->options;
         if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
         job_set_cache(job, o.scene.image_cache_bytes);
-        task.train          = o.train;
+        task.train = o.train;
         task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
     }
     task.train.keep.kind = OXL_KEEP_ALL;
@@ -70,25 +76,26 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
 
 static int rounds_coarse_is_done(const struct job *job, const struct block_record *record)
 {
-    return record->exists && record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
+    return record->exists &&
+           record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
 }
 
 /* The coarse model and the plans that follow from it. */
 static oxl_result rounds_prepare(struct job *job)
 {
-    const char         *folder = JOB_BLOCK(job, job->partition.block_count);
+    const char *folder = JOB_BLOCK(job, job->partition.block_count);
     struct block_record record = {0};
-    struct block_plan   last   = {0};
-    oxl_model           coarse = {0};
-    oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
+    struct block_plan last = {0};
+    oxl_model coarse = {0};
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
         rc = rounds_train_coarse(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
     }
     job->done = JOB_COARSE;
-    if (rc == OXL_OK && !job->unfinished)
-        rc = block_plan_read(job, job->partition.block_count - 1, &last); /* the last to be written */
+    /* the last to be written */
+    if (rc == OXL_OK && !job->unfinished) rc = block_plan_read(job, job->partition.block_count - 1, &last);
     if (rc == OXL_OK && !job->unfinished && last.views == 0) {
         rc = job->scene ? OXL_OK : job_load(job);
         if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
@@ -102,10 +109,10 @@ static oxl_result rounds_prepare(struct job *job)
 /* The same by several processes: one trains, the others wait. */
 static oxl_result rounds_prepare_shared(struct job *job)
 {
-    const char       *folder = JOB_BLOCK(job, job->partition.block_count);
-    oxl_lock         *lock   = NULL;
-    struct block_plan last   = {0};
-    oxl_result        rc     = OXL_OK;
+    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    oxl_lock *lock = NULL;
+    struct block_plan last = {0};
+    oxl_result rc = OXL_OK;
     while (rc == OXL_OK && !lock && last.views == 0) {
         rc = block_plan_read(job, job->partition.block_count - 1, &last);
         if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
@@ -118,35 +125,38 @@ static oxl_result rounds_prepare_shared(struct job *job)
     return rc;
 }
 
-/* ---------------------------------------------------------------- what a block sees of the others */
+/* ---------------- what a block sees of the others */
 
 /* keep (count): 1 for Gaussians that may show in a view of the block. */
-static void rounds_mark_visible(const struct rounds *r, const struct block_plan *plan, const oxl_model *model, uint8_t *keep)
+static void rounds_mark_visible(const struct rounds *r, const struct block_plan *plan, const oxl_model *model,
+                                uint8_t *keep)
 {
     const oxl_scene *scene = r->job->scene;
-    const double     near  = scene_near_plane(scene);
+    const double near = scene_near_plane(scene);
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(r->job->ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         keep[i] = 0;
         for (int v = 0; v < plan->views && !keep[i]; v++)
-            keep[i] = plan->shows[v] && model_row_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
+            keep[i] =
+                plan->shows[v] && model_row_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
     }
 }
 
-/* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has begun, else of the coarse
- * model. */
+/* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has
+ * begun, else of the coarse model. */
 static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_model *context)
 {
-    struct job              *job    = r->job;
-    const struct block_plan *plan   = &r->plan[block];
-    const char              *folder = JOB_BLOCK(job, of);
-    uint8_t                 *keep   = NULL;
-    struct block_record      record = {0};
-    oxl_model                model = {0}, rest = {0};
-    oxl_result               rc = OXL_OK;
+    struct job *job = r->job;
+    const struct block_plan *plan = &r->plan[block];
+    const char *folder = JOB_BLOCK(job, of);
+    uint8_t *keep = NULL;
+    struct block_record record = {0};
+    oxl_model model = {0}, rest = {0};
+    oxl_result rc = OXL_OK;
     if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK)
-        rc = record.exists ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
+        rc = record.exists ? job_read_model(job, of, 0, &model)
+                           : block_plan_split(job, of, &r->coarse, &model, &rest);
     if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = job_no_memory(job);
     if (rc == OXL_OK) rounds_mark_visible(r, plan, &model, keep);
     if (rc == OXL_OK) rc = merge_rows(job->ctx, &model, keep, context);
@@ -165,17 +175,18 @@ static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context
     return rc;
 }
 
-/* ---------------------------------------------------------------- a block's round */
+/* ---------------- a block's round */
 
-/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' fractions of the pixels. */
+/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' fractions of the
+ * pixels. */
 static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
 {
-    oxl_train_options o     = job->options.train;
-    const double      scale = (double)plan->iterations / o.iterations;
-    o.survey_iterations     = o.iterations;
-    o.iterations            = plan->iterations;
-    o.densify_every         = (int)OXL_MAX(1, o.densify_every * scale + 0.5);
-    o.max_gaussians         = (int)OXL_MIN(plan->gaussians, INT_MAX);
+    oxl_train_options o = job->options.train;
+    const double scale = (double)plan->iterations / o.iterations;
+    o.survey_iterations = o.iterations;
+    o.iterations = plan->iterations;
+    o.densify_every = (int)OXL_MAX(1, o.densify_every * scale + 0.5);
+    o.max_gaussians = (int)OXL_MIN(plan->gaussians, INT_MAX);
     if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->fraction));
     if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->fraction;
     if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the coarse model has it */
@@ -187,29 +198,32 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
 static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, &job->scene->imaging);
-    return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
+    return oxl_scene_read_imaging(job->ctx, job->scene,
+                                  PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
 }
 
 /* --ram, less what the context takes. */
-static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own, struct block_task *task)
+static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
+                                struct block_task *task)
 {
-    const double     beside = (double)context->count * (4.0 * oxl_model_planes(context) + COST_SPLAT_BYTES);
-    struct cost_load load   = cost_load_of_scene(job->scene);
-    oxl_job_options  o      = job->options;
-    o.train                 = task->train;
-    load.points             = own->count;
+    const double beside = (double)context->count * (4.0 * oxl_model_planes(context) + COST_SPLAT_BYTES);
+    struct cost_load load = cost_load_of_scene(job->scene);
+    oxl_job_options o = job->options;
+    o.train = task->train;
+    load.points = own->count;
     if (o.ram) {
         o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
         if (!budget_fit(job->ctx, &load, &o)) return budget_refuse(job->ctx, &load, &o);
         o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
     }
     job_set_cache(job, o.scene.image_cache_bytes);
-    task->train          = o.train;
+    task->train = o.train;
     task->predicted_peak = cost_estimate(job->ctx, &o, &load).memory + beside;
     return OXL_OK;
 }
 
-/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays as the coarse model has it. */
+/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays
+ * as the coarse model has it. */
 static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
 {
     int windows = 0;
@@ -217,40 +231,43 @@ static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_
     return own->count == 0 || windows == 0;
 }
 
-static oxl_result rounds_write_block(struct job *job, int block, const struct block_task *task, const oxl_model *own)
+static oxl_result rounds_write_block(struct job *job, int block, const struct block_task *task,
+                                     const oxl_model *own)
 {
     const struct block_record record = {.iterations = task->until, .gaussians = own->count};
-    const char               *path   = PATH(JOB_BLOCK(job, block), "model.ply");
-    oxl_result                rc     = model_file_write_ply(job->ctx, path, own, own->sh_degree);
+    const char *path = PATH(JOB_BLOCK(job, block), "model.ply");
+    oxl_result rc = model_file_write_ply(job->ctx, path, own, own->sh_degree);
     if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
     return rc;
 }
 
 static oxl_result rounds_train(struct rounds *r, int block, int round, const char *folder)
 {
-    struct job              *job      = r->job;
-    const struct block_plan *plan     = &r->plan[block];
-    const oxl_callback       callback = {job_progress, job};
-    oxl_model                own = {0}, others = {0}, context = {0};
-    struct block_task        task = {.folder   = folder,
-                                     .key      = job->key.data,
-                                     .callback = &callback,
-                                     .train    = rounds_options(job, plan),
-                                     .start    = &own,
-                                     .context  = &context,
-                                     .window   = plan->window,
-                                     .first    = plan->first,
-                                     .until    = block_plan_until(plan, round)};
-    oxl_result               rc;
+    struct job *job = r->job;
+    const struct block_plan *plan = &r->plan[block];
+    const oxl_callback callback = {job_progress, job};
+    oxl_model own = {0}, others = {0}, context = {0};
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .train = rounds_options(job, plan),
+                              .start = &own,
+                              .context = &context,
+                              .window = plan->window,
+                              .first = plan->first,
+                              .until = block_plan_until(plan, round)};
+    oxl_result rc;
     task.predicted_seconds = job->survey.seconds * plan->work;
-    job->block             = block;
-    job->stage             = plan->work / JOB_ROUNDS;
-    job->stage_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->stage_until = task.until;
+    job->block = block;
+    job->stage = plan->work / JOB_ROUNDS;
+    job->stage_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first,
+    job->stage_until = task.until;
     job_limit_time(job, &task.train);
     rc = rounds_read_imaging(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
     oxl_model_free(job->ctx, &others);
-    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own)) rc = rounds_write_block(job, block, &task, &own);
+    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own))
+        rc = rounds_write_block(job, block, &task, &own);
     else {
         if (rc == OXL_OK) rc = rounds_context(r, block, &context);
         if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
@@ -264,28 +281,29 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
 /* Rounds that a block has finished. */
 static oxl_result rounds_completed(struct rounds *r, int block, int *done)
 {
-    const char         *folder = JOB_BLOCK(r->job, block);
+    const char *folder = JOB_BLOCK(r->job, block);
     struct block_record record = {0};
-    const oxl_result    rc     = block_read(r->job->ctx, folder, r->job->key.data, &record);
-    *done                      = 0;
-    while (rc == OXL_OK && *done < JOB_ROUNDS && record.exists && record.iterations >= block_plan_until(&r->plan[block], *done))
+    const oxl_result rc = block_read(r->job->ctx, folder, r->job->key.data, &record);
+    *done = 0;
+    while (rc == OXL_OK && *done < JOB_ROUNDS && record.exists &&
+           record.iterations >= block_plan_until(&r->plan[block], *done))
         ++*done;
     return rc;
 }
 
 static oxl_result rounds_step(struct rounds *r, int block, int round)
 {
-    struct job *job    = r->job;
+    struct job *job = r->job;
     const char *folder = JOB_BLOCK(job, block);
-    int         done   = 0;
-    oxl_result  rc     = rounds_train(r, block, round, folder);
+    int done = 0;
+    oxl_result rc = rounds_train(r, block, round, folder);
     if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
     job->unfinished += rc == OXL_OK && done <= round;
     job->done += job->stage;
     return rc;
 }
 
-/* ---------------------------------------------------------------- all rounds of all blocks */
+/* ---------------- all rounds of all blocks */
 
 static oxl_result rounds_run_blocks(struct rounds *r)
 {
@@ -293,8 +311,9 @@ static oxl_result rounds_run_blocks(struct rounds *r)
     for (int round = 0; round < JOB_ROUNDS; round++)
         for (int k = 0; k < r->job->partition.block_count && rc == OXL_OK && !r->job->unfinished; k++) {
             int done = 0;
-            rc       = rounds_completed(r, k, &done);
-            if (rc == OXL_OK && done > round) r->job->done += r->plan[k].work / JOB_ROUNDS, r->job->done_before = r->job->done;
+            rc = rounds_completed(r, k, &done);
+            if (rc == OXL_OK && done > round)
+                r->job->done += r->plan[k].work / JOB_ROUNDS, r->job->done_before = r->job->done;
             else if (rc == OXL_OK) rc = rounds_step(r, k, round);
         }
     return rc;
@@ -304,7 +323,7 @@ static oxl_result rounds_run_blocks(struct rounds *r)
 static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
 {
     oxl_result rc = OXL_OK;
-    *ready        = 1;
+    *ready = 1;
     for (int j = 0; j < r->job->partition.block_count && rc == OXL_OK && *ready; j++) {
         int done = JOB_ROUNDS;
         if (j != block && r->plan[block].neighbour[j]) rc = rounds_completed(r, j, &done);
@@ -316,16 +335,16 @@ static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *r
 /* The next round of a block, if it can be trained now. *trained: it was. */
 static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 {
-    struct job *job    = r->job;
+    struct job *job = r->job;
     const char *folder = JOB_BLOCK(job, block);
-    oxl_lock   *lock   = NULL;
-    int         round = 0, ready = 0;
-    oxl_result  rc = lock_folder_if_free(job->ctx, folder, &lock);
-    *trained       = 0;
+    oxl_lock *lock = NULL;
+    int round = 0, ready = 0;
+    oxl_result rc = lock_folder_if_free(job->ctx, folder, &lock);
+    *trained = 0;
     if (rc == OXL_OK && lock) rc = rounds_completed(r, block, &round);
     if (rc == OXL_OK && lock && round < JOB_ROUNDS) rc = rounds_is_ready(r, block, round, &ready);
     if (rc == OXL_OK && ready) {
-        rc       = rounds_step(r, block, round);
+        rc = rounds_step(r, block, round);
         *trained = 1;
     }
     oxl_unlock_folder(job->ctx, &lock);
@@ -335,8 +354,8 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 /* One block to its end; while it waits for others, they are trained unless another process does that. */
 static oxl_result rounds_run_block(struct rounds *r, int block)
 {
-    const int  blocks = r->job->partition.block_count;
-    int        done = 0, trained = 0;
+    const int blocks = r->job->partition.block_count;
+    int done = 0, trained = 0;
     oxl_result rc = rounds_completed(r, block, &done);
     while (rc == OXL_OK && done < JOB_ROUNDS && !r->job->unfinished) {
         trained = 0;
@@ -350,17 +369,18 @@ static oxl_result rounds_run_block(struct rounds *r, int block)
 
 static oxl_result rounds_begin(struct rounds *r)
 {
-    struct job *job    = r->job;
-    const int   blocks = job->partition.block_count;
-    oxl_result  rc     = job_read_model(job, blocks, 0, &r->coarse);
-    r->plan            = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
+    struct job *job = r->job;
+    const int blocks = job->partition.block_count;
+    oxl_result rc = job_read_model(job, blocks, 0, &r->coarse);
+    r->plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
     if (rc == OXL_OK && !r->plan) rc = job_no_memory(job);
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         rc = block_plan_read(job, k, &r->plan[k]);
         if (rc == OXL_OK && r->plan[k].views == 0)
-            rc = oxl_fail(job->ctx, OXL_ERR_INPUT,
-                          "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again", job->out, k,
-                          job->out);
+            rc = oxl_fail(
+                job->ctx, OXL_ERR_INPUT,
+                "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
+                job->out, k, job->out);
     }
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
     return rc;
@@ -368,12 +388,13 @@ static oxl_result rounds_begin(struct rounds *r)
 
 static void rounds_end(struct rounds *r)
 {
-    for (int k = 0; k < r->job->partition.block_count && r->plan; k++) block_plan_free(r->job->ctx, &r->plan[k]);
+    for (int k = 0; k < r->job->partition.block_count && r->plan; k++)
+        block_plan_free(r->job->ctx, &r->plan[k]);
     oxl_free(r->job->ctx, r->plan);
     oxl_model_free(r->job->ctx, &r->coarse);
 }
 
-/* ---------------------------------------------------------------- the merged model */
+/* ---------------- the merged model */
 
 /* 1: memory holds it. */
 static int rounds_merged_fits(const struct job *job)
@@ -382,13 +403,14 @@ static int rounds_merged_fits(const struct job *job)
     return budget_fits(&load, &job->options, (double)job->total.gaussians);
 }
 
-/* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs them. */
+/* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs
+ * them. */
 static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
-    const int              step = (int)ceil(ROUNDS_GROWTH * job->stage_until);
-    oxl_job_options        o    = job->options;
-    o.train                     = block_refinement(&job->options.train, sh_degree, job->stage_until);
+    const int step = (int)ceil(ROUNDS_GROWTH * job->stage_until);
+    oxl_job_options o = job->options;
+    o.train = block_refinement(&job->options.train, sh_degree, job->stage_until);
     if (block_plan_merged_fraction(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
         budget_limit_gaussians(job->ctx, &load, &o)) {
         job_set_cache(job, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
@@ -401,15 +423,15 @@ static oxl_train_options rounds_merged_options(const struct job *job, int sh_deg
 static oxl_result rounds_run_merged(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
-    oxl_model          merged   = {0};
-    struct block_task  task     = {.folder   = folder,
-                                   .key      = job->key.data,
-                                   .callback = &callback,
-                                   .start    = &merged,
-                                   .standard = block_standard_steps(&job->options.train)};
-    oxl_result         rc       = job_merge(job, 0, &merged);
-    task.train                  = rounds_merged_options(job, merged.sh_degree);
-    task.predicted_seconds      = block_plan_merged_fraction(job) * job->survey.seconds;
+    oxl_model merged = {0};
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .start = &merged,
+                              .standard = block_standard_steps(&job->options.train)};
+    oxl_result rc = job_merge(job, 0, &merged);
+    task.train = rounds_merged_options(job, merged.sh_degree);
+    task.predicted_seconds = block_plan_merged_fraction(job) * job->survey.seconds;
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     oxl_model_free(job->ctx, &merged);
@@ -419,17 +441,18 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
 /* After all blocks: the merged model. */
 static oxl_result rounds_train_merged(struct job *job)
 {
-    const char         *folder = JOB_BLOCK(job, job->partition.block_count + 1);
+    const char *folder = JOB_BLOCK(job, job->partition.block_count + 1);
     struct block_record record = {0};
-    oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
-    const int           steps  = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
-    job->block                 = job->partition.block_count + 1;
-    job->stage                 = block_plan_merged_fraction(job);
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, &record);
+    const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
+    job->block = job->partition.block_count + 1;
+    job->stage = block_plan_merged_fraction(job);
     job->stage_first = 0, job->stage_until = steps;
     if (rc == OXL_OK && !record.finished) {
         if (!job->scene) rc = job_load(job);
         if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
-        if (rc == OXL_OK) rc = rounds_merged_fits(job) ? rounds_run_merged(job, folder) : groups_run(job, folder);
+        if (rc == OXL_OK)
+            rc = rounds_merged_fits(job) ? rounds_run_merged(job, folder) : groups_run(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
@@ -440,13 +463,14 @@ static oxl_result rounds_train_merged(struct job *job)
     return rc;
 }
 
-/* ---------------------------------------------------------------- records */
+/* ---------------- records */
 
-static oxl_result rounds_block_is_missing(struct job *job, int block, const struct block_record *record, int *missing)
+static oxl_result rounds_block_is_missing(struct job *job, int block, const struct block_record *record,
+                                          int *missing)
 {
     struct block_plan plan = {0};
-    const oxl_result  rc   = block_plan_read(job, block, &plan);
-    const int         done = plan.views > 0 && record->exists && record->iterations >= plan.last;
+    const oxl_result rc = block_plan_read(job, block, &plan);
+    const int done = plan.views > 0 && record->exists && record->iterations >= plan.last;
     if (rc == OXL_OK && !done && *missing < 0) *missing = block;
     block_plan_free(job->ctx, &plan);
     return rc;
@@ -456,29 +480,32 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
 static oxl_result rounds_add_records(struct job *job, int *missing)
 {
     oxl_result rc = OXL_OK;
-    *missing      = -1;
+    *missing = -1;
     for (int k = 0; k <= job->partition.block_count && rc == OXL_OK; k++) {
-        const char         *folder = JOB_BLOCK(job, k);
+        const char *folder = JOB_BLOCK(job, k);
         struct block_record record = {0};
-        rc                         = block_read(job->ctx, folder, job->key.data, &record);
-        if (k == job->partition.block_count) record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
+        rc = block_read(job->ctx, folder, job->key.data, &record);
+        if (k == job->partition.block_count)
+            record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
         else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
         record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);
     }
-    job->total.iterations = job->options.train.iterations; /* a step on a window counts as its fraction of the image */
+    /* a step on a window counts as its fraction of the image */
+    job->total.iterations = job->options.train.iterations;
     return rc;
 }
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job)
 {
     struct rounds r = {.job = job};
-    int           missing;
-    oxl_result    rc = job->options.block >= 0 ? rounds_prepare_shared(job) : rounds_prepare(job);
+    int missing;
+    oxl_result rc = job->options.block >= 0 ? rounds_prepare_shared(job) : rounds_prepare(job);
     job->done_before = job->done;
     if (rc != OXL_OK || job->unfinished) return rc;
     rc = rounds_begin(&r);
-    if (rc == OXL_OK) rc = job->options.block >= 0 ? rounds_run_block(&r, job->options.block) : rounds_run_blocks(&r);
+    if (rc == OXL_OK)
+        rc = job->options.block >= 0 ? rounds_run_block(&r, job->options.block) : rounds_run_blocks(&r);
     rounds_end(&r);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_train_merged(job);
@@ -487,10 +514,11 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job)
 
 OXL_INTERNAL oxl_result rounds_collect(struct job *job)
 {
-    int        missing = -1;
-    oxl_result rc      = rounds_add_records(job, &missing);
+    int missing = -1;
+    oxl_result rc = rounds_add_records(job, &missing);
     if (rc != OXL_OK) return rc;
     if (missing < 0) return rounds_train_merged(job);
-    return oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
+    return oxl_fail(job->ctx, OXL_ERR_INPUT,
+                    "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
                     job->out, missing, job->scene_path, job->out, missing);
 }

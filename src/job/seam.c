@@ -1,9 +1,11 @@
 /* seam.c - PSNR near the borders between blocks, compared with PSNR elsewhere.
  *
- * A pixel's position follows from the rendered depth. Blocks are trained as parts of one model, each with the others'
- * Gaussians as context; where their colours do not meet all the same, the PSNR is lower near the border than elsewhere.
+ * A pixel's position follows from the rendered depth. Blocks are trained as parts of one model, each with the
+ * others' Gaussians as context; where their colours do not meet all the same, the PSNR is lower near the
+ * border than elsewhere.
  *
- * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
+ * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by
+ * row.
  */
 #include "job.h"
 #include "../render/render.h"
@@ -34,10 +36,10 @@ static int seam_is_near(const struct partition_block *block, const double frame[
 
 struct seam_view {
     const struct partition *partition;
-    const oxl_camera       *camera;
-    const double           *origin; /* (3) of the scene */
-    const oxl_image        *rendered, *image;
-    const float            *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
+    const oxl_camera *camera;
+    const double *origin; /* (3) of the scene */
+    const oxl_image *rendered, *image;
+    const float *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
 };
 
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
@@ -46,13 +48,13 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
     int own = 0;
     for (int y = 0; y < v->rendered->height; y++)
         for (int x = 0; x < v->rendered->width; x++) {
-            const size_t i      = (size_t)y * v->rendered->width + x;
-            int          beside = 0;
+            const size_t i = (size_t)y * v->rendered->width + x;
+            int beside = 0;
             if (v->depth[i] > 0) {
                 double world[3], frame[3];
                 camera_unproject(v->camera, (double[2]){x + 0.5, y + 0.5}, v->depth[i], v->origin, world);
                 partition_to_frame(v->partition, world, frame);
-                own    = seam_block(v->partition, frame, OXL_MAX(own, 0));
+                own = seam_block(v->partition, frame, OXL_MAX(own, 0));
                 beside = own >= 0 && seam_is_near(&v->partition->block[own], frame);
             }
             metrics_add_pixel(v->rendered, v->image, i, &sum[beside]);
@@ -60,18 +62,20 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 }
 
 /* Unreadable images are skipped, as in the evaluation. */
-static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
-                                 oxl_scene *scene, int view, struct metrics_sum sum[2])
+static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p,
+                                 const oxl_model *model, oxl_scene *scene, int view,
+                                 struct metrics_sum sum[2])
 {
-    const oxl_camera *camera   = &oxl_scene_view(scene, view)->camera;
-    oxl_image         rendered = {0}, image = {0};
-    float            *depth = NULL;
-    oxl_result        rc    = oxl_scene_image(ctx, scene, view, &image);
+    const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
+    oxl_image rendered = {0}, image = {0};
+    float *depth = NULL;
+    oxl_result rc = oxl_scene_image(ctx, scene, view, &image);
     if (rc == OXL_ERR_INPUT) return OXL_OK;
     if (rc != OXL_OK) return rc;
     depth = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
     if (!depth) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width, camera->height);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width,
+                      camera->height);
         goto done;
     }
     rc = evaluate_draw(ctx, &(struct drawn){r, model, scene, &scene->imaging}, view, &rendered, depth);
@@ -84,15 +88,15 @@ done:
     return rc;
 }
 
-OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
-                                     oxl_split split, struct seam *out)
+OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model,
+                                     oxl_scene *scene, oxl_split split, struct seam *out)
 {
-    struct metrics_sum sum[2]    = {{0, 0, 0}, {0, 0, 0}};
-    struct renderer   *r         = NULL;
-    int               *view      = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    const int          requested = view ? scene_views_of(scene, split, view) : 0;
-    oxl_result         rc        = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    *out                         = (struct seam){0};
+    struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
+    struct renderer *r = NULL;
+    int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int requested = view ? scene_views_of(scene, split, view) : 0;
+    oxl_result rc = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    *out = (struct seam){0};
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     for (int i = 0; i < requested && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
@@ -101,18 +105,19 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
     oxl_free(ctx, view);
     renderer_free(ctx, r);
     if (rc != OXL_OK) return rc;
-    *out = (struct seam){.near_pixels      = sum[1].pixels,
+    *out = (struct seam){.near_pixels = sum[1].pixels,
                          .elsewhere_pixels = sum[0].pixels,
-                         .near_psnr        = metrics_decibel(sum[1].error, sum[1].weight),
-                         .elsewhere_psnr   = metrics_decibel(sum[0].error, sum[0].weight)};
+                         .near_psnr = metrics_decibel(sum[1].error, sum[1].weight),
+                         .elsewhere_psnr = metrics_decibel(sum[0].error, sum[0].weight)};
     return OXL_OK;
 }
 
 OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam)
 {
-    text_add(t,
-             "  \"seam\": {\"width\": %s, \"near_psnr\": %s, \"near_pixels\": %zu, \"elsewhere_psnr\": %s, \"elsewhere_pixels\": "
-             "%zu},\n",
-             NUMBER(SEAM_WIDTH), NUMBER(seam->near_psnr), seam->near_pixels, NUMBER(seam->elsewhere_psnr),
-             seam->elsewhere_pixels);
+    text_add(
+        t,
+        "  \"seam\": {\"width\": %s, \"near_psnr\": %s, \"near_pixels\": %zu, \"elsewhere_psnr\": %s, \"elsewhere_pixels\": "
+        "%zu},\n",
+        NUMBER(SEAM_WIDTH), NUMBER(seam->near_psnr), seam->near_pixels, NUMBER(seam->elsewhere_psnr),
+        seam->elsewhere_pixels);
 }

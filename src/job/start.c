@@ -1,24 +1,27 @@
 /* start.c - a start other than the survey's points: the model of --from, or the finished result in OUT.
  *
- * A larger --iterations on a finished OUT of one block continues it: blocks/000/model.ply and imaging.txt are copied to blocks/start, and
- * the missing steps are those of a refinement (block_refinement): the number of Gaussians does not change, the rates are those before the
- * cool-down, Adam's moments start at zero, and the cool-down comes at the end. The checkpoint of the first run no longer exists, so the
- * result differs from that of one longer run. --from has the schedule of a whole run.
+ * A larger --iterations on a finished OUT of one block continues it: blocks/000/model.ply and imaging.txt are
+ * copied to blocks/start, and the missing steps are those of a refinement (block_refinement): the number of
+ * Gaussians does not change, the rates are those before the cool-down, Adam's moments start at zero, and the
+ * cool-down comes at the end. The checkpoint of the first run no longer exists, so the result differs from
+ * that of one longer run. --from has the schedule of a whole run.
  *
- * Invariant: the line "found" of run.json has the checksum of the model, so the key of the block depends on its bytes.
+ * Invariant: the line "found" of run.json has the checksum of the model, so the key of the block depends on
+ * its bytes.
  */
 #include "job.h"
 
 #include "../core/json.h"
 
-#define START_CONTINUED "\"after\": " /* member of "start": iterations of the run that is continued; 0: of none */
+#define START_CONTINUED \
+    "\"after\": " /* member of "start": iterations of the run that is continued; 0: of none */
 
 /* A copy, whole or not at all; a file that is not there is removed there, too. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
 {
-    struct os_file_map map    = {0};
-    const char        *target = PATH(to, "%s", name);
-    oxl_result         rc     = OXL_OK;
+    struct os_file_map map = {0};
+    const char *target = PATH(to, "%s", name);
+    oxl_result rc = OXL_OK;
     if (!os_is_file(PATH(from, "%s", name))) os_remove(target);
     else rc = os_read_file(ctx, PATH(from, "%s", name), &map);
     if (rc == OXL_OK && map.data) rc = os_write_file(ctx, target, map.data, map.size);
@@ -35,67 +38,73 @@ static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *s
 }
 
 /* Iterations of the finished run that is continued; 0: it is none that differs by more iterations alone. */
-static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const char *key,
-                                    int iterations, int *after)
+static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
+                                    const char *key, int iterations, int *after)
 {
     static const char only[] = "  --iterations: ", start[] = "  model to start from: ";
-    struct text       there = {.ctx = ctx}, differs = {.ctx = ctx};
-    const int         was = run->line ? (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run->line), "iterations"), 0, INT_MAX) : 0;
-    const char       *rest;
-    oxl_result        rc = OXL_OK;
-    *after               = 0;
+    struct text there = {.ctx = ctx}, differs = {.ctx = ctx};
+    const int was =
+        run->line ? (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run->line), "iterations"), 0, INT_MAX) : 0;
+    const char *rest;
+    oxl_result rc = OXL_OK;
+    *after = 0;
     if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
     text_add(&there, "%s, %s", run->line, run->found);
     rc = there.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare two runs")
                       : manifest_differences(&differs, there.data, key);
-    rest =
-        differs.data ? differs.data + strcspn(differs.data, "\n") + 1 : NULL; /* of a run that was continued itself: its start */
+    rest = differs.data ? differs.data + strcspn(differs.data, "\n") + 1
+                        : NULL; /* of a run that was continued itself: its start */
     if (rc == OXL_OK && rest && !strncmp(differs.data, only, sizeof only - 1) &&
         (!*rest || (!strncmp(rest, start, sizeof start - 1) && !rest[strcspn(rest, "\n") + 1])))
         *after = was;
     if (*after && os_is_file(PATH(out, "partition.txt")))
-        rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                      "%s holds the finished result of %d iterations in several blocks: only one block can be continued\n"
-                      "fix: --restart trains it anew; or name another folder by -o",
-                      out, was);
+        rc = oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "%s holds the finished result of %d iterations in several blocks: only one block can be continued\n"
+            "fix: --restart trains it anew; or name another folder by -o",
+            out, was);
     text_free(&there);
     text_free(&differs);
     return rc;
 }
 
 /* Reads the model; "found" gets its size and checksum. */
-static oxl_result start_read(oxl_context *ctx, const char *path, int after, struct text *found, oxl_model *model)
+static oxl_result start_read(oxl_context *ctx, const char *path, int after, struct text *found,
+                             oxl_model *model)
 {
     struct os_file_map map = {0};
-    oxl_result         rc  = os_read_file(ctx, path, &map);
+    oxl_result rc = os_read_file(ctx, path, &map);
     if (rc != OXL_OK) return rc;
     found->data[found->size - 1] = 0; /* the brace */
     found->size--;
-    text_add(found, ", \"start\": {" START_CONTINUED "%d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after, map.size,
-             (unsigned long long)checkpoint_sum(map.data, map.size));
+    text_add(found, ", \"start\": {" START_CONTINUED "%d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after,
+             map.size, (unsigned long long)checkpoint_sum(map.data, map.size));
     os_release_file(ctx, &map);
     rc = oxl_model_read(ctx, path, model);
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
     return rc;
 }
 
-OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const oxl_job_options *o,
-                                   const char *key, struct text *found, struct start *start)
+OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
+                                   const oxl_job_options *o, const char *key, struct text *found,
+                                   struct start *start)
 {
     const char *folder = PATH(out, "blocks/start"), *kept = PATH(folder, "model.ply");
     const char *was = run->found ? strstr(run->found, START_CONTINUED) : NULL, *path = o->from;
-    const int   same = run->line && !strncmp(run->line, key, strlen(run->line));
-    oxl_result  rc   = OXL_OK;
-    *start           = (struct start){0};
+    const int same = run->line && !strncmp(run->line, key, strlen(run->line));
+    oxl_result rc = OXL_OK;
+    *start = (struct start){0};
     if (!o->restart && o->block < 0) {
-        if (same && was) start->after = atoi(was + sizeof START_CONTINUED - 1); /* one that was under way, or is finished */
+        /* one that was under way, or is finished */
+        if (same && was) start->after = atoi(was + sizeof START_CONTINUED - 1);
         else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
         if (rc == OXL_OK && start->after > 0 && !same) rc = start_back_up(ctx, out, folder);
         if (rc == OXL_OK && start->after > 0) path = kept;
     }
     if (rc == OXL_OK && path) rc = start_read(ctx, path, start->after, found, &start->model);
     if (rc == OXL_OK && start->after > 0 && !same)
-        oxl_log(ctx, OXL_LOG_INFO, "the finished run of %d iterations is continued: %d more, without density control",
+        oxl_log(ctx, OXL_LOG_INFO,
+                "the finished run of %d iterations is continued: %d more, without density control",
                 start->after, o->train.iterations - start->after);
     return rc;
 }
@@ -103,23 +112,26 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks)
 {
     if (start->model.count == 0 || blocks == 1) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "--from starts a single block, and the survey is cut into %d\nfix: --partition none",
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "--from starts a single block, and the survey is cut into %d\nfix: --partition none",
                     blocks);
 }
 
-OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start,
-                                  struct block_task *task)
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out,
+                                  const struct start *start, struct block_task *task)
 {
     if (start->model.count == 0) return OXL_OK;
     if (task->train.max_gaussians > 0 && start->model.count > (size_t)task->train.max_gaussians)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "the model to start from has %zu Gaussians, and %d are allowed\nfix: a larger --max-gaussians or --ram",
-                        start->model.count, task->train.max_gaussians);
+        return oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "the model to start from has %zu Gaussians, and %d are allowed\nfix: a larger --max-gaussians or --ram",
+            start->model.count, task->train.max_gaussians);
     if (start->after == 0) {
         task->from = &start->model;
         return OXL_OK;
     }
     task->start = &start->model;
-    task->train = block_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
+    task->train =
+        block_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
     return oxl_scene_read_imaging(ctx, scene, PATH(out, "blocks/start/model.ply"));
 }

@@ -1,4 +1,5 @@
-/* survey_report.c - content of a survey and predicted cost of training: the first message of `train`, and `check`.
+/* survey_report.c - content of a survey and predicted cost of training: the first message of `train`, and
+ * `check`.
  *
  * Invariant: nothing here changes what is trained.
  */
@@ -19,11 +20,12 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
 {
     const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
     if (!first) return;
-    s->cameras           = (int)c->camera_count;
+    s->cameras = (int)c->camera_count;
     s->cameras_distorted = survey_is_distorted(c);
     snprintf(s->cameras_text, sizeof s->cameras_text, "%d%s %s %d x %d, %s", s->cameras,
-             s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name, first->width,
-             first->height, s->cameras_distorted ? "distorted (undistorted on load)" : "without distortion");
+             s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name,
+             first->width, first->height,
+             s->cameras_distorted ? "distorted (undistorted on load)" : "without distortion");
 }
 
 /* The size that most of the memory is for. */
@@ -31,30 +33,33 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 {
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
-        if ((double)c->width * c->height > (double)s->width * s->height) s->width = c->width, s->height = c->height;
+        if ((double)c->width * c->height > (double)s->width * s->height)
+            s->width = c->width, s->height = c->height;
     }
 }
 
 static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
 {
-    const struct cost_load load   = cost_load_of_scene(scene);
-    oxl_job_options        fitted = *o;
-    struct cost            cost;
-    fitted.ram     = budget_limit(scene, o);
-    cost           = budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
-    s->gaussians   = cost.gaussians;
-    s->memory      = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory; /* in blocks, if not in one */
-    s->seconds     = cost_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
+    const struct cost_load load = cost_load_of_scene(scene);
+    oxl_job_options fitted = *o;
+    struct cost cost;
+    fitted.ram = budget_limit(scene, o);
+    cost =
+        budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
+    s->gaussians = cost.gaussians;
+    /* in blocks, if not in one */
+    s->memory = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory;
+    s->seconds = cost_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
     s->memory_free = (double)os_memory_free();
 }
 
-/* ---------------------------------------------------------------- words */
+/* ---------------- words */
 
 static void survey_write(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
 static void survey_write(oxl_survey *s, const char *format, ...)
 {
     const size_t used = strlen(s->text);
-    va_list      args;
+    va_list args;
     va_start(args, format);
     vsnprintf(s->text + used, sizeof s->text - used, format, args);
     va_end(args);
@@ -63,29 +68,31 @@ static void survey_write(oxl_survey *s, const char *format, ...)
 /* "about 4 min (3 to 6)" */
 static void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
 {
-    const double      unit   = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
-    const char *const name   = seconds < 90 ? "s" : seconds < 5400 ? "min" : "h";
-    const int         digits = unit > 60;
-    survey_write(s, "about %.*f %s (%.*f to %.*f)", digits, seconds / unit, name, digits, range[0] / unit, digits,
-                 range[1] / unit);
+    const double unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
+    const char *const name = seconds < 90 ? "s" : seconds < 5400 ? "min" : "h";
+    const int digits = unit > 60;
+    survey_write(s, "about %.*f %s (%.*f to %.*f)", digits, seconds / unit, name, digits, range[0] / unit,
+                 digits, range[1] / unit);
 }
 
 static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
 {
-    survey_write(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks", s->images,
-                 s->images_missing, s->train_views, s->test_views, s->masks);
+    survey_write(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks",
+                 s->images, s->images_missing, s->train_views, s->test_views, s->masks);
     if (s->masked > 0) survey_write(s, " (%.0f %% of their pixels black, ignored)", 100 * s->masked);
     survey_write(s, "\n");
-    survey_write(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller",
-                 s->width, s->height);
+    survey_write(s, "cameras      %s; trained at %d x %d\n",
+                 s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width, s->height);
     if (s->points > 0)
-        survey_write(s, "points       %zu, each in %.1f images on average, reprojection error %.2f px\n", s->points,
-                     s->mean_track, s->mean_error);
+        survey_write(s, "points       %zu, each in %.1f images on average, reprojection error %.2f px\n",
+                     s->points, s->mean_track, s->mean_error);
     if (s->points > 0)
-        survey_write(s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
-                     s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
-                     s->bounds_max[2] - s->bounds_min[2], s->extent);
-    survey_write(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
+        survey_write(
+            s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
+            s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1],
+            s->bounds_max[2] - s->bounds_min[2], s->extent);
+    survey_write(s,
+                 s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
                  s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
     survey_write(s, ", %.2f GB of memory", s->memory / 1e9);
     if (s->memory_free > 0) survey_write(s, " (%.1f GB free)", s->memory_free / 1e9);
@@ -101,20 +108,23 @@ static void survey_write_iterations(const oxl_job_options *o, int iterations, ox
     survey_write(s, "iterations   %d", iterations);
     if (iterations > o->train.iterations)
         survey_write(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
-    else if (iterations < o->train.iterations) survey_write(s, " instead of %d, for %d images", o->train.iterations, images);
+    else if (iterations < o->train.iterations)
+        survey_write(s, " instead of %d, for %d images", o->train.iterations, images);
     else if (o->iterations_for > 0) survey_write(s, ": up to %d images", o->iterations_for);
     survey_write(s, "\n");
 }
 
 /* How many blocks, and why. */
-static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                      oxl_survey *s)
 {
-    const struct cost_load load  = cost_load_of_scene(scene);
-    const double           needs = cost_memory(o, &load, (double)schedule_gaussian_cap(scene, &o->train));
-    const double           limit = (double)budget_limit(scene, o);
-    const int        set = o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
-    struct partition p   = {0};
-    oxl_result       rc  = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
+    const struct cost_load load = cost_load_of_scene(scene);
+    const double needs = cost_memory(o, &load, (double)schedule_gaussian_cap(scene, &o->train));
+    const double limit = (double)budget_limit(scene, o);
+    const int set =
+        o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
+    struct partition p = {0};
+    oxl_result rc = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
     survey_write(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
     if (!set) survey_write(s, "in one the run takes up to %.2f GB", needs / 1e9);
@@ -137,7 +147,7 @@ static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
             low = OXL_MIN(low, at[k]), high = OXL_MAX(high, at[k]);
         }
         apart = OXL_MAX(apart, high - low);
-        size  = OXL_MAX(size, s->bounds_max[k] - s->bounds_min[k]);
+        size = OXL_MAX(size, s->bounds_max[k] - s->bounds_min[k]);
     }
     return apart <= 1e-6 * size;
 }
@@ -145,47 +155,59 @@ static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 static void survey_write_warnings(oxl_survey *s, int one_place)
 {
     if (s->images_missing > 0)
-        survey_write(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
-    if (s->unusable > 0) survey_write(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
+        survey_write(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing,
+                     s->images);
+    if (s->unusable > 0)
+        survey_write(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->missed > LINT_MISSED_SURVEY)
-        survey_write(s,
-                     "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
-                     "points3D are of one model and that poses are world to camera\n",
-                     100 * s->missed);
-    if (s->points == 0) survey_write(s, "warning: no points: training starts from random points and may fail; export them too\n");
-    else if (s->points < 500) survey_write(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
+        survey_write(
+            s,
+            "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
+            "points3D are of one model and that poses are world to camera\n",
+            100 * s->missed);
+    if (s->points == 0)
+        survey_write(
+            s, "warning: no points: training starts from random points and may fail; export them too\n");
+    else if (s->points < 500)
+        survey_write(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
     if (s->mean_error > 2)
         survey_write(
-            s, "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
+            s,
+            "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
             s->mean_error);
-    if (s->train_views == 1) survey_write(s, "warning: a single training view: depth cannot be learned from it\n");
-    else if (one_place) survey_write(s, "warning: all cameras are at the same place: depth cannot be learned from them\n");
-    else if (s->train_views < 10) survey_write(s, "warning: only %d training views; expect holes\n", s->train_views);
-    if (s->test_views == 0) survey_write(s, "warning: no view is held out, so the metrics are of training views\n");
+    if (s->train_views == 1)
+        survey_write(s, "warning: a single training view: depth cannot be learned from it\n");
+    else if (one_place)
+        survey_write(s, "warning: all cameras are at the same place: depth cannot be learned from them\n");
+    else if (s->train_views < 10)
+        survey_write(s, "warning: only %d training views; expect holes\n", s->train_views);
+    if (s->test_views == 0)
+        survey_write(s, "warning: no view is held out, so the metrics are of training views\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
         survey_write(
-            s, "warning: memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
+            s,
+            "warning: memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
 }
 
-/* ---------------------------------------------------------------- public functions */
+/* ---------------- public functions */
 
-OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
-                                        oxl_survey *out)
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene,
+                                        const oxl_job_options *options, int closely, oxl_survey *out)
 {
-    oxl_result                rc;
-    const struct scene_stats *stats  = &scene->stats;
-    const double             *origin = oxl_scene_origin(scene);
-    oxl_job_options           whole  = *options;
-    *out                             = (oxl_survey){.images         = stats->images_listed,
-                                                    .images_missing = stats->images_missing,
-                                                    .train_views    = stats->views - stats->test_views,
-                                                    .test_views     = stats->test_views,
-                                                    .masks          = stats->masks,
-                                                    .points         = stats->points,
-                                                    .observations   = stats->observations,
-                                                    .mean_track     = stats->mean_track,
-                                                    .mean_error     = stats->mean_error,
-                                                    .extent         = oxl_scene_extent(scene)};
+    oxl_result rc;
+    const struct scene_stats *stats = &scene->stats;
+    const double *origin = oxl_scene_origin(scene);
+    oxl_job_options whole = *options;
+    *out = (oxl_survey){.images = stats->images_listed,
+                        .images_missing = stats->images_missing,
+                        .train_views = stats->views - stats->test_views,
+                        .test_views = stats->test_views,
+                        .masks = stats->masks,
+                        .points = stats->points,
+                        .observations = stats->observations,
+                        .mean_track = stats->mean_track,
+                        .mean_error = stats->mean_error,
+                        .extent = oxl_scene_extent(scene)};
     for (int k = 0; k < 3; k++) {
         out->bounds_min[k] = stats->bounds_min[k] + origin[k];
         out->bounds_max[k] = stats->bounds_max[k] + origin[k];
@@ -204,12 +226,13 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     return rc;
 }
 
-static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options, int quality, oxl_survey *out)
+static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options,
+                               int quality, oxl_survey *out)
 {
-    const oxl_job_options o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
-    oxl_scene            *scene = NULL;
-    oxl_result            rc    = oxl_scene_load(ctx, path, &o.scene, &scene);
-    *out                        = (oxl_survey){0};
+    const oxl_job_options o = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_scene *scene = NULL;
+    oxl_result rc = oxl_scene_load(ctx, path, &o.scene, &scene);
+    *out = (oxl_survey){0};
     if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
     if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
@@ -221,7 +244,8 @@ oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *
     return survey_check(ctx, path, options, 0, out);
 }
 
-oxl_result oxl_check_quality(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
+oxl_result oxl_check_quality(oxl_context *ctx, const char *path, const oxl_job_options *options,
+                             oxl_survey *out)
 {
     return survey_check(ctx, path, options, 1, out);
 }
@@ -235,7 +259,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
 {
     const struct {
         const char *name;
-        double      value;
+        double value;
     } numbers[] = {{"images", s->images},
                    {"images_missing", s->images_missing},
                    {"train_views", s->train_views},

@@ -1,9 +1,11 @@
-/* training_views.c - how well each training view is fitted, and which fit far worse than their neighbours: a wrong pose, another
- * exposure, or blur.
+/* training_views.c - how well each training view is fitted, and which fit far worse than their neighbours: a
+ * wrong pose, another exposure, or blur.
  *
- * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond their median is
- * set against its spread over all views (median absolute deviation, 1.4826 of it is a standard deviation [Rousseeuw & Croux 1993]).
- * A view that lacks decibels has a wrong pose when a shift of the image explains them, and is blurred when it is less sharp.
+ * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond
+ * their median is set against its spread over all views (median absolute deviation, 1.4826 of it is a
+ * standard deviation [Rousseeuw & Croux 1993]).
+ * A view that lacks decibels has a wrong pose when a shift of the image explains them, and is blurred when it
+ * is less sharp.
  *
  * Invariant: nothing here changes the model; no view is left out of training.
  */
@@ -13,40 +15,42 @@
 #include "../survey/survey.h"
 
 enum {
-    TRAINING_STEPS    = 5, /* of each view, before its error is evidence */
-    TRAINING_MIN      = 6 /* views; among fewer none is reported */,
-    TRAINING_SHOWN    = 4,
+    TRAINING_STEPS = 5, /* of each view, before its error is evidence */
+    TRAINING_MIN = 6 /* views; among fewer none is reported */,
+    TRAINING_SHOWN = 4,
     TRAINING_SMALLEST = 24,
-    TRAINING_LARGEST  = 200 /* px, of the longer side */
+    TRAINING_LARGEST = 200 /* px, of the longer side */
 };
 #define TRAINING_DECIBEL 2.5 /* that a view lacks at least, to be flagged... */
 #define TRAINING_SPREADS 4.5 /* ...and of spreads: one of 10^5 views of a normal distribution */
-#define TRAINING_SHIFTED \
-    0.07 /* fraction of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound survey */
+/* fraction of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound
+ * survey */
+#define TRAINING_SHIFTED 0.07
 
 struct training_row {
-    int         at;              /* in the metrics */
-    double      lacks, exposure; /* dB to the neighbours' median: of cc_psnr; of what one factor for each channel mends */
-    const char *flag;            /* NULL: none */
+    int at; /* in the metrics */
+    /* dB to the neighbours' median: of cc_psnr; of what one factor for each channel mends */
+    double lacks, exposure;
+    const char *flag; /* NULL: none */
 };
 
 struct training_views {
-    oxl_context         *ctx;
-    oxl_scene           *scene;
-    const oxl_metrics   *m;
-    struct training_row *row;  /* (m->count) worst first, once sorted */
-    double              *work; /* (2, m->count) */
-    int                 *view; /* (m->count) */
+    oxl_context *ctx;
+    oxl_scene *scene;
+    const oxl_metrics *m;
+    struct training_row *row; /* (m->count) worst first, once sorted */
+    double *work;             /* (2, m->count) */
+    int *view;                /* (m->count) */
 };
 
-/* ---------------------------------------------------------------- neighbours */
+/* ---------------- neighbours */
 
 static int training_nearest(const struct training_views *t, int of, int out[QUALITY_NEIGHBOURS])
 {
     return quality_nearest(t->scene, t->view, t->m->count, of, out);
 }
 
-/* ---------------------------------------------------------------- what a view lacks */
+/* ---------------- what a view lacks */
 
 static double training_corrected(const oxl_view_metrics *v)
 {
@@ -56,16 +60,17 @@ static double training_corrected(const oxl_view_metrics *v)
 static void training_compare(struct training_views *t)
 {
     for (int i = 0; i < t->m->count; i++) {
-        int       near[QUALITY_NEIGHBOURS];
-        double    fit[QUALITY_NEIGHBOURS], corrected[QUALITY_NEIGHBOURS];
+        int near[QUALITY_NEIGHBOURS];
+        double fit[QUALITY_NEIGHBOURS], corrected[QUALITY_NEIGHBOURS];
         const int count = training_nearest(t, i, near);
         for (int k = 0; k < count; k++) {
-            fit[k]       = t->m->views[near[k]].cc_psnr;
+            fit[k] = t->m->views[near[k]].cc_psnr;
             corrected[k] = training_corrected(&t->m->views[near[k]]);
         }
-        t->row[i]          = (struct training_row){.at = i};
-        t->row[i].lacks    = stats_select(fit, (size_t)count, 0.5) - t->m->views[i].cc_psnr;
-        t->row[i].exposure = training_corrected(&t->m->views[i]) - stats_select(corrected, (size_t)count, 0.5);
+        t->row[i] = (struct training_row){.at = i};
+        t->row[i].lacks = stats_select(fit, (size_t)count, 0.5) - t->m->views[i].cc_psnr;
+        t->row[i].exposure =
+            training_corrected(&t->m->views[i]) - stats_select(corrected, (size_t)count, 0.5);
     }
 }
 
@@ -73,13 +78,13 @@ static void training_compare(struct training_views *t)
 static double training_limit(struct training_views *t)
 {
     const size_t count = (size_t)t->m->count;
-    double       middle, spread;
+    double middle, spread;
     for (size_t i = 0; i < count; i++) t->work[i] = t->row[i].exposure;
     spread = stats_spread(t->work, count, t->work + count, &middle);
     return OXL_MAX(TRAINING_DECIBEL, middle + TRAINING_SPREADS * spread);
 }
 
-/* ---------------------------------------------------------------- pose */
+/* ---------------- pose */
 
 /* Means of the green channel of n x n pixels. */
 static void training_reduce(const oxl_image *image, int n, float *out)
@@ -89,20 +94,20 @@ static void training_reduce(const oxl_image *image, int n, float *out)
         for (int x = 0; x < w; x++) {
             float sum = 0;
             for (int k = 0; k < n * n; k++)
-                sum +=
-                    image
-                        ->rgb[((size_t)image->height + (size_t)(y * n + k / n)) * (size_t)image->width + (size_t)(x * n + k % n)];
+                sum += image->rgb[((size_t)image->height + (size_t)(y * n + k / n)) * (size_t)image->width +
+                                  (size_t)(x * n + k % n)];
             out[y * w + x] = sum / (float)(n * n);
         }
 }
 
-/* Fraction of the squared difference of two images that one shift of the whole explains [Lucas & Kanade 1981]. */
+/* Fraction of the squared difference of two images that one shift of the whole explains [Lucas & Kanade
+ * 1981]. */
 static double training_shift(const float *rendered, const float *image, int w, int h)
 {
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
     for (int y = 1; y + 1 < h; y++)
         for (int x = 1; x + 1 < w; x++) {
-            const float *d  = rendered + y * w + x;
+            const float *d = rendered + y * w + x;
             const double gx = 0.5 * (d[1] - d[-1]), gy = 0.5 * (d[w] - d[-w]), e = image[y * w + x] - d[0];
             xx += gx * gx, xy += gx * gy, yy += gy * gy, xe += gx * e, ye += gy * e, ee += e * e;
         }
@@ -110,21 +115,24 @@ static double training_shift(const float *rendered, const float *image, int w, i
     return det > 0 && ee > 0 ? (yy * xe * xe - 2 * xy * xe * ye + xx * ye * ye) / (det * ee) : 0;
 }
 
-/* The most over halvings, since a shift of many pixels is one of few in a small image. A displaced camera draws the scene beside its
- * place; where a view is merely hard to fit, no shift helps. */
+/* The most over halvings, since a shift of many pixels is one of few in a small image. A displaced camera
+ * draws the scene beside its place; where a view is merely hard to fit, no shift helps. */
 static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
 {
-    oxl_image        image = {0}, rendered = {0};
-    struct renderer *r    = NULL;
-    const int        view = t->m->views[at].view;
-    float           *work = NULL;
-    oxl_result       rc   = oxl_scene_image(t->ctx, t->scene, view, &image);
-    *out                  = 0;
+    oxl_image image = {0}, rendered = {0};
+    struct renderer *r = NULL;
+    const int view = t->m->views[at].view;
+    float *work = NULL;
+    oxl_result rc = oxl_scene_image(t->ctx, t->scene, view, &image);
+    *out = 0;
     if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
-    if (rc == OXL_OK) rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, &t->scene->imaging}, view, &rendered, NULL);
+    if (rc == OXL_OK)
+        rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, &t->scene->imaging}, view, &rendered,
+                           NULL);
     if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
     if (rc == OXL_OK && !work)
-        rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
+        rc =
+            oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
     for (int n = 1; rc == OXL_OK && OXL_MAX(image.width, image.height) / n >= TRAINING_SMALLEST; n *= 2) {
         const int w = image.width / n, h = image.height / n;
         if (OXL_MAX(w, h) > TRAINING_LARGEST) continue;
@@ -139,41 +147,42 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
     return rc;
 }
 
-/* ---------------------------------------------------------------- blur */
+/* ---------------- blur */
 
 static oxl_result training_sharpness(struct training_views *t, int at, double *out)
 {
     const struct training_image *image = scene_image(t->ctx, t->scene, t->view[at]);
-    *out                               = image ? quality_sharpness(image, NULL) : 0;
+    *out = image ? quality_sharpness(image, NULL) : 0;
     return image ? OXL_OK : t->ctx->failed;
 }
 
 static oxl_result training_is_blurred(struct training_views *t, int at, int *blurred)
 {
-    int        near[QUALITY_NEIGHBOURS];
-    double     sharp[QUALITY_NEIGHBOURS], own = 0;
-    const int  count = training_nearest(t, at, near);
-    oxl_result rc    = training_sharpness(t, at, &own);
+    int near[QUALITY_NEIGHBOURS];
+    double sharp[QUALITY_NEIGHBOURS], own = 0;
+    const int count = training_nearest(t, at, near);
+    oxl_result rc = training_sharpness(t, at, &own);
     for (int k = 0; k < count && rc == OXL_OK; k++) rc = training_sharpness(t, near[k], &sharp[k]);
     *blurred = rc == OXL_OK && own < QUALITY_BLUR * stats_select(sharp, (size_t)count, 0.5);
     return rc;
 }
 
-/* ---------------------------------------------------------------- flags */
+/* ---------------- flags */
 
 static int training_order(const void *a, const void *b)
 {
     const struct training_row *x = a, *y = b;
-    const double               p = OXL_MAX(x->lacks, x->exposure), q = OXL_MAX(y->lacks, y->exposure);
+    const double p = OXL_MAX(x->lacks, x->exposure), q = OXL_MAX(y->lacks, y->exposure);
     if (!x->flag != !y->flag) return x->flag ? -1 : 1;
     if (p != q) return p > q ? -1 : 1;
     return x->at - y->at;
 }
 
 /* 1: a flagged neighbour is so much worse that it may cause this view's error, as beside a displaced view. */
-static int training_suffers(const struct training_views *t, const struct training_row *row, const struct training_row *end)
+static int training_suffers(const struct training_views *t, const struct training_row *row,
+                            const struct training_row *end)
 {
-    int       near[QUALITY_NEIGHBOURS];
+    int near[QUALITY_NEIGHBOURS];
     const int count = training_nearest(t, row->at, near);
     for (const struct training_row *other = t->row; other < end; other++)
         for (int k = 0; k < count; k++)
@@ -187,23 +196,24 @@ static int training_suffers(const struct training_views *t, const struct trainin
 static oxl_result training_flag(struct training_views *t, const oxl_model *model)
 {
     const double exposure = training_limit(t);
-    oxl_result   rc       = OXL_OK;
+    oxl_result rc = OXL_OK;
     for (int i = 0; i < t->m->count && t->m->count >= TRAINING_MIN && rc == OXL_OK; i++) {
-        struct training_row *row     = &t->row[i];
-        double               shifted = 0;
-        int                  blurred = 0;
+        struct training_row *row = &t->row[i];
+        double shifted = 0;
+        int blurred = 0;
         if (row->exposure > exposure) row->flag = "exposure";
         if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
         rc = context_stopped(t->ctx);
         if (rc == OXL_OK) rc = training_displaced(t, model, row->at, &shifted);
-        if (rc == OXL_OK && shifted > TRAINING_SHIFTED) row->flag = training_suffers(t, row, row) ? NULL : "pose";
+        if (rc == OXL_OK && shifted > TRAINING_SHIFTED)
+            row->flag = training_suffers(t, row, row) ? NULL : "pose";
         else if (rc == OXL_OK) rc = training_is_blurred(t, row->at, &blurred);
         if (blurred) row->flag = "blur";
     }
     return rc;
 }
 
-/* ---------------------------------------------------------------- messages */
+/* ---------------- messages */
 
 static void training_report(const struct training_views *t)
 {
@@ -212,8 +222,10 @@ static void training_report(const struct training_views *t)
         for (int i = 0; i < t->m->count; i++) {
             const struct training_row *row = &t->row[i];
             if (!row->flag || strcmp(row->flag, kinds[k])) continue;
-            oxl_log(t->ctx, OXL_LOG_WARNING, "training image %s fits %.1f dB worse than its neighbours: look at its %s",
-                    oxl_scene_view(t->scene, t->m->views[row->at].view)->name, OXL_MAX(row->lacks, row->exposure),
+            oxl_log(t->ctx, OXL_LOG_WARNING,
+                    "training image %s fits %.1f dB worse than its neighbours: look at its %s",
+                    oxl_scene_view(t->scene, t->m->views[row->at].view)->name,
+                    OXL_MAX(row->lacks, row->exposure),
                     k == 0   ? "pose"
                     : k == 1 ? "exposure and white balance"
                              : "focus and motion blur");
@@ -226,10 +238,10 @@ static void training_add_json(const struct training_views *t, struct text *out)
     for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != NULL;
     text_add(out, "  \"training\": {\"count\": %d, \"flagged\": %d, \"views\": [", t->m->count, flagged);
     for (int i = 0; i < t->m->count; i++) {
-        const struct training_row *row      = &t->row[i];
-        const oxl_view_metrics    *v        = &t->m->views[row->at];
-        const char *const          names[]  = {"psnr", "cc_psnr", "ssim", "lacks", "lacks_exposure"};
-        const double               values[] = {v->psnr, v->cc_psnr, v->ssim, row->lacks, row->exposure};
+        const struct training_row *row = &t->row[i];
+        const oxl_view_metrics *v = &t->m->views[row->at];
+        const char *const names[] = {"psnr", "cc_psnr", "ssim", "lacks", "lacks_exposure"};
+        const double values[] = {v->psnr, v->cc_psnr, v->ssim, row->lacks, row->exposure};
         text_add(out, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
         for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
@@ -238,19 +250,20 @@ static void training_add_json(const struct training_views *t, struct text *out)
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
 
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
-                                             struct text *json, const char *folder)
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+                                             int iterations, struct text *json, const char *folder)
 {
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
-    oxl_metrics             m    = {0};
-    struct training_views   t    = {.ctx = ctx, .scene = scene, .m = &m};
-    int                     shown[TRAINING_SHOWN], count = 0;
-    oxl_result              rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
+    oxl_metrics m = {0};
+    struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
+    int shown[TRAINING_SHOWN], count = 0;
+    oxl_result rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
     if (rc != OXL_OK) return rc;
-    t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
+    t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
     t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
-    if (!t.row || !t.work || !t.view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
+    if (!t.row || !t.work || !t.view)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
     if (rc != OXL_OK) goto done;
     for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);
@@ -260,8 +273,10 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_report(&t);
     training_add_json(&t, json);
-    for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++) shown[count] = m.views[t.row[count].at].view;
-    if (folder) rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
+    for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++)
+        shown[count] = m.views[t.row[count].at].view;
+    if (folder)
+        rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
 done:
     OXL_FREE(ctx, t.row, t.work, t.view);
     oxl_metrics_free(ctx, &m);

@@ -2,18 +2,20 @@
  *
  * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
  *
- * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts
- * on a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each at
- * least as long as the packs of rows 0..lobes-1, and are reached by their pointers alone. Rows from count to capacity are finite:
+ * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of
+ * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to
+ * capacity. The planes of the second lobe follow, each at least as long as the packs of rows 0..lobes-1, and
+ * are reached by their pointers alone. Rows from count to capacity are finite:
  * model_clear_rows initialises new rows, and a smaller count leaves valid rows.
  */
 #include "../survey/survey.h"
 #include "model.h"
 #include "../core/vecmath.h"
 
-/* ---------------------------------------------------------------- memory */
+/* ---------------- memory */
 
-#define MODEL_SCALE_ROUNDED 1e-12 /* a product of factors this near to 1 is 1 but for rounding: they cancel each other */
+/* a product of factors this near to 1 is 1 but for rounding: they cancel each other */
+#define MODEL_SCALE_ROUNDED 1e-12
 
 enum { MODEL_PACK = 16 }; /* rows: 64 bytes of float, the widest vector */
 
@@ -27,7 +29,7 @@ void oxl_model_move_origin(oxl_model *model, const double origin[3])
 {
     for (int a = 0; a < 3; a++) {
         const double by = model->origin[a] - origin[a];
-        float       *x  = model->plane[OXL_MEAN + a];
+        float *x = model->plane[OXL_MEAN + a];
         for (size_t i = 0; by != 0 && !model->pages && i < model->count; i++) x[i] = (float)(x[i] + by);
         model->origin[a] = origin[a];
     }
@@ -35,7 +37,7 @@ void oxl_model_move_origin(oxl_model *model, const double origin[3])
 
 void oxl_model_rescale(oxl_model *model, double factor)
 {
-    const float  shift = (float)vecmath_log(factor);
+    const float shift = (float)vecmath_log(factor);
     const double scale = (model->scale > 0 ? model->scale : 1) * factor;
     for (int a = 0; a < 3; a++) {
         model->origin[a] *= factor;
@@ -86,14 +88,16 @@ static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *fr
 }
 
 /* Reallocates the model with another capacity, degree or number of lobes; on failure it is unchanged. */
-static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree, size_t lobes)
+static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree,
+                                size_t lobes)
 {
-    oxl_model m      = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
+    oxl_model m = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
     const int planes = oxl_model_planes(&m);
-    float    *memory = NULL;
-    m.capacity       = model_capacity(capacity);
+    float *memory = NULL;
+    m.capacity = model_capacity(capacity);
     if (m.capacity > 0)
-        memory = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES, sizeof *memory);
+        memory = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES,
+                           sizeof *memory);
     if (!memory) return model_no_memory(ctx, capacity, planes);
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
@@ -120,7 +124,7 @@ oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_m
 {
     oxl_result rc;
     *out = (oxl_model){0};
-    rc   = model_check_degree(ctx, sh_degree);
+    rc = model_check_degree(ctx, sh_degree);
     if (rc == OXL_OK) rc = model_lay_out(ctx, out, count, sh_degree, 0);
     if (rc == OXL_OK) out->count = count; /* these rows are already cleared */
     return rc;
@@ -143,14 +147,17 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
 /* Without a copy of the model beside it: training grows to what memory holds. */
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
 {
-    const int    planes = oxl_model_planes(model);
+    const int planes = oxl_model_planes(model);
     const size_t old = model->capacity, wanted = model_capacity(capacity);
-    float       *memory;
+    float *memory;
     if (capacity <= old) return OXL_OK;
-    if (!model->memory || model->lobes > 0) return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
-    memory = wanted > 0 ? oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted * (size_t)planes, sizeof *memory) : NULL;
+    if (!model->memory || model->lobes > 0)
+        return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
+    memory = wanted > 0 ? oxl_regrow(ctx, model->memory, old * (size_t)planes, wanted * (size_t)planes,
+                                     sizeof *memory)
+                        : NULL;
     if (!memory) return model_no_memory(ctx, capacity, planes);
-    model->memory   = memory;
+    model->memory = memory;
     model->capacity = wanted;
     for (int p = planes - 1; p >= 0; p--) {
         model->plane[p] = memory + (size_t)p * wanted;
@@ -177,17 +184,19 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
     to->scale = from->scale;
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
-    for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++) memcpy(to->plane[p], from->plane[p], from->lobes * sizeof(float));
+    for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++)
+        memcpy(to->plane[p], from->plane[p], from->lobes * sizeof(float));
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- the second lobe */
+/* ---------------- the second lobe */
 
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes)
 {
     if (lobes == model->lobes) return OXL_OK;
     if (lobes > model->count)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu lobes for %zu Gaussians: expected at most one each", lobes, model->count);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu lobes for %zu Gaussians: expected at most one each", lobes,
+                        model->count);
     return model_lay_out(ctx, model, model->capacity, model->sh_degree, lobes);
 }
 
@@ -207,9 +216,9 @@ static size_t model_keep_in_plane(float *plane, size_t count, const uint8_t *kee
 
 OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
 {
-    const int    planes = oxl_model_planes(model);
+    const int planes = oxl_model_planes(model);
     const size_t count = model->count, lobes = model->lobes;
-    size_t       kept = 0;
+    size_t kept = 0;
     for (int p = OXL_LOBE; lobes && p < OXL_PLANES; p++) {
         kept = model_keep_in_plane(model->plane[p], lobes, keep);
         memset(model->plane[p] + kept, 0, (lobes - kept) * sizeof(float));
@@ -222,7 +231,7 @@ OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
 
 OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
 {
-    float     sum    = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
+    float sum = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
     const int planes = oxl_model_planes(m);
     for (int k = 0; k < planes; k++) sum += 0 * m->plane[k][i];
     for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
@@ -245,10 +254,11 @@ static void model_active_first(oxl_model *model, const uint8_t *active, float *o
 
 OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active)
 {
-    size_t     lobes = 0;
-    float     *other;
+    size_t lobes = 0;
+    float *other;
     oxl_result rc;
-    if (model->lobes > 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
+    if (model->lobes > 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
     for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
     other = oxl_alloc(ctx, model->count + 1, sizeof *other);
     if (!other) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu Gaussians", model->count);
@@ -258,7 +268,7 @@ OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, con
     return rc;
 }
 
-/* ---------------------------------------------------------------- with Adam's moments */
+/* ---------------- with Adam's moments */
 
 OXL_INTERNAL oxl_model *model_trained_part(struct trained_model *t, int k)
 {
@@ -270,7 +280,7 @@ OXL_INTERNAL oxl_result model_trained_begin(oxl_context *ctx, struct trained_mod
     oxl_result rc = OXL_OK;
     for (int k = 1; rc == OXL_OK && k < TRAINED_PARTS; k++) {
         oxl_model *moment = model_trained_part(t, k);
-        rc                = oxl_model_create(ctx, t->model.count, t->model.sh_degree, moment);
+        rc = oxl_model_create(ctx, t->model.count, t->model.sh_degree, moment);
         if (rc == OXL_OK) rc = model_set_lobes(ctx, moment, t->model.lobes);
         if (rc == OXL_OK) memset(moment->plane[OXL_ROTATION], 0, moment->capacity * sizeof(float));
     }
@@ -285,31 +295,37 @@ OXL_INTERNAL void model_trained_free(oxl_context *ctx, struct trained_model *t)
 OXL_INTERNAL oxl_result model_trained_set_degree(oxl_context *ctx, struct trained_model *t, int sh_degree)
 {
     oxl_result rc = OXL_OK;
-    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++) rc = model_set_degree(ctx, model_trained_part(t, k), sh_degree);
+    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++)
+        rc = model_set_degree(ctx, model_trained_part(t, k), sh_degree);
     return rc;
 }
 
-OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t, const uint8_t *active,
-                                                 float opacity_factor, float scale_factor)
+OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t,
+                                                 const uint8_t *active, float opacity_factor,
+                                                 float scale_factor)
 {
     oxl_result rc = OXL_OK;
     if (!(opacity_factor > 0 && opacity_factor < 1 && scale_factor > 0 && scale_factor <= FLT_MAX))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "second lobes of opacity x %g and scale x %g, expected factors in (0, 1) and above 0",
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "second lobes of opacity x %g and scale x %g, expected factors in (0, 1) and above 0",
                         (double)opacity_factor, (double)scale_factor);
-    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++) rc = model_make_lobes(ctx, model_trained_part(t, k), active);
+    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++)
+        rc = model_make_lobes(ctx, model_trained_part(t, k), active);
     for (size_t i = 0; rc == OXL_OK && i < t->model.lobes; i++)
         for (int k = 0; k < MODEL_LOBE_PLANES; k++)
-            t->model.plane[OXL_LOBE + k][i] = (float)(k == 0 ? vecmath_logit(opacity_factor) : vecmath_log(scale_factor));
+            t->model.plane[OXL_LOBE + k][i] =
+                (float)(k == 0 ? vecmath_logit(opacity_factor) : vecmath_log(scale_factor));
     return rc;
 }
 
-/* ---------------------------------------------------------------- start from points: rows in Z-order
+/* ---------------- start from points: rows in Z-order
  *
- * Kernels work on packs of neighbouring rows and skip those out of view: rows near in memory should be near in space.
+ * Kernels work on packs of neighbouring rows and skip those out of view: rows near in memory should be near
+ * in space.
  */
 
 struct model_key {
-    uint64_t         code; /* Morton code: 21 bits an axis, interleaved */
+    uint64_t code; /* Morton code: 21 bits an axis, interleaved */
     const oxl_point *point;
 };
 
@@ -325,7 +341,7 @@ static int model_compare_places(const struct model_key *x, const struct model_ke
 static int model_compare_keys(const void *a, const void *b)
 {
     const struct model_key *x = a, *y = b;
-    const int               c = x->code != y->code ? (x->code < y->code ? -1 : 1) : model_compare_places(x, y);
+    const int c = x->code != y->code ? (x->code < y->code ? -1 : 1) : model_compare_places(x, y);
     return c ? c : (x->point > y->point) - (x->point < y->point);
 }
 
@@ -347,7 +363,7 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
         double high = low[a] = points[0].position[a];
         for (size_t i = 1; i < count; i++) {
             low[a] = OXL_MIN(low[a], points[i].position[a]);
-            high   = OXL_MAX(high, points[i].position[a]);
+            high = OXL_MAX(high, points[i].position[a]);
         }
         side = OXL_MAX(side, high - low[a]);
     }
@@ -361,8 +377,8 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
     qsort(key, count, sizeof *key, model_compare_keys);
 }
 
-/* Of points at the same place the first one stays; returns how many stay. Without this a million points at one place would be a
- * million Gaussians of unit width, each in every pixel. */
+/* Of points at the same place the first one stays; returns how many stay. Without this a million points at
+ * one place would be a million Gaussians of unit width, each in every pixel. */
 static size_t model_drop_coincident(struct model_key *key, size_t count)
 {
     size_t kept = 0;
@@ -371,9 +387,10 @@ static size_t model_drop_coincident(struct model_key *key, size_t count)
     return kept;
 }
 
-/* ---------------------------------------------------------------- start from points: the 3 nearest neighbours
+/* ---------------- start from points: the 3 nearest neighbours
  *
- * A balanced k-d tree without pointers: the median of [first, end) is in its middle, and divides along split[middle].
+ * A balanced k-d tree without pointers: the median of [first, end) is in its middle, and divides along
+ * split[middle].
  */
 
 enum { MODEL_LEAF = 8, MODEL_NEIGHBOURS = 3 };
@@ -385,41 +402,43 @@ struct model_site {
 
 struct model_tree {
     struct model_site *site;
-    uint8_t           *split; /* axis, for each median */
-    size_t             count;
+    uint8_t *split; /* axis, for each median */
+    size_t count;
 };
 
 static int model_longest_axis(const struct model_site *site, size_t first, size_t end)
 {
     double longest = -1;
-    int    axis    = 0;
+    int axis = 0;
     for (int a = 0; a < 3; a++) {
         double low = site[first].x[a], high = low;
         for (size_t i = first + 1; i < end; i++) {
-            low  = OXL_MIN(low, site[i].x[a]);
+            low = OXL_MIN(low, site[i].x[a]);
             high = OXL_MAX(high, site[i].x[a]);
         }
         if (high - low > longest) {
             longest = high - low;
-            axis    = a;
+            axis = a;
         }
     }
     return axis;
 }
 
-/* Hoare's selection: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than site[nth] along axis.
+/* Hoare's selection: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than
+ * site[nth] along axis.
  * Equal values stop both scans, so that coincident points do not degrade the run time. */
 static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
 {
     while (end - first > 1) {
-        const double pivot = site[first + (end - first - 1) / 2].x[axis]; /* not the last value, so both parts are smaller */
-        size_t       i = first, j = end - 1;
+        /* not the last value, so both parts are smaller */
+        const double pivot = site[first + (end - first - 1) / 2].x[axis];
+        size_t i = first, j = end - 1;
         for (;;) {
             struct model_site swap;
             while (site[i].x[axis] < pivot) i++;
             while (site[j].x[axis] > pivot) j--;
             if (i >= j) break;
-            swap      = site[i];
+            swap = site[i];
             site[i++] = site[j];
             site[j--] = swap;
         }
@@ -442,32 +461,34 @@ static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
 /* Squared distances in ascending order, so that their sum does not depend on the search order. */
 struct model_nearest {
     const double *x;
-    size_t        self;
-    double        distance[MODEL_NEIGHBOURS];
+    size_t self;
+    double distance[MODEL_NEIGHBOURS];
 };
 
 static void model_update_nearest(struct model_nearest *n, const struct model_site *site, size_t index)
 {
     const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
-    double       d = dx * dx + dy * dy + dz * dz;
+    double d = dx * dx + dy * dy + dz * dz;
     if (index == n->self) return;
     for (int k = 0; k < MODEL_NEIGHBOURS; k++)
         if (d < n->distance[k]) {
             const double further = n->distance[k];
-            n->distance[k]       = d;
-            d                    = further;
+            n->distance[k] = d;
+            d = further;
         }
 }
 
-static void model_search_nearest(const struct model_tree *tree, size_t first, size_t end, struct model_nearest *n)
+static void model_search_nearest(const struct model_tree *tree, size_t first, size_t end,
+                                 struct model_nearest *n)
 {
     while (end - first > MODEL_LEAF) {
         const size_t middle = first + (end - first) / 2;
-        const int    axis   = tree->split[middle];
+        const int axis = tree->split[middle];
         const double beyond = n->x[axis] - tree->site[middle].x[axis];
         if (beyond < 0) model_search_nearest(tree, first, middle, n);
         else model_search_nearest(tree, middle + 1, end, n);
-        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is farther than all three */
+        /* the other side is farther than all three */
+        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return;
         model_update_nearest(n, &tree->site[middle], middle);
         if (beyond < 0) first = middle + 1;
         else end = middle;
@@ -475,15 +496,17 @@ static void model_search_nearest(const struct model_tree *tree, size_t first, si
     for (size_t i = first; i < end; i++) model_update_nearest(n, &tree->site[i], i);
 }
 
-/* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single point. */
+/* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single
+ * point. */
 static void model_neighbour_distances(oxl_context *ctx, const struct model_tree *tree, double *square)
 {
-    const int     neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
-    const int64_t count      = (int64_t)tree->count;
+    const int neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
+    const int64_t count = (int64_t)tree->count;
 #pragma omp parallel for num_threads(ctx->threads) schedule(dynamic, 1024)
     for (int64_t i = 0; i < count; i++) {
-        struct model_nearest n   = {.x = tree->site[i].x, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
-        double               sum = 0;
+        struct model_nearest n = {
+            .x = tree->site[i].x, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
+        double sum = 0;
         model_search_nearest(tree, 0, tree->count, &n);
         for (int k = 0; k < neighbours; k++) sum += n.distance[k];
         square[tree->site[i].row] = neighbours ? sum / neighbours : 0;
@@ -491,16 +514,17 @@ static void model_neighbour_distances(oxl_context *ctx, const struct model_tree 
     (void)ctx;
 }
 
-/* ---------------------------------------------------------------- start from points: the rows */
+/* ---------------- start from points: the rows */
 
 #define MODEL_SQUARE_MIN 1e-4 /* of the median's; see model_widths */
 
-/* Replaces mean squared distances, in place, by log widths. Almost coincident points would have almost width 0: 3DGS limits the square
- * to 1e-7; our unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
+/* Replaces mean squared distances, in place, by log widths. Almost coincident points would have almost width
+ * 0: 3DGS limits the square to 1e-7; our unit is arbitrary, so the limit is 1 % of the median width. A single
+ * point: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
-    size_t  n = 0;
+    size_t n = 0;
     if (!apart) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
     for (size_t i = 0; i < count; i++)
         if (square[i] > 0) apart[n++] = square[i];
@@ -515,9 +539,10 @@ static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, 
     for (size_t i = 0; i < count; i++)
         for (int a = 0; a < 3; a++)
             if (!(fabs(points[i].position[a]) <= FLT_MAX))
-                return oxl_fail(ctx, OXL_ERR_INPUT,
-                                "point %zu of %zu: coordinate %d is %g, expected a finite number\nfix: remove it", i, count, a,
-                                points[i].position[a]);
+                return oxl_fail(
+                    ctx, OXL_ERR_INPUT,
+                    "point %zu of %zu: coordinate %d is %g, expected a finite number\nfix: remove it", i,
+                    count, a, points[i].position[a]);
     return OXL_OK;
 }
 
@@ -528,34 +553,35 @@ static void model_fill(oxl_model *model, const struct model_key *key, const doub
     for (size_t i = 0; i < model->count; i++) {
         const oxl_point *p = key[i].point;
         for (int a = 0; a < 3; a++) {
-            model->plane[OXL_MEAN + a][i]      = (float)p->position[a];
+            model->plane[OXL_MEAN + a][i] = (float)p->position[a];
             model->plane[OXL_LOG_SCALE + a][i] = (float)width[i];
-            model->plane[OXL_SH + a][i]        = (float)((p->rgb[a] / 255.0 - 0.5) / MODEL_SH0);
+            model->plane[OXL_SH + a][i] = (float)((p->rgb[a] / 255.0 - 0.5) / MODEL_SH0);
         }
         model->plane[OXL_OPACITY][i] = opacity;
     }
 }
 
-oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out)
+oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree,
+                                 oxl_model *out)
 {
-    struct model_key *key   = NULL;
-    struct model_tree tree  = {0};
-    double           *width = NULL; /* (count) first mean squared distances; model_widths replaces them by log widths */
-    oxl_result        rc    = model_check_points(ctx, points, count);
-    *out                    = (oxl_model){0};
+    struct model_key *key = NULL;
+    struct model_tree tree = {0};
+    double *width = NULL; /* (count) first mean squared distances; model_widths replaces them by log widths */
+    oxl_result rc = model_check_points(ctx, points, count);
+    *out = (oxl_model){0};
     if (rc == OXL_OK && count == 0) return oxl_model_create(ctx, 0, sh_degree, out);
     if (rc != OXL_OK) goto done;
-    key        = oxl_alloc(ctx, count, sizeof *key);
-    tree.site  = oxl_alloc(ctx, count, sizeof *tree.site);
+    key = oxl_alloc(ctx, count, sizeof *key);
+    tree.site = oxl_alloc(ctx, count, sizeof *tree.site);
     tree.split = oxl_alloc(ctx, count, 1);
-    width      = oxl_alloc(ctx, count, sizeof *width);
+    width = oxl_alloc(ctx, count, sizeof *width);
     if (!key || !tree.site || !tree.split || !width) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
         goto done;
     }
     model_sort_by_code(points, count, key);
     count = tree.count = model_drop_coincident(key, count);
-    rc                 = oxl_model_create(ctx, count, sh_degree, out);
+    rc = oxl_model_create(ctx, count, sh_degree, out);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) {
         memcpy(tree.site[i].x, key[i].point->position, sizeof tree.site[i].x);
@@ -576,13 +602,13 @@ OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
     const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
     for (int k = 0; k < coefficients; k++)
         for (int c = 0; c < 3; c++) {
-            float       *plane = model->plane[OXL_SH + 3 * k + c];
-            const double more  = k == 0 ? (factor[c] - 1) * 0.5 / MODEL_SH0 : 0;
+            float *plane = model->plane[OXL_SH + 3 * k + c];
+            const double more = k == 0 ? (factor[c] - 1) * 0.5 / MODEL_SH0 : 0;
             for (size_t i = 0; i < model->count; i++) plane[i] = (float)(factor[c] * plane[i] + more);
         }
 }
 
-/* ---------------------------------------------------------------- values for other formats */
+/* ---------------- values for other formats */
 
 OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4])
 {
@@ -600,7 +626,7 @@ OXL_INTERNAL unsigned char model_byte(double x)
     return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
 }
 
-/* ---------------------------------------------------------------- origin and scale as text, in comments of files */
+/* ---------------- origin and scale as text, in comments of files */
 
 #define MODEL_ORIGIN_MAX 1e15 /* limit of |origin| */
 
@@ -616,14 +642,16 @@ static int model_read_numbers(const char *text, double *value, int count)
 }
 
 /* "origin X Y Z" and "scale S". */
-OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
+OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
+                                     oxl_model *model)
 {
     const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
-    double    value[3];
+    double value[3];
     if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
     else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
         model->scale = value[0] == 1 ? 0 : value[0];
     else if (is_origin || is_scale)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: expected %s, %s%g", path, comment,
-                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MAX);
+                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ",
+                MODEL_ORIGIN_MAX);
 }

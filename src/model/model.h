@@ -4,7 +4,7 @@
 
 #include "../core/core.h"
 
-/* ---------------------------------------------------------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
+/* ---------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
 
 /* All values finite, no lobes: checked in model_file.c. */
 OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
@@ -13,94 +13,106 @@ OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl
 OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
-/* ---------------------------------------------------------------- model.c: planes of Gaussians */
+/* ---------------- model.c: planes of Gaussians */
 
 #define MODEL_SH0 0.28209479177387814 /* Y_0^0 = 1 / (2 sqrt(pi)): colour = 0.5 + SH0 f_dc */
 
-/* One allocation; each plane starts on a 64-byte line. Capacity is a multiple of 16 and at least 16, so kernels may read and
- * write whole packs of 16 rows up to it; rows from count to capacity are finite (fresh ones: zero, identity rotation).
- * model_reserve keeps rows and does not shrink; planes move. model_copy overwrites `to` without freeing it. */
-OXL_INTERNAL void       model_clear_rows(oxl_model *model, size_t first, size_t end); /* all zero but rotation w = 1 */
+/* One allocation; each plane starts on a 64-byte line. Capacity is a multiple of 16 and at least 16, so
+ * kernels may read and write whole packs of 16 rows up to it; rows from count to capacity are finite (fresh
+ * ones: zero, identity rotation).
+ * model_reserve keeps rows and does not shrink; planes move. model_copy overwrites `to` without freeing
+ * it. */
+/* all zero but rotation w = 1 */
+OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end);
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity);
 /* Changes the SH degree; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
-OXL_INTERNAL int        model_row_is_finite(const oxl_model *model, size_t row); /* including its lobe */
+OXL_INTERNAL int model_row_is_finite(const oxl_model *model, size_t row); /* including its lobe */
 /* Keeps the rows with keep (count) not 0 in their order, with their lobes; the others are cleared. */
-OXL_INTERNAL void       model_keep_rows(oxl_model *model, const uint8_t *keep);
+OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep);
 
 /* The second lobe, allocated for the first `lobes` rows only, up to a whole pack. */
 enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
-#define MODEL_OPACITY           0.1    /* of a new Gaussian; Kerbl 2023 */
+#define MODEL_OPACITY 0.1              /* of a new Gaussian; Kerbl 2023 */
 #define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
-#define MODEL_LOBE_RATE_SCALE   0.005f /* of OXL_LOBE + 1..3 */
+#define MODEL_LOBE_RATE_SCALE 0.005f   /* of OXL_LOBE + 1..3 */
 /* Rows 0..lobes-1 get a lobe; new ones are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
-OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
-/* Moves the rows with active (count) not 0 to the front, each part in its order, and gives them lobes of zeros. The model must have no
- * lobes. */
+OXL_INTERNAL void model_drop_lobes(oxl_model *model);
+/* Moves the rows with active (count) not 0 to the front, each part in its order, and gives them lobes of
+ * zeros. The model must have no lobes. */
 OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active);
 
-/* A model in training, with Adam's first and second moments: running means of the gradient and of its square, in the same planes. */
+/* A model in training, with Adam's first and second moments: running means of the gradient and of its square,
+ * in the same planes. */
 struct trained_model {
     oxl_model model, mean, square;
 };
 enum { TRAINED_PARTS = 3 };
-OXL_INTERNAL oxl_model *model_trained_part(struct trained_model *t, int k);             /* model, mean, square */
-OXL_INTERNAL oxl_result model_trained_begin(oxl_context *ctx, struct trained_model *t); /* moments of 0 for its model */
-OXL_INTERNAL void       model_trained_free(oxl_context *ctx, struct trained_model *t);
+/* model, mean, square */
+OXL_INTERNAL oxl_model *model_trained_part(struct trained_model *t, int k);
+/* moments of 0 for its model */
+OXL_INTERNAL oxl_result model_trained_begin(oxl_context *ctx, struct trained_model *t);
+OXL_INTERNAL void model_trained_free(oxl_context *ctx, struct trained_model *t);
 OXL_INTERNAL oxl_result model_trained_set_degree(oxl_context *ctx, struct trained_model *t, int sh_degree);
 /* The model's lobes get these factors. On failure rows may be in another order. */
-OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t, const uint8_t *active,
-                                                 float opacity_factor, float scale_factor);
+OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t,
+                                                 const uint8_t *active, float opacity_factor,
+                                                 float scale_factor);
 
 /* Multiplies colours by a factor per channel: all SH coefficients, and the offset 0.5. */
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
 
-OXL_INTERNAL void          model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, of length 1 */
-OXL_INTERNAL unsigned char model_byte(double x);                                            /* the nearest */
+OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, of length 1 */
+OXL_INTERNAL unsigned char model_byte(double x);                                   /* the nearest */
 /* Origin or scale from a comment of a file; other comments are ignored. */
-OXL_INTERNAL void          model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
+OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
+                                     oxl_model *model);
 
-/* ---------------------------------------------------------------- model_file.c: models as PLY */
+/* ---------------- model_file.c: models as PLY */
 
 /* Layout of a PLY file written by this module. */
 struct model_file_layout {
     uint64_t data, lobe_data; /* offsets of the first row of elements vertex and dog */
-    size_t   rows, row_bytes, lobes;
-    int      degree, offset[OXL_PLANES]; /* of a plane's value in a row */
+    size_t rows, row_bytes, lobes;
+    int degree, offset[OXL_PLANES]; /* of a plane's value in a row */
 };
 /* *has 0: the file has another layout. The model gets the file's origin and scale. */
-OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out, oxl_model *model,
-                                          int *has);
+OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
+                                          oxl_model *model, int *has);
 /* Reads model->count rows, starting at row `first`. */
-OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l, struct os_reader *file,
-                                             size_t first, oxl_model *model);
-/* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes are included. */
-OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
+OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
+                                             struct os_reader *file, size_t first, oxl_model *model);
+/* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes
+ * are included. */
+OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
+                                             int file_degree);
 /* Several models of the same origin as one file; those in files are read page by page. */
-OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model, int count,
-                                                int file_degree);
+OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
+                                                int count, int file_degree);
 
-/* ---------------------------------------------------------------- model_pages.c: a model that stays in its file */
+/* ---------------- model_pages.c: a model that stays in its file */
 
 struct model_page {
     double centre[3], radius, sigma; /* relative to the file's origin */
 };
 
 struct oxl_model_pages {
-    char                    *path;
+    char *path;
     struct model_file_layout layout;
-    double                   origin[3]; /* of the file */
-    struct model_page       *page;      /* (pages) */
-    size_t                   pages;
+    double origin[3];        /* of the file */
+    struct model_page *page; /* (pages) */
+    size_t pages;
 };
-OXL_INTERNAL void       model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages); /* model.c */
-OXL_INTERNAL int        model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row);
-OXL_INTERNAL size_t     model_pages_count(const oxl_model *model);
-OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out);
+OXL_INTERNAL void model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages); /* model.c */
+OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
+                                 size_t row);
+OXL_INTERNAL size_t model_pages_count(const oxl_model *model);
+OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page,
+                                        oxl_model *out);
 /* The rows of a model of oxl_model_open that may be visible. */
-OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, double near_plane,
-                                         oxl_model *out);
+OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                                         double near_plane, oxl_model *out);
 
 #endif

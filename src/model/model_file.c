@@ -1,5 +1,5 @@
-/* model_file.c - reads model files: the standard 3DGS PLY, with an element for second lobes; other formats by extension (spz.c,
- * splat_file.c).
+/* model_file.c - reads model files: the standard 3DGS PLY, with an element for second lobes; other formats by
+ * extension (spz.c, splat_file.c).
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
  *
@@ -17,12 +17,12 @@
 #define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
 
 enum {
-    MODEL_FILE_ROWS       = 256, /* converted at a time */
+    MODEL_FILE_ROWS = 256, /* converted at a time */
     MODEL_FILE_LOBE_BYTES = 16,
-    MODEL_FILE_HEADER     = 1 << 16 /* bytes: longer ones are not read some rows at a time */
+    MODEL_FILE_HEADER = 1 << 16 /* bytes: longer ones are not read some rows at a time */
 };
 
-/* ---------------------------------------------------------------- the columns of the standard PLY */
+/* ---------------- the columns of the standard PLY */
 
 static struct model_file_column model_file_column(const char *prefix, int index, int plane)
 {
@@ -31,11 +31,12 @@ static struct model_file_column model_file_column(const char *prefix, int index,
     return c;
 }
 
-OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree, struct model_file_column out[MODEL_FILE_COLUMNS])
+OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
+                                    struct model_file_column out[MODEL_FILE_COLUMNS])
 {
     const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients a channel */
     const int kept = (sh_degree + 1) * (sh_degree + 1);
-    int       n    = 0;
+    int n = 0;
     for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{(char)('x' + i)}, OXL_MEAN + i};
     for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{'n', (char)('x' + i)}, -1};
     for (int i = 0; i < 3; i++) out[n++] = model_file_column("f_dc_", i, OXL_SH + i);
@@ -49,67 +50,75 @@ OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree, struct model
     return n;
 }
 
-/* ---------------------------------------------------------------- rows that are not finite */
+/* ---------------- rows that are not finite */
 
 /* Keeps the rows of finite values and sizes in their order. */
 static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count;
-    uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
+    uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
     if (!keep) return model_file_no_memory(ctx, path);
     memset(keep, 1, count + 1);
     for (int p = 0; p < oxl_model_planes(model); p++)
         for (size_t i = 0; i < count; i++) keep[i] &= model_file_finite(model->plane[p][i]) != 0;
     for (int a = 0; a < 3; a++)
-        for (size_t i = 0; i < count; i++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
+        for (size_t i = 0; i < count; i++)
+            keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
     for (int k = 0; k < MODEL_LOBE_PLANES; k++)
-        for (size_t i = 0; i < model->lobes; i++) keep[i] &= model_file_finite(model->plane[OXL_LOBE + k][i]) != 0;
+        for (size_t i = 0; i < model->lobes; i++)
+            keep[i] &= model_file_finite(model->plane[OXL_LOBE + k][i]) != 0;
     model_keep_rows(model, keep);
     model->not_finite = count - model->count;
     if (model->not_finite)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
                 model->not_finite, count);
     oxl_free(ctx, keep);
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- PLY in */
+/* ---------------- PLY in */
 
-static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
-                                         const char *name)
+static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply,
+                                         const struct ply_element *vertex, const char *name)
 {
-    const int   points = ply_find_property(vertex, "x") >= 0 && ply_find_property(vertex, "f_dc_0") < 0;
-    struct text seen   = {.ctx = ctx};
-    oxl_result  rc;
+    const int points = ply_find_property(vertex, "x") >= 0 && ply_find_property(vertex, "f_dc_0") < 0;
+    struct text seen = {.ctx = ctx};
+    oxl_result rc;
     for (int c = 0; c < vertex->properties && seen.size < 400; c++)
         text_add(&seen, "%s%s", c ? " " : "", vertex->property[c].name);
-    rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: element vertex has no property '%s'; it has: %s\nfix: %s", ply->path, name,
-                  seen.data ? seen.data : "none",
-                  points ? "this is a point cloud or a mesh; a model of Gaussians has f_dc_0, opacity, scale_0, rot_0 and more"
-                         : "convert the file to the standard 3DGS layout");
+    rc = oxl_fail(
+        ctx, OXL_ERR_INPUT, "%s: element vertex has no property '%s'; it has: %s\nfix: %s", ply->path, name,
+        seen.data ? seen.data : "none",
+        points
+            ? "this is a point cloud or a mesh; a model of Gaussians has f_dc_0, opacity, scale_0, rot_0 and more"
+            : "convert the file to the standard 3DGS layout");
     text_free(&seen);
     return rc;
 }
 
 /* The SH degree for a number of f_rest columns. */
-static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex, int *degree)
+static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply,
+                                         const struct ply_element *vertex, int *degree)
 {
     int rest = 0;
     for (int c = 0; c < vertex->properties; c++) rest += !strncmp(vertex->property[c].name, "f_rest_", 7);
     for (*degree = 0; *degree <= 3; ++*degree)
         if (rest == 3 * ((*degree + 1) * (*degree + 1) - 1)) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: %d properties f_rest_*, expected 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
-                    ply->path, rest);
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s: %d properties f_rest_*, expected 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
+        ply->path, rest);
 }
 
-static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element, oxl_model *out)
+static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element,
+                                           oxl_model *out)
 {
     const struct ply_element *vertex = &ply->element[element];
-    struct model_file_column  column[MODEL_FILE_COLUMNS];
-    struct ply_target        *target = NULL;
-    int                       degree, columns;
-    oxl_result                rc = model_file_read_degree(ctx, ply, vertex, &degree);
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    struct ply_target *target = NULL;
+    int degree, columns;
+    oxl_result rc = model_file_read_degree(ctx, ply, vertex, &degree);
     if (rc != OXL_OK) return rc;
     columns = model_file_columns(degree, degree, column);
     for (int c = 0; c < columns; c++)
@@ -120,20 +129,22 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     target = oxl_calloc(ctx, (size_t)vertex->properties, sizeof *target);
     if (!target) return model_file_no_memory(ctx, ply->path);
     for (int c = 0; c < columns; c++)
-        if (column[c].plane >= 0) target[ply_find_property(vertex, column[c].name)].as_float = out->plane[column[c].plane];
+        if (column[c].plane >= 0)
+            target[ply_find_property(vertex, column[c].name)].as_float = out->plane[column[c].plane];
     rc = ply_read(ctx, ply, element, target);
     oxl_free(ctx, target);
     return rc;
 }
 
-/* ---------------------------------------------------------------- PLY in, some rows at a time */
+/* ---------------- PLY in, some rows at a time */
 
 /* The bytes before each plane's value; 0: a property is missing, or not a float. */
-static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog, struct model_file_layout *out)
+static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog,
+                              struct model_file_layout *out)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(out->degree, out->degree, column);
-    int                      plain   = vertex->row_bytes == 4 * (size_t)vertex->properties;
+    const int columns = model_file_columns(out->degree, out->degree, column);
+    int plain = vertex->row_bytes == 4 * (size_t)vertex->properties;
     for (int c = 0; c < vertex->properties; c++) plain &= vertex->property[c].type == PLY_FLOAT32;
     for (int c = 0; c < columns; c++) {
         const int at = ply_find_property(vertex, column[c].name);
@@ -148,24 +159,26 @@ static int model_file_offsets(const struct ply_element *vertex, const struct ply
     return plain && !vertex->has_list;
 }
 
-OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out, oxl_model *model,
-                                          int *has)
+OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
+                                          oxl_model *model, int *has)
 {
-    struct ply                ply = {0};
+    struct ply ply = {0};
     const struct ply_element *e;
-    struct os_reader          file = {0};
-    *out                           = (struct model_file_layout){0};
-    *has                           = 0;
-    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK; /* its reader reports the error */
+    struct os_reader file = {0};
+    *out = (struct model_file_layout){0};
+    *has = 0;
+    /* its reader reports the error */
+    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK;
     if (os_reader_open(ctx, path, &file) != OXL_OK) goto done;
     e = ply.element;
     if (ply.format == PLY_LITTLE && ply.elements >= 1 && ply.elements <= 2 && !strcmp(e[0].name, "vertex") &&
-        (ply.elements == 1 || !strcmp(e[1].name, "dog")) && model_file_read_degree(ctx, &ply, e, &out->degree) == OXL_OK) {
-        *has           = model_file_offsets(e, ply.elements > 1 ? e + 1 : NULL, out);
-        out->rows      = (size_t)e->rows;
+        (ply.elements == 1 || !strcmp(e[1].name, "dog")) &&
+        model_file_read_degree(ctx, &ply, e, &out->degree) == OXL_OK) {
+        *has = model_file_offsets(e, ply.elements > 1 ? e + 1 : NULL, out);
+        out->rows = (size_t)e->rows;
         out->row_bytes = e->row_bytes;
-        out->lobes     = ply.elements > 1 ? (size_t)e[1].rows : 0;
-        out->data      = ply.data;
+        out->lobes = ply.elements > 1 ? (size_t)e[1].rows : 0;
+        out->data = ply.data;
         out->lobe_data = ply.data + e->rows * e->row_bytes;
         *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_FILE_LOBE_BYTES <= file.size;
     }
@@ -176,47 +189,54 @@ done:
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l, struct os_reader *file,
-                                             size_t first, oxl_model *model)
+OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
+                                             struct os_reader *file, size_t first, oxl_model *model)
 {
     unsigned char *rows = oxl_alloc(ctx, model->count + 1, l->row_bytes);
-    size_t         got  = 0;
-    oxl_result     rc   = rows ? OXL_OK : model_file_no_memory(ctx, file->path);
+    size_t got = 0;
+    oxl_result rc = rows ? OXL_OK : model_file_no_memory(ctx, file->path);
     if (rc == OXL_OK) rc = os_reader_seek(ctx, file, l->data + (uint64_t)first * l->row_bytes);
     if (rc == OXL_OK) rc = os_reader_read(ctx, file, rows, model->count * l->row_bytes, &got);
     for (int k = 0; k < oxl_model_planes(model) && rc == OXL_OK; k++)
-        for (size_t i = 0; i < got / l->row_bytes; i++) model->plane[k][i] = bytes_float(rows + i * l->row_bytes + l->offset[k]);
-    if (rc == OXL_OK && got < model->count * l->row_bytes) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
-    if (rc == OXL_OK && model->lobes) rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_FILE_LOBE_BYTES);
-    if (rc == OXL_OK && model->lobes) rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_FILE_LOBE_BYTES, &got);
+        for (size_t i = 0; i < got / l->row_bytes; i++)
+            model->plane[k][i] = bytes_float(rows + i * l->row_bytes + l->offset[k]);
+    if (rc == OXL_OK && got < model->count * l->row_bytes)
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
+    if (rc == OXL_OK && model->lobes)
+        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_FILE_LOBE_BYTES);
+    if (rc == OXL_OK && model->lobes)
+        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_FILE_LOBE_BYTES, &got);
     for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++)
         for (size_t i = 0; i < model->lobes; i++)
-            model->plane[OXL_LOBE + k][i] = bytes_float(rows + i * MODEL_FILE_LOBE_BYTES + l->offset[OXL_LOBE + k]);
+            model->plane[OXL_LOBE + k][i] =
+                bytes_float(rows + i * MODEL_FILE_LOBE_BYTES + l->offset[OXL_LOBE + k]);
     oxl_free(ctx, rows);
     return rc;
 }
 
-/* ---------------------------------------------------------------- second lobes in */
+/* ---------------- second lobes in */
 
 /* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
-static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
+static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index,
+                                          float *factor)
 {
-    const struct ply_element *dog    = &ply->element[element];
-    struct ply_target        *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
-    oxl_result                rc;
+    const struct ply_element *dog = &ply->element[element];
+    struct ply_target *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
+    oxl_result rc;
     if (!target) return model_file_no_memory(ctx, ply->path);
     for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
         const char *name = k < 0 ? "vertex_index" : MODEL_FILE_LOBE[k];
-        const int   at   = ply_find_property(dog, name);
+        const int at = ply_find_property(dog, name);
         if (k < 0 && at < 0) {
             for (size_t i = 0; i < (size_t)dog->rows; i++) index[i] = (double)i;
             continue;
         }
         if (at < 0) {
-            rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s: element dog has no property '%s', expected opacity_factor and scale_factor_0 to _2\n"
-                          "fix: write the file again with oceanxl, or leave element dog out",
-                          ply->path, name);
+            rc = oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element dog has no property '%s', expected opacity_factor and scale_factor_0 to _2\n"
+                "fix: write the file again with oceanxl, or leave element dog out",
+                ply->path, name);
             goto done;
         }
         if (k < 0) target[at].as_double = index;
@@ -229,34 +249,38 @@ done:
 }
 
 /* Marks the vertices of element dog; each at most once. */
-static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index, size_t rows,
-                                        size_t vertices, uint8_t *active)
+static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index,
+                                        size_t rows, size_t vertices, uint8_t *active)
 {
     for (size_t i = 0; i < rows; i++) {
         if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
-            return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s: element dog, row %zu: vertex_index is %.10g, expected a whole number below %zu\n"
-                            "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
-                            ply->path, i, index[i], vertices);
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element dog, row %zu: vertex_index is %.10g, expected a whole number below %zu\n"
+                "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
+                ply->path, i, index[i], vertices);
         if (active[(size_t)index[i]]++)
-            return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s: element dog, row %zu: vertex_index %.0f was there before, expected one lobe a vertex\n"
-                            "fix: remove the repeated row",
-                            ply->path, i, index[i]);
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element dog, row %zu: vertex_index %.0f was there before, expected one lobe a vertex\n"
+                "fix: remove the repeated row",
+                ply->path, i, index[i]);
     }
     return OXL_OK;
 }
 
-static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
+static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element,
+                                        oxl_model *model)
 {
-    const uint64_t declared =
-        ply->element[element].rows; /* rows without properties need no bytes, so the header can state any number */
+    /* rows without properties need no bytes, so the header can state any number */
+    const uint64_t declared = ply->element[element].rows;
     const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
-    double      *index  = oxl_alloc(ctx, rows + 1, sizeof *index);
-    float       *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
-    uint8_t     *active = oxl_calloc(ctx, vertices + 1, 1);
-    size_t      *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* (vertices) row in dog, for vertices with a lobe */
-    oxl_result   rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
+    double *index = oxl_alloc(ctx, rows + 1, sizeof *index);
+    float *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
+    uint8_t *active = oxl_calloc(ctx, vertices + 1, 1);
+    /* (vertices) row in dog, for vertices with a lobe */
+    size_t *row = oxl_alloc(ctx, vertices + 1, sizeof *row);
+    oxl_result rc = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
     if (rc == OXL_OK && declared > vertices)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: element dog announces %llu rows for %zu vertices, expected at most one each\n"
@@ -279,14 +303,15 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
 static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct ply ply;
-    int        vertex, dog;
+    int vertex, dog;
     oxl_result rc = ply_open(ctx, path, &ply);
     if (rc != OXL_OK) return rc;
     vertex = ply_find_element(&ply, "vertex");
-    dog    = ply_find_element(&ply, "dog");
+    dog = ply_find_element(&ply, "dog");
     if (vertex >= 0) rc = model_file_read_vertices(ctx, &ply, vertex, out);
     else
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
     for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
@@ -294,21 +319,22 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
     return rc;
 }
 
-/* ---------------------------------------------------------------- the public function */
+/* ---------------- the public function */
 
 oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
     oxl_result rc;
     *out = (oxl_model){0};
-    rc   = model_file_ends_in(path, ".splat") ? splat_file_read(ctx, path, out)
-           : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
-           : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT,
-                                                         "%s: .glb files are written, not read\n"
-                                                           "fix: use the .ply or .spz that it was made from",
-                                                         path)
-                                              : model_file_read_ply(ctx, path, out);
+    rc = model_file_ends_in(path, ".splat") ? splat_file_read(ctx, path, out)
+         : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
+         : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT,
+                                                       "%s: .glb files are written, not read\n"
+                                                       "fix: use the .ply or .spz that it was made from",
+                                                       path)
+                                            : model_file_read_ply(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
-    if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
+    if (rc == OXL_OK && out->count == 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

@@ -1,8 +1,11 @@
-/* model_pages.c - a model that stays in its PLY file: rendering a view reads only the rows that may be visible in it.
+/* model_pages.c - a model that stays in its PLY file: rendering a view reads only the rows that may be
+ * visible in it.
  *
- * Rows are read in pages. Memory holds, for each page, a sphere around the means of its rows and their largest standard deviation.
+ * Rows are read in pages. Memory holds, for each page, a sphere around the means of its rows and their
+ * largest standard deviation.
  *
- * Invariant: the image is that of the whole model: rows left out touch no pixel, and the rows that are read keep their order.
+ * Invariant: the image is that of the whole model: rows left out touch no pixel, and the rows that are read
+ * keep their order.
  */
 #include "../survey/sparse.h"
 #include "model.h"
@@ -10,18 +13,20 @@
 #include "../core/vecmath.h"
 
 #define PAGES_REACH 3.34 /* standard deviations: at opacity 1, alpha is 1/255 at 3.33 */
-#define PAGES_BLUR  2.0  /* px: as much of the renderer's low pass */
+#define PAGES_BLUR 2.0   /* px: as much of the renderer's low pass */
 #define PAGES_SLOPE 1.5  /* half images: the renderer's Jacobian is evaluated at most 1.3 from the centre */
 
 enum { PAGES_ROWS = 1024 };
 
-/* ---------------------------------------------------------------- what a view may show */
+/* ---------------- what a view may show */
 
-/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a view. */
-static int pages_sphere_shows(const oxl_camera *c, double near_plane, const double centre[3], double radius, double sigma)
+/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a
+ * view. */
+static int pages_sphere_shows(const oxl_camera *c, double near_plane, const double centre[3], double radius,
+                              double sigma)
 {
     const double focal[2] = {c->fx, c->fy}, middle[2] = {c->cx, c->cy}, size[2] = {c->width, c->height};
-    double       p[3], z[2];
+    double p[3], z[2];
     camera_transform(c, centre, NULL, p);
     z[0] = OXL_MAX(p[2] - radius, 0), z[1] = p[2] + radius;
     if (!(z[1] > near_plane * (1 - 1e-6))) return 0;
@@ -29,7 +34,8 @@ static int pages_sphere_shows(const oxl_camera *c, double near_plane, const doub
         const double slope = PAGES_SLOPE * OXL_MAX(middle[a], size[a] - middle[a]) / focal[a];
         const double reach = focal[a] * (radius + PAGES_REACH * sigma * sqrt(1 + slope * slope));
         const double high = size[a] - middle[a] + PAGES_BLUR, low = -middle[a] - PAGES_BLUR;
-        if (focal[a] * p[a] - reach > high * z[high > 0] || focal[a] * p[a] + reach < low * z[low < 0]) return 0;
+        if (focal[a] * p[a] - reach > high * z[high > 0] || focal[a] * p[a] + reach < low * z[low < 0])
+            return 0;
     }
     return 1;
 }
@@ -38,19 +44,21 @@ static int pages_sphere_shows(const oxl_camera *c, double near_plane, const doub
 static double pages_sigma(const float *log_scale[3], size_t row, const float *factor[3], size_t lobes)
 {
     double most = -HUGE_VAL;
-    for (int a = 0; a < 3; a++) most = OXL_MAX(most, log_scale[a][row] + (row < lobes ? OXL_MAX((double)factor[a][row], 0) : 0));
+    for (int a = 0; a < 3; a++)
+        most = OXL_MAX(most, log_scale[a][row] + (row < lobes ? OXL_MAX((double)factor[a][row], 0) : 0));
     return vecmath_exp(most);
 }
 
 OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *m, size_t row)
 {
-    const float *scale[]  = {m->plane[OXL_LOG_SCALE], m->plane[OXL_LOG_SCALE + 1], m->plane[OXL_LOG_SCALE + 2]};
+    const float *scale[] = {m->plane[OXL_LOG_SCALE], m->plane[OXL_LOG_SCALE + 1],
+                            m->plane[OXL_LOG_SCALE + 2]};
     const float *factor[] = {m->plane[OXL_LOBE + 1], m->plane[OXL_LOBE + 2], m->plane[OXL_LOBE + 3]};
-    const double p[]      = {m->plane[OXL_MEAN][row], m->plane[OXL_MEAN + 1][row], m->plane[OXL_MEAN + 2][row]};
+    const double p[] = {m->plane[OXL_MEAN][row], m->plane[OXL_MEAN + 1][row], m->plane[OXL_MEAN + 2][row]};
     return pages_sphere_shows(camera, near_plane, p, 0, pages_sigma(scale, row, factor, m->lobes));
 }
 
-/* ---------------------------------------------------------------- pages */
+/* ---------------- pages */
 
 static size_t pages_rows(const struct oxl_model_pages *p, size_t page)
 {
@@ -58,13 +66,13 @@ static size_t pages_rows(const struct oxl_model_pages *p, size_t page)
 }
 
 /* The finite rows of a page, as a model relative to the file's origin; lobes: of the whole model. */
-static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, struct os_reader *file, size_t page, size_t lobed,
-                             oxl_model *out)
+static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, struct os_reader *file,
+                             size_t page, size_t lobed, oxl_model *out)
 {
     const size_t first = page * PAGES_ROWS, rows = pages_rows(p, page);
     const size_t lobes = lobed > first ? OXL_MIN(lobed - first, rows) : 0;
-    uint8_t      keep[PAGES_ROWS];
-    oxl_result   rc = oxl_model_create(ctx, rows, p->layout.degree, out);
+    uint8_t keep[PAGES_ROWS];
+    oxl_result rc = oxl_model_create(ctx, rows, p->layout.degree, out);
     memcpy(out->origin, p->origin, sizeof out->origin);
     if (rc == OXL_OK) rc = model_set_lobes(ctx, out, lobes);
     if (rc == OXL_OK) rc = model_file_read_rows(ctx, &p->layout, file, first, out);
@@ -76,9 +84,10 @@ static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, 
 
 static void pages_measure(const oxl_model *m, struct model_page *page)
 {
-    const float *scale[]  = {m->plane[OXL_LOG_SCALE], m->plane[OXL_LOG_SCALE + 1], m->plane[OXL_LOG_SCALE + 2]};
+    const float *scale[] = {m->plane[OXL_LOG_SCALE], m->plane[OXL_LOG_SCALE + 1],
+                            m->plane[OXL_LOG_SCALE + 2]};
     const float *factor[] = {m->plane[OXL_LOBE + 1], m->plane[OXL_LOBE + 2], m->plane[OXL_LOBE + 3]};
-    *page                 = (struct model_page){.radius = -1};
+    *page = (struct model_page){.radius = -1};
     for (int a = 0; a < 3; a++) {
         double low = HUGE_VAL, high = -HUGE_VAL;
         for (size_t i = 0; i < m->count; i++)
@@ -89,18 +98,18 @@ static void pages_measure(const oxl_model *m, struct model_page *page)
         double square = 0;
         for (int a = 0; a < 3; a++) square += pow(m->plane[OXL_MEAN + a][i] - page->centre[a], 2);
         page->radius = OXL_MAX(page->radius, sqrt(square) * (1 + 1e-6));
-        page->sigma  = OXL_MAX(page->sigma, pages_sigma(scale, i, factor, m->lobes));
+        page->sigma = OXL_MAX(page->sigma, pages_sigma(scale, i, factor, m->lobes));
     }
 }
 
 oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out)
 {
-    struct oxl_model_pages *p    = oxl_calloc(ctx, 1, sizeof *p);
-    struct os_reader        file = {0};
-    int                     has  = 0;
-    const size_t            room = max_bytes > 0 ? max_bytes : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
-    oxl_result              rc   = p && (p->path = oxl_strdup(ctx, path)) ? OXL_OK : OXL_ERR_MEMORY;
-    *out                         = (oxl_model){0};
+    struct oxl_model_pages *p = oxl_calloc(ctx, 1, sizeof *p);
+    struct os_reader file = {0};
+    int has = 0;
+    const size_t room = max_bytes > 0 ? max_bytes : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
+    oxl_result rc = p && (p->path = oxl_strdup(ctx, path)) ? OXL_OK : OXL_ERR_MEMORY;
+    *out = (oxl_model){0};
     if (rc != OXL_OK) oxl_fail(ctx, rc, "no memory to open %s", path);
     if (rc == OXL_OK) rc = model_file_layout(ctx, path, &p->layout, out, &has);
     if (rc != OXL_OK || !has || p->layout.rows * p->layout.row_bytes <= room) { /* read whole */
@@ -109,19 +118,19 @@ oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, 
     }
     memcpy(p->origin, out->origin, sizeof p->origin);
     p->pages = (p->layout.rows + PAGES_ROWS - 1) / PAGES_ROWS;
-    p->page  = oxl_alloc(ctx, p->pages + 1, sizeof *p->page);
+    p->page = oxl_alloc(ctx, p->pages + 1, sizeof *p->page);
     if (!p->page) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pages of %s", path);
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     for (size_t k = 0; k < p->pages && rc == OXL_OK; k++) {
         oxl_model rows = {0};
-        rc             = pages_read(ctx, p, &file, k, p->layout.lobes, &rows);
+        rc = pages_read(ctx, p, &file, k, p->layout.lobes, &rows);
         if (rc == OXL_OK) pages_measure(&rows, &p->page[k]);
         out->count += rows.count, out->lobes += rows.lobes;
         oxl_model_free(ctx, &rows);
     }
     os_reader_close(&file);
     out->sh_degree = p->layout.degree;
-    out->pages     = p;
+    out->pages = p;
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }
@@ -134,19 +143,22 @@ OXL_INTERNAL size_t model_pages_count(const oxl_model *model)
 OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out)
 {
     struct os_reader file = {0};
-    oxl_result       rc   = os_reader_open(ctx, model->pages->path, &file);
-    *out                  = (oxl_model){0};
-    if (rc == OXL_OK) rc = pages_read(ctx, model->pages, &file, page, model->lobes ? model->pages->layout.lobes : 0, out);
+    oxl_result rc = os_reader_open(ctx, model->pages->path, &file);
+    *out = (oxl_model){0};
+    if (rc == OXL_OK)
+        rc = pages_read(ctx, model->pages, &file, page, model->lobes ? model->pages->layout.lobes : 0, out);
     os_reader_close(&file);
     if (rc == OXL_OK) oxl_model_move_origin(out, model->origin);
     return rc;
 }
 
 /* Appends the rows of a page that may show; those with second lobes come first in the file. */
-static oxl_result pages_append(oxl_context *ctx, const oxl_model *page, const uint8_t *keep, size_t kept, oxl_model *out)
+static oxl_result pages_append(oxl_context *ctx, const oxl_model *page, const uint8_t *keep, size_t kept,
+                               oxl_model *out)
 {
-    size_t     lobes = out->lobes, to = out->count;
-    oxl_result rc = to + kept > out->capacity ? model_reserve(ctx, out, to + kept + out->capacity / 2) : OXL_OK;
+    size_t lobes = out->lobes, to = out->count;
+    oxl_result rc =
+        to + kept > out->capacity ? model_reserve(ctx, out, to + kept + out->capacity / 2) : OXL_OK;
     if (rc != OXL_OK) return rc;
     for (size_t i = 0; i < page->lobes; i++) lobes += keep[i];
     out->count += kept;
@@ -160,19 +172,20 @@ static oxl_result pages_append(oxl_context *ctx, const oxl_model *page, const ui
     return rc;
 }
 
-OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, double near_plane,
-                                         oxl_model *out)
+OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                                         double near_plane, oxl_model *out)
 {
-    const struct oxl_model_pages *p     = model->pages;
-    oxl_camera                    moved = *camera; /* to the file's origin */
-    struct os_reader              file  = {0};
-    oxl_result                    rc    = oxl_model_create(ctx, 0, p->layout.degree, out);
+    const struct oxl_model_pages *p = model->pages;
+    oxl_camera moved = *camera; /* to the file's origin */
+    struct os_reader file = {0};
+    oxl_result rc = oxl_model_create(ctx, 0, p->layout.degree, out);
     for (int a = 0; a < 3; a++)
-        for (int k = 0; k < 3; k++) moved.translation[a] += camera->rotation[3 * a + k] * (p->origin[k] - model->origin[k]);
+        for (int k = 0; k < 3; k++)
+            moved.translation[a] += camera->rotation[3 * a + k] * (p->origin[k] - model->origin[k]);
     if (rc == OXL_OK) rc = os_reader_open(ctx, p->path, &file);
     for (size_t k = 0; k < p->pages && rc == OXL_OK; k++) {
-        uint8_t   keep[PAGES_ROWS];
-        size_t    kept = 0;
+        uint8_t keep[PAGES_ROWS];
+        size_t kept = 0;
         oxl_model rows = {0};
         if (p->page[k].radius < 0 ||
             !pages_sphere_shows(&moved, near_plane, p->page[k].centre, p->page[k].radius, p->page[k].sigma))

@@ -1,5 +1,5 @@
-/* model_write.c - writes model files: the standard 3DGS PLY, with an element for second lobes (model_file.c has the layout); other
- * formats by extension (spz.c, gltf.c, splat_file.c).
+/* model_write.c - writes model files: the standard 3DGS PLY, with an element for second lobes (model_file.c
+ * has the layout); other formats by extension (spz.c, gltf.c, splat_file.c).
  *
  * Invariant: a model with values that are not finite is not written: training must not produce them.
  */
@@ -8,13 +8,14 @@
 #include "../core/bytes.h"
 
 enum {
-    MODEL_WRITE_ROWS       = 256, /* converted at a time */
+    MODEL_WRITE_ROWS = 256, /* converted at a time */
     MODEL_WRITE_LOBE_BYTES = 16
 };
 
-/* ---------------------------------------------------------------- values that are not finite */
+/* ---------------- values that are not finite */
 
-static oxl_result model_write_check_column(oxl_context *ctx, const char *path, const char *name, const float *plane, size_t rows)
+static oxl_result model_write_check_column(oxl_context *ctx, const char *path, const char *name,
+                                           const float *plane, size_t rows)
 {
     for (size_t i = 0; i < rows; i++)
         if (!model_file_finite(plane[i]))
@@ -25,11 +26,12 @@ static oxl_result model_write_check_column(oxl_context *ctx, const char *path, c
     return OXL_OK;
 }
 
-static oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
+static oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
+                                           int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
-    oxl_result               rc      = OXL_OK;
+    const int columns = model_file_columns(file_degree, model->sh_degree, column);
+    oxl_result rc = OXL_OK;
     for (int i = 0; i < 3; i++)
         if (!(fabs(model->origin[i]) <= DBL_MAX))
             return oxl_fail(
@@ -38,13 +40,15 @@ static oxl_result model_write_check_finite(oxl_context *ctx, const char *path, c
                 path);
     for (int c = 0; rc == OXL_OK && c < columns; c++)
         if (column[c].plane >= 0)
-            rc = model_write_check_column(ctx, path, column[c].name, model->plane[column[c].plane], model->count);
+            rc = model_write_check_column(ctx, path, column[c].name, model->plane[column[c].plane],
+                                          model->count);
     for (int k = 0; rc == OXL_OK && k < MODEL_LOBE_PLANES; k++)
-        rc = model_write_check_column(ctx, path, MODEL_FILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
+        rc =
+            model_write_check_column(ctx, path, MODEL_FILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
     return rc;
 }
 
-/* ---------------------------------------------------------------- PLY */
+/* ---------------- PLY */
 
 static oxl_result model_write_put(oxl_context *ctx, const struct os_writer *w, const void *data, size_t size)
 {
@@ -55,8 +59,8 @@ static oxl_result model_write_put(oxl_context *ctx, const struct os_writer *w, c
 static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
                                      const struct model_file_column *column, int columns)
 {
-    struct text t  = {.ctx = ctx};
-    oxl_result  rc = OXL_ERR_MEMORY;
+    struct text t = {.ctx = ctx};
+    oxl_result rc = OXL_ERR_MEMORY;
     text_add(&t, "ply\nformat binary_little_endian 1.0\ncomment origin %s %s %s", NUMBER(model->origin[0]),
              NUMBER(model->origin[1]), NUMBER(model->origin[2]));
     if (model->scale > 0) text_add(&t, "\ncomment scale %s", NUMBER(model->scale));
@@ -66,21 +70,22 @@ static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w
     text_add(&t, "\nelement vertex %zu\n", model->count);
     for (int c = 0; c < columns; c++) text_add(&t, "property float %s\n", column[c].name);
     if (model->lobes) text_add(&t, "element dog %zu\n", model->lobes);
-    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++) text_add(&t, "property float %s\n", MODEL_FILE_LOBE[k]);
+    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++)
+        text_add(&t, "property float %s\n", MODEL_FILE_LOBE[k]);
     text_add(&t, "end_header\n");
     rc = t.failed ? model_file_no_memory(ctx, w->path) : model_write_put(ctx, w, t.data, t.size);
     text_free(&t);
     return rc;
 }
 
-static oxl_result model_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model, size_t from, size_t end,
-                                   int file_degree)
+static oxl_result model_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+                                   size_t from, size_t end, int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
-    const size_t             row     = 4 * (size_t)columns; /* bytes */
-    unsigned char           *rows    = oxl_alloc(ctx, MODEL_WRITE_ROWS, row);
-    oxl_result               rc      = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
+    const int columns = model_file_columns(file_degree, model->sh_degree, column);
+    const size_t row = 4 * (size_t)columns; /* bytes */
+    unsigned char *rows = oxl_alloc(ctx, MODEL_WRITE_ROWS, row);
+    oxl_result rc = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
     for (size_t first = from; rc == OXL_OK && first < end; first += MODEL_WRITE_ROWS) {
         const size_t n = OXL_MIN(end - first, MODEL_WRITE_ROWS);
         for (int c = 0; c < columns; c++)
@@ -98,7 +103,8 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
         unsigned char row[MODEL_WRITE_LOBE_BYTES];
-        for (int k = 0; k < MODEL_LOBE_PLANES; k++) bytes_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+            bytes_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
         rc = model_write_put(ctx, w, row, sizeof row);
     }
     return rc;
@@ -111,7 +117,7 @@ static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, 
                                    enum model_write_which which, int file_degree)
 {
     const size_t pages = model->pages ? model_pages_count(model) : 1;
-    oxl_result   rc    = OXL_OK;
+    oxl_result rc = OXL_OK;
     for (size_t k = 0; k < pages && rc == OXL_OK; k++) {
         oxl_model page = *model;
         if (model->pages) rc = model_pages_get(ctx, model, k, &page);
@@ -124,41 +130,44 @@ static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, 
     return rc;
 }
 
-OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model, int count,
-                                                int file_degree)
+OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
+                                                int count, int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, file_degree, column);
-    oxl_model                all     = {.scale = model[0].scale};
-    struct os_writer         w       = {0};
-    oxl_result               rc      = OXL_OK;
+    const int columns = model_file_columns(file_degree, file_degree, column);
+    oxl_model all = {.scale = model[0].scale};
+    struct os_writer w = {0};
+    oxl_result rc = OXL_OK;
     memcpy(all.origin, model[0].origin, sizeof all.origin);
     for (int m = 0; m < count && rc == OXL_OK; m++) {
         all.count += model[m].count, all.lobes += model[m].lobes;
-        if (!model[m].pages) rc = model_write_check_finite(ctx, path, &model[m], file_degree); /* pages leave such rows out */
+        /* pages leave such rows out */
+        if (!model[m].pages) rc = model_write_check_finite(ctx, path, &model[m], file_degree);
     }
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc != OXL_OK) return rc;
     rc = model_write_header(ctx, &w, &all, column, columns);
     for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
-        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_write_part(ctx, &w, &model[m], which, file_degree);
+        for (int m = 0; m < count && rc == OXL_OK; m++)
+            rc = model_write_part(ctx, &w, &model[m], which, file_degree);
     return os_writer_close(ctx, &w, rc);
 }
 
-OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
+OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
+                                             int file_degree)
 {
     return model_file_write_models(ctx, path, model, 1, file_degree);
 }
 
-/* ---------------------------------------------------------------- the public function */
+/* ---------------- the public function */
 
 /* The model without its lobes, with borrowed planes. */
 static oxl_model model_write_standard(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     oxl_model plain = *model;
     if (model->lobes)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians", path, model->lobes,
-                model->count);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians",
+                path, model->lobes, model->count);
     model_drop_lobes(&plain);
     return plain;
 }
@@ -166,10 +175,11 @@ static oxl_model model_write_standard(oxl_context *ctx, const char *path, const 
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const int splat = model_file_ends_in(path, ".splat"), spz = model_file_ends_in(path, ".spz");
-    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
+    if (model->pages)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
     if (splat || spz || model_file_ends_in(path, ".glb")) {
-        const oxl_model  plain = model_write_standard(ctx, path, model);
-        const oxl_result rc    = model_write_check_finite(ctx, path, &plain, splat ? 0 : plain.sh_degree);
+        const oxl_model plain = model_write_standard(ctx, path, model);
+        const oxl_result rc = model_write_check_finite(ctx, path, &plain, splat ? 0 : plain.sh_degree);
         return rc != OXL_OK ? rc
                : splat      ? splat_file_write(ctx, path, &plain)
                : spz        ? spz_write(ctx, path, &plain)
@@ -180,5 +190,6 @@ oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *
         return model_file_write_ply(ctx, path, &plain, 3);
     }
     if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
-    return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);
 }

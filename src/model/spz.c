@@ -1,17 +1,21 @@
 /* spz.c - models as SPZ version 3, read and written; version 2 read.
  *
- * Source: nianticlabs/spz (README.md, src/cc/load-spz.cc). One gzip member around 16 bytes and six arrays, little endian:
+ * Source: nianticlabs/spz (README.md, src/cc/load-spz.cc). One gzip member around 16 bytes and six arrays,
+ * little endian:
  *
  *     u32 "NGSP"  u32 version  u32 count N  u8 degree  u8 fractional bits  u8 flags  u8 0
  *     positions (N,3) signed 24 bits, fixed point      alphas (N) u8 = 255 sigmoid
  *     colours (N,3) u8 = 255 (0.15 f_dc + 0.5)         log scales (N,3) u8 = 16 (s + 10)
- *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q sqrt(2); version 2: x y z, u8
- *     harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in buckets of 2 (degree 1) and 4
+ *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q
+ *     sqrt(2); version 2: x y z, u8 harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in
+ *     buckets of 2 (degree 1) and 4
  *
- * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z"
- * and "scale S" separated by a newline, which other readers skip. The format has no second lobes.
+ * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952,
+ * 2.3.1), "origin X Y Z" and "scale S" separated by a newline, which other readers skip. The format has no
+ * second lobes.
  *
- * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most 1032 bytes.
+ * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most
+ * 1032 bytes.
  */
 #include "../survey/image.h"
 #include "model.h"
@@ -20,18 +24,18 @@
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR      0.15 /* range for colours slightly below 0 and above 1 */
+#define SPZ_COLOUR 0.15      /* range for colours slightly below 0 and above 1 */
 #define SPZ_DEFLATE_MAX 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
 
 enum {
-    SPZ_HEADER   = 16,
+    SPZ_HEADER = 16,
     SPZ_BITS_MAX = 20, /* fractional; the reference writes 12 */
     SPZ_BUCKET_1 = 2,  /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
-    SPZ_BUCKET   = 4,  /* these lose 0.07 dB, at 1.6 times the size */
-    SPZ_DEGREES  = 4   /* the reference has degree 4, whose coefficients are skipped */
+    SPZ_BUCKET = 4,    /* these lose 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES = 4    /* the reference has degree 4, whose coefficients are skipped */
 };
 
-/* ---------------------------------------------------------------- gzip (RFC 1952) */
+/* ---------------- gzip (RFC 1952) */
 
 static uint32_t spz_crc(const unsigned char *p, size_t size)
 {
@@ -56,8 +60,8 @@ static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen,
 static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comment)
 {
     const int flags = p[3];
-    size_t    at    = 10;
-    *comment        = 0;
+    size_t at = 10;
+    *comment = 0;
     if (flags & 4) at += 2 + (size_t)(p[10] | p[11] << 8);
     for (int i = 8; i <= 16; i *= 2) { /* a file's name, a comment */
         if (!(flags & i)) continue;
@@ -70,22 +74,26 @@ static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comme
 }
 
 /* *out by oxl_alloc. */
-static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file, unsigned char **out,
-                             size_t *size)
+static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file,
+                             unsigned char **out, size_t *size)
 {
     const unsigned char *p = (const unsigned char *)file->data;
-    size_t               at, packed, comment;
-    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_fail(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
-    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8) return spz_fail(ctx, path, "no gzip header", "an SPZ file");
-    at     = spz_gzip_header(p, file->size, &comment);
+    size_t at, packed, comment;
+    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0)
+        return spz_fail(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
+    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8)
+        return spz_fail(ctx, path, "no gzip header", "an SPZ file");
+    at = spz_gzip_header(p, file->size, &comment);
     packed = at ? file->size - at - 8 : 0;
-    *size  = bytes_u32(p + file->size - 4);
-    if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MAX > packed || packed > INT_MAX)
+    *size = bytes_u32(p + file->size - 4);
+    if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MAX > packed ||
+        packed > INT_MAX)
         return spz_fail(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
     /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
-    if (!image_inflate(*out, *size, p + at, packed + 8)) return spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
+    if (!image_inflate(*out, *size, p + at, packed + 8))
+        return spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
     if (spz_crc(*out, *size) != bytes_u32(p + file->size - 8))
         return spz_fail(ctx, path, "another checksum", "the one it was written with");
     return OXL_OK;
@@ -107,17 +115,20 @@ static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
     text_add(t, "\x1f\x8b\x08%c%c%c%c%c%c\xff", placed || model->scale > 0 ? 16 : 0, 0, 0, 0, 0, 0);
-    if (placed) text_add(t, "origin %s %s %s", NUMBER(model->origin[0]), NUMBER(model->origin[1]), NUMBER(model->origin[2]));
+    if (placed)
+        text_add(t, "origin %s %s %s", NUMBER(model->origin[0]), NUMBER(model->origin[1]),
+                 NUMBER(model->origin[2]));
     if (model->scale > 0) text_add(t, "%sscale %s", placed ? "\n" : "", NUMBER(model->scale));
     if (placed || model->scale > 0) text_add(t, "%c", 0);
 }
 
-static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *model, const unsigned char *data, size_t size)
+static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *model,
+                           const unsigned char *data, size_t size)
 {
-    struct text    head     = {.ctx = ctx};
-    unsigned char *all      = NULL;
-    size_t         deflated = 0;
-    oxl_result     rc;
+    struct text head = {.ctx = ctx};
+    unsigned char *all = NULL;
+    size_t deflated = 0;
+    oxl_result rc;
     spz_add_header(&head, model);
     rc = head.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its header", path)
                      : image_deflate(ctx, data, size, head.size, 8, &all, &deflated);
@@ -132,32 +143,32 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
     return rc;
 }
 
-/* ---------------------------------------------------------------- where things lie */
+/* ---------------- where things lie */
 
 struct spz_layout {
-    int    version, degree, bits, coefficients; /* past degree 0, a channel, as the file has them */
+    int version, degree, bits, coefficients; /* past degree 0, a channel, as the file has them */
     size_t count, alphas, colours, scales, rotations, sh, end;
 };
 
 static void spz_lay_out(struct spz_layout *l)
 {
     l->coefficients = (l->degree + 1) * (l->degree + 1) - 1;
-    l->alphas       = SPZ_HEADER + 9 * l->count;
-    l->colours      = l->alphas + l->count;
-    l->scales       = l->colours + 3 * l->count;
-    l->rotations    = l->scales + 3 * l->count;
-    l->sh           = l->rotations + (l->version == 2 ? 3 : 4) * l->count;
-    l->end          = l->sh + 3 * (size_t)l->coefficients * l->count;
+    l->alphas = SPZ_HEADER + 9 * l->count;
+    l->colours = l->alphas + l->count;
+    l->scales = l->colours + 3 * l->count;
+    l->rotations = l->scales + 3 * l->count;
+    l->sh = l->rotations + (l->version == 2 ? 3 : 4) * l->count;
+    l->end = l->sh + 3 * (size_t)l->coefficients * l->count;
 }
 
-/* ---------------------------------------------------------------- rotations: x y z w */
+/* ---------------- rotations: x y z w */
 
 #define SPZ_HALF_ROOT 0.70710678118654752 /* the second largest component is at most this */
 
 static uint32_t spz_put_rotation(const double q[4])
 {
-    uint32_t bits    = 0;
-    int      largest = 0;
+    uint32_t bits = 0;
+    int largest = 0;
     for (int i = 1; i < 4; i++)
         if (fabs(q[i]) > fabs(q[largest])) largest = i;
     bits = (uint32_t)largest;
@@ -172,7 +183,7 @@ static uint32_t spz_put_rotation(const double q[4])
 static void spz_get_rotation(uint32_t bits, double q[4])
 {
     const int largest = (int)(bits >> 30);
-    double    sum     = 0;
+    double sum = 0;
     for (int i = 3; i >= 0; i--) {
         if (i == largest) continue;
         q[i] = SPZ_HALF_ROOT * (bits & 511) / 511 * (bits >> 9 & 1 ? -1 : 1);
@@ -192,19 +203,20 @@ static void spz_get_first_three(const unsigned char *p, double q[4])
     q[3] = sqrt(OXL_MAX(1 - sum, 0));
 }
 
-/* ---------------------------------------------------------------- reading */
+/* ---------------- reading */
 
 static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsigned char *data, size_t size,
                                   struct spz_layout *l)
 {
-    char     seen[100];
+    char seen[100];
     uint32_t version = bytes_u32(data + 4);
     if (memcmp(data, "NGSP", 4) != 0) return spz_fail(ctx, path, "gzip data of another kind", "an SPZ file");
     if (version < 2 || version > 3) {
         snprintf(seen, sizeof seen, "SPZ version %lu", (unsigned long)version);
         return spz_fail(ctx, path, seen, "version 2 or 3");
     }
-    *l = (struct spz_layout){.version = (int)version, .count = bytes_u32(data + 8), .degree = data[12], .bits = data[13]};
+    *l = (struct spz_layout){
+        .version = (int)version, .count = bytes_u32(data + 8), .degree = data[12], .bits = data[13]};
     if (l->degree > SPZ_DEGREES || l->bits > 23) {
         snprintf(seen, sizeof seen, "degree %d and %d fractional bits", l->degree, l->bits);
         return spz_fail(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
@@ -221,12 +233,13 @@ static void spz_get(const unsigned char *data, const struct spz_layout *l, oxl_m
 {
     const double turn[3] = {1, -1, -1}, step = 1.0 / (1 << l->bits);
     const double alpha = OXL_CLAMP(data[l->alphas + row], 0.25, 254.75) / 255; /* the ends have no logit */
-    double       q[4];
+    double q[4];
     for (int i = 0; i < 3; i++) {
-        const unsigned char *p               = data + SPZ_HEADER + 9 * row + 3 * (size_t)i;
-        const int32_t        fixed           = (int32_t)(p[0] | p[1] << 8 | p[2] << 16) - (p[2] & 0x80 ? 1 << 24 : 0);
-        model->plane[OXL_MEAN + i][row]      = (float)(turn[i] * fixed * step);
-        model->plane[OXL_SH + i][row]        = (float)((data[l->colours + 3 * row + (size_t)i] / 255.0 - 0.5) / SPZ_COLOUR);
+        const unsigned char *p = data + SPZ_HEADER + 9 * row + 3 * (size_t)i;
+        const int32_t fixed = (int32_t)(p[0] | p[1] << 8 | p[2] << 16) - (p[2] & 0x80 ? 1 << 24 : 0);
+        model->plane[OXL_MEAN + i][row] = (float)(turn[i] * fixed * step);
+        model->plane[OXL_SH + i][row] =
+            (float)((data[l->colours + 3 * row + (size_t)i] / 255.0 - 0.5) / SPZ_COLOUR);
         model->plane[OXL_LOG_SCALE + i][row] = (float)(data[l->scales + 3 * row + (size_t)i] / 16.0 - 10);
     }
     model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
@@ -237,17 +250,18 @@ static void spz_get(const unsigned char *data, const struct spz_layout *l, oxl_m
     for (int k = 0; k < OXL_MIN(l->coefficients, 15); k++)
         for (int c = 0; c < 3; c++)
             model->plane[OXL_SH + 3 * (k + 1) + c][row] =
-                (float)(frame_flip_sh[k] * (data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] - 128) /
+                (float)(frame_flip_sh[k] *
+                        (data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] - 128) /
                         128.0);
 }
 
 OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct os_file_map file = {0};
-    struct spz_layout  l    = {0};
-    unsigned char     *data = NULL;
-    size_t             size = 0, comment = 0;
-    oxl_result         rc = os_read_file(ctx, path, &file);
+    struct spz_layout l = {0};
+    unsigned char *data = NULL;
+    size_t size = 0, comment = 0;
+    oxl_result rc = os_read_file(ctx, path, &file);
     if (rc == OXL_OK) rc = spz_unpack(ctx, path, &file, &data, &size);
     if (rc == OXL_OK) rc = spz_read_header(ctx, path, data, size, &l);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, l.count, OXL_MIN(l.degree, 3), out);
@@ -256,13 +270,14 @@ OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *
         spz_gzip_header((const unsigned char *)file.data, file.size, &comment);
         if (comment) spz_read_comment(ctx, path, file.data + comment, out);
     }
-    if (rc == OXL_OK && l.degree > 3) oxl_log(ctx, OXL_LOG_WARNING, "%s: harmonics of degree 4 are left out", path);
+    if (rc == OXL_OK && l.degree > 3)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: harmonics of degree 4 are left out", path);
     os_release_file(ctx, &file);
     oxl_free(ctx, data);
     return rc;
 }
 
-/* ---------------------------------------------------------------- writing */
+/* ---------------- writing */
 
 /* Quantised, for better compression; 0 is the centre of a bucket. */
 static unsigned char spz_coefficient(double value, int bucket)
@@ -274,12 +289,15 @@ static unsigned char spz_coefficient(double value, int bucket)
 static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t row, unsigned char *data)
 {
     const double turn[3] = {1, -1, -1};
-    double       q[4], xyzw[4];
+    double q[4], xyzw[4];
     for (int i = 0; i < 3; i++) {
-        const int32_t fixed = (int32_t)floor(turn[i] * model->plane[OXL_MEAN + i][row] * (1 << l->bits) + 0.5);
+        const int32_t fixed =
+            (int32_t)floor(turn[i] * model->plane[OXL_MEAN + i][row] * (1 << l->bits) + 0.5);
         bytes_put(data + SPZ_HEADER + 9 * row + 3 * (size_t)i, (uint32_t)fixed, 3);
-        data[l->colours + 3 * row + (size_t)i] = model_byte(255 * (SPZ_COLOUR * model->plane[OXL_SH + i][row] + 0.5));
-        data[l->scales + 3 * row + (size_t)i]  = model_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + 10.0));
+        data[l->colours + 3 * row + (size_t)i] =
+            model_byte(255 * (SPZ_COLOUR * model->plane[OXL_SH + i][row] + 0.5));
+        data[l->scales + 3 * row + (size_t)i] =
+            model_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + 10.0));
     }
     data[l->alphas + row] = model_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
     model_rotation(model, row, q);
@@ -288,32 +306,36 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
     bytes_put(data + l->rotations + 4 * row, spz_put_rotation(xyzw), 4);
     for (int k = 0; k < l->coefficients; k++)
         for (int c = 0; c < 3; c++)
-            data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] = spz_coefficient(
-                frame_flip_sh[k] * (double)model->plane[OXL_SH + 3 * (k + 1) + c][row], k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
+            data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] =
+                spz_coefficient(frame_flip_sh[k] * (double)model->plane[OXL_SH + 3 * (k + 1) + c][row],
+                                k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
 /* The largest number of fractional bits for the farthest Gaussian; -1: out of range. */
 static int spz_bits(const oxl_model *model)
 {
     float farthest = 0;
-    int   bits     = SPZ_BITS_MAX;
+    int bits = SPZ_BITS_MAX;
     for (int k = 0; k < 3; k++)
-        for (size_t i = 0; i < model->count; i++) farthest = OXL_MAX(farthest, fabsf(model->plane[OXL_MEAN + k][i]));
+        for (size_t i = 0; i < model->count; i++)
+            farthest = OXL_MAX(farthest, fabsf(model->plane[OXL_MEAN + k][i]));
     while (bits >= 0 && (double)farthest * (1 << bits) > 8388606) bits--;
     return bits;
 }
 
 OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    struct spz_layout l    = {.version = 3, .degree = model->sh_degree, .count = model->count, .bits = spz_bits(model)};
-    unsigned char    *data = NULL;
-    oxl_result        rc   = OXL_OK;
+    struct spz_layout l = {
+        .version = 3, .degree = model->sh_degree, .count = model->count, .bits = spz_bits(model)};
+    unsigned char *data = NULL;
+    oxl_result rc = OXL_OK;
     spz_lay_out(&l);
     if (l.bits < 0 || l.end > INT_MAX)
-        return oxl_fail(ctx, OXL_ERR_FAILED,
-                        "%s: SPZ stores positions within 8 million units and 2 GB of data; this model exceeds that\n"
-                        "fix: write it as .ply",
-                        path);
+        return oxl_fail(
+            ctx, OXL_ERR_FAILED,
+            "%s: SPZ stores positions within 8 million units and 2 GB of data; this model exceeds that\n"
+            "fix: write it as .ply",
+            path);
     data = oxl_calloc(ctx, l.end, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, l.end);
     memcpy(data, "NGSP", 4);

@@ -1,7 +1,7 @@
 /* backend.c - selects the CPU, or a Vulkan device in builds with that backend.
  *
- * Invariant: a build without the backend, a missing loader and a missing device are reported in one line each; with --backend auto the
- * CPU is used.
+ * Invariant: a build without the backend, a missing loader and a missing device are reported in one line
+ * each; with --backend auto the CPU is used.
  */
 #include "render.h"
 #ifdef OXL_VULKAN
@@ -23,8 +23,8 @@ OXL_INTERNAL void backend_begin_run(oxl_context *ctx)
 
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
 {
-    const int        wants = ctx->options.backend == OXL_BACKEND_VULKAN;
-    const oxl_result rc    = backend_create(ctx);
+    const int wants = ctx->options.backend == OXL_BACKEND_VULKAN;
+    const oxl_result rc = backend_create(ctx);
     if (rc != OXL_OK || ctx->backend->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return rc;
     if (vulkan_open(ctx, ctx->options.device, wants, &ctx->backend->vulkan) == OXL_OK) {
         ctx->backend->functions = vulkan_functions();
@@ -50,14 +50,16 @@ OXL_INTERNAL const char *backend_device(const oxl_context *ctx)
 const char *oxl_backend_name(const oxl_context *ctx)
 {
     const struct backend *b = ctx->backend;
-    return b && b->vulkan && b->rendered_on != RENDERED_ON_CPU ? vulkan_name(b->vulkan, b->rendered_on & RENDERED_ON_CPU) : "cpu";
+    return b && b->vulkan && b->rendered_on != RENDERED_ON_CPU
+               ? vulkan_name(b->vulkan, b->rendered_on & RENDERED_ON_CPU)
+               : "cpu";
 }
 
 oxl_result oxl_devices(oxl_context *ctx, char **out)
 {
-    struct text      t  = {.ctx = ctx};
+    struct text t = {.ctx = ctx};
     const oxl_result rc = vulkan_list(ctx, &t);
-    *out                = NULL;
+    *out = NULL;
     if (rc == OXL_OK) return text_take(&t, out);
     text_free(&t);
     return rc;
@@ -67,8 +69,9 @@ oxl_result oxl_devices(oxl_context *ctx, char **out)
 
 static oxl_result backend_missing(oxl_context *ctx)
 {
-    return oxl_fail(ctx, OXL_ERR_FAILED,
-                    "this program was built without the Vulkan backend\nfix: make VULKAN=1, or --backend cpu");
+    return oxl_fail(
+        ctx, OXL_ERR_FAILED,
+        "this program was built without the Vulkan backend\nfix: make VULKAN=1, or --backend cpu");
 }
 
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
@@ -106,7 +109,7 @@ oxl_result oxl_backend_begin(oxl_context *ctx)
     return backend_begin(ctx);
 }
 
-/* ---------------------------------------------------------------- the context, with what lies on top of it */
+/* ---------------- the context, with what lies on top of it */
 
 oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out)
 {

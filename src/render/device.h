@@ -1,4 +1,5 @@
-/* device.h - the functions of a device, which render in the place of the CPU. The renderer calls them; a backend provides them. */
+/* device.h - the functions of a device, which render in the place of the CPU. The renderer calls them; a
+ * backend provides them. */
 #ifndef OXL_DEVICE_H
 #define OXL_DEVICE_H
 
@@ -10,16 +11,17 @@
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
-    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
-                          int steps);
+    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera,
+                          const oxl_render_options *options, int steps);
     /* (3,H,W) rendered; depths: the sums of alpha T z and of alpha T instead. */
     oxl_result (*image)(void *device, int depths, float *rgb);
     int (*has_image)(const void *device, int view);
     oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
-    /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL: the number only. */
+    /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL:
+     * the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
-    oxl_result (*loss)(void *device, const float *rgb, const float *weight, const float *gain, float ssim_weight,
-                       struct renderer_loss *out);
+    oxl_result (*loss)(void *device, const float *rgb, const float *weight, const float *gain,
+                       float ssim_weight, struct renderer_loss *out);
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     oxl_result (*score)(void *device, const float *drgb, float *score);
@@ -32,7 +34,8 @@ struct renderer_device {
     oxl_result (*move_rows)(void *device, const struct renderer_move *move, int *moved);
     oxl_result (*send_shape)(void *device, oxl_model *model, int reset_opacity);
     oxl_result (*clear_visible)(void *device);
-    oxl_result (*clear_nonfinite)(void *device, struct trained_model *trained, struct renderer_nonfinite *out);
+    oxl_result (*clear_nonfinite)(void *device, struct trained_model *trained,
+                                  struct renderer_nonfinite *out);
 };
 
 #endif

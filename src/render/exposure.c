@@ -1,7 +1,7 @@
 /* exposure.c - gains between the rendered image and the loss: one per channel, and the lamp's over the image.
  *
- * Model (Schonberger 2016, reduced to a gain; LichtFeld Studio PR 1892):  y = exp(a_c + s) x,  a_c the image's log gain of channel c, s the
- * lamp's polynomial at the pixel (survey/imaging.h).
+ * Model (Schonberger 2016, reduced to a gain; LichtFeld Studio PR 1892):  y = exp(a_c + s) x,  a_c the
+ * image's log gain of channel c, s the lamp's polynomial at the pixel (survey/imaging.h).
  *
  * Invariant: sums run over the lanes of a row, then over rows, so they do not depend on the vector width.
  */
@@ -16,54 +16,63 @@ static size_t exposure_row(const struct exposure_job *job, int channel, int y)
 
 SIMD_BODY void exposure_forward_body(const int fused, const struct exposure_job *job)
 {
-    const int   width = job->area.width;
-    const float left = lamp_coordinate(job->area.x, job->area.full_width), step = 2 / (float)job->area.full_width;
+    const int width = job->area.width;
+    const float left = lamp_coordinate(job->area.x, job->area.full_width),
+                step = 2 / (float)job->area.full_width;
     for (int y = 0; y < job->area.height; y++) {
         float *lamp = job->lamp_map + exposure_row(job, 0, y);
-        float  a[EXPOSURE_POWERS];
+        float a[EXPOSURE_POWERS];
         if (job->shape) lamp_row(job->shape, &job->area, y, a);
 #pragma omp simd
         for (int i = 0; i < width; i++) {
             const float x = left + step * (float)i;
-            lamp[i]       = job->shape ? real_exp(fused, a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4])))) : 1;
+            lamp[i] =
+                job->shape ? real_exp(fused, a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4])))) : 1;
         }
         for (int c = 0; c < 3; c++) {
-            const float *in   = job->x + exposure_row(job, c, y);
-            float       *out  = job->y + exposure_row(job, c, y);
-            const float  gain = job->gain[c];
+            const float *in = job->x + exposure_row(job, c, y);
+            float *out = job->y + exposure_row(job, c, y);
+            const float gain = job->gain[c];
 #pragma omp simd
             for (int i = 0; i < width; i++) out[i] = gain * in[i] * lamp[i];
         }
     }
 }
 
-/* `count` pixels of a row: dx; and sums of dL/da: by channel, then over the channels times powers of x. dx may be dy. */
-SIMD_INLINE void exposure_lanes(const struct exposure_job *job, int y, int first, const int count, const int has_lamp,
-                                float sum[EXPOSURE_SUMS][PACK])
+/* `count` pixels of a row: dx; and sums of dL/da: by channel, then over the channels times powers of x. dx
+ * may be dy. */
+SIMD_INLINE void exposure_lanes(const struct exposure_job *job, int y, int first, const int count,
+                                const int has_lamp, float sum[EXPOSURE_SUMS][PACK])
 {
-    const float *y0 = job->y + exposure_row(job, 0, y) + first, *y1 = job->y + exposure_row(job, 1, y) + first;
-    const float *y2 = job->y + exposure_row(job, 2, y) + first, *lamp = job->lamp_map + exposure_row(job, 0, y) + first;
-    const float *dy0 = job->dy + exposure_row(job, 0, y) + first, *dy1 = job->dy + exposure_row(job, 1, y) + first;
-    const float *dy2 = job->dy + exposure_row(job, 2, y) + first, red = job->gain[0], green = job->gain[1], blue = job->gain[2];
-    float       *dx0 = job->dx + exposure_row(job, 0, y) + first, *dx1 = job->dx + exposure_row(job, 1, y) + first;
-    float       *dx2  = job->dx + exposure_row(job, 2, y) + first;
-    const float  left = lamp_coordinate(job->area.x, job->area.full_width), step = 2 / (float)job->area.full_width;
+    const float *y0 = job->y + exposure_row(job, 0, y) + first,
+                *y1 = job->y + exposure_row(job, 1, y) + first;
+    const float *y2 = job->y + exposure_row(job, 2, y) + first,
+                *lamp = job->lamp_map + exposure_row(job, 0, y) + first;
+    const float *dy0 = job->dy + exposure_row(job, 0, y) + first,
+                *dy1 = job->dy + exposure_row(job, 1, y) + first;
+    const float *dy2 = job->dy + exposure_row(job, 2, y) + first, red = job->gain[0], green = job->gain[1],
+                blue = job->gain[2];
+    float *dx0 = job->dx + exposure_row(job, 0, y) + first, *dx1 = job->dx + exposure_row(job, 1, y) + first;
+    float *dx2 = job->dx + exposure_row(job, 2, y) + first;
+    const float left = lamp_coordinate(job->area.x, job->area.full_width),
+                step = 2 / (float)job->area.full_width;
 #pragma omp simd
     for (int l = 0; l < count; l++) {
-        const float x  = left + step * (float)(first + l);
+        const float x = left + step * (float)(first + l);
         const float d0 = dy0[l] * y0[l], d1 = dy1[l] * y1[l], d2 = dy2[l] * y2[l];
-        float       d = d0 + d1 + d2;
+        float d = d0 + d1 + d2;
         sum[0][l] += d0, sum[1][l] += d1, sum[2][l] += d2;
         for (int k = 0; k < EXPOSURE_POWERS && has_lamp; k++, d *= x) sum[3 + k][l] += d;
         dx0[l] = red * dy0[l] * lamp[l], dx1[l] = green * dy1[l] * lamp[l], dx2[l] = blue * dy2[l] * lamp[l];
     }
 }
 
-SIMD_INLINE void exposure_row_backward(const struct exposure_job *job, int y, const int has_lamp, double total[EXPOSURE_SUMS])
+SIMD_INLINE void exposure_row_backward(const struct exposure_job *job, int y, const int has_lamp,
+                                       double total[EXPOSURE_SUMS])
 {
-    const int width                    = job->area.width;
-    float     sum[EXPOSURE_SUMS][PACK] = {{0}};
-    int       first                    = 0;
+    const int width = job->area.width;
+    float sum[EXPOSURE_SUMS][PACK] = {{0}};
+    int first = 0;
     for (; first + PACK <= width; first += PACK) exposure_lanes(job, y, first, PACK, has_lamp, sum);
     exposure_lanes(job, y, first, width - first, has_lamp, sum);
     for (int k = 0; k < EXPOSURE_SUMS; k++) {

@@ -1,56 +1,62 @@
 /* loss.c - (1 - w) L1 + w (1 - SSIM) between the rendered image x and the image y, and its gradient in x.
  *
- * SSIM is Wang et al. 2004: with mu, sigma the moments under an 11 x 11 Gaussian window of sigma 1.5, zero padding,
+ * SSIM is Wang et al. 2004: with mu, sigma the moments under an 11 x 11 Gaussian window of sigma 1.5, zero
+ * padding,
  *     S = (2 mx my + C1)(2 sxy + C2) / ((mx^2 + my^2 + C1)(sxx + syy + C2)).
- * Only the sum sxx + syy occurs, so four blurred maps suffice: x, y, x^2 + y^2, xy. With D the derivatives of S in the blurred x,
- * x^2 + y^2 and xy,
+ * Only the sum sxx + syy occurs, so four blurred maps suffice: x, y, x^2 + y^2, xy. With D the derivatives of
+ * S in the blurred x, x^2 + y^2 and xy,
  *     dS/dx = blur(D_x) + 2 x blur(D_xx) + y blur(D_xy).
  *
- * Both blurs are fused in one pass over a strip of rows, eight rows at a time. Ring buffers hold the rows in reach: x and y, blurred
- * vertically, then horizontally, into a row of derivatives; and the derivatives, blurred horizontally, then vertically, into the
- * gradient. All data stay in the cache, and strips can start at any row.
+ * Both blurs are fused in one pass over a strip of rows, eight rows at a time. Ring buffers hold the rows in
+ * reach: x and y, blurred vertically, then horizontally, into a row of derivatives; and the derivatives,
+ * blurred horizontally, then vertically, into the gradient. All data stay in the cache, and strips can start
+ * at any row.
  *
  * Invariant: each pixel's result and each row's sum is independent of the strips.
  */
 #include "kernels.h"
 
-#define LOSS_HALF        5                            /* px: half width of the window */
-#define LOSS_BATCH       8                            /* rows blurred vertically together, which share loaded rows */
-#define LOSS_REACH       (LOSS_BATCH + 2 * LOSS_HALF) /* rows in reach of a batch's windows */
-#define LOSS_PHASES      4                            /* see loss_columns */
-#define LOSS_GAP         2                            /* zeros read past the end of a phase by the horizontal blur */
-#define LOSS_MAPS        4                            /* of x and y: */
-#define LOSS_X           0
-#define LOSS_Y           1
-#define LOSS_SQUARES     2 /* x^2 + y^2 */
-#define LOSS_PRODUCT     3 /* xy */
+#define LOSS_HALF 5 /* px: half width of the window */
+/* rows blurred vertically together, which share loaded rows */
+#define LOSS_BATCH 8
+#define LOSS_REACH (LOSS_BATCH + 2 * LOSS_HALF) /* rows in reach of a batch's windows */
+#define LOSS_PHASES 4                           /* see loss_columns */
+/* zeros read past the end of a phase by the horizontal blur */
+#define LOSS_GAP 2
+#define LOSS_MAPS 4 /* of x and y: */
+#define LOSS_X 0
+#define LOSS_Y 1
+#define LOSS_SQUARES 2     /* x^2 + y^2 */
+#define LOSS_PRODUCT 3     /* xy */
 #define LOSS_DERIVATIVES 3 /* of S in the blurred x, x^2 + y^2, xy */
 
-enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS }; /* of a row: |x - y|, S, (x - y)^2 */
+/* of a row: |x - y|, S, (x - y)^2 */
+enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS };
 
 #define LOSS_C1 ((real)1e-4) /* 0.01^2 */
 #define LOSS_C2 ((real)9e-4) /* 0.03^2 */
 
 static const real LOSS_WINDOW[LOSS_HALF + 1] = {/* exp(-i^2 / (2 x 1.5^2)) for i = 5..0, all 11 together 1 */
-                                                (real)0.00102838008447911, (real)0.00759875813523919, (real)0.03600077212843083,
-                                                (real)0.10936068950970002, (real)0.21300553771125370, (real)0.26601172486179436};
+                                                (real)0.00102838008447911, (real)0.00759875813523919,
+                                                (real)0.03600077212843083, (real)0.10936068950970002,
+                                                (real)0.21300553771125370, (real)0.26601172486179436};
 
 struct loss_strip {
     const struct loss_job *job;
-    const real            *window_ok;           /* (H,W) 1 where the whole SSIM window counts, or NULL */
-    real                   l1_scale;            /* (1 - w) / number of unmasked values */
-    real                   ssim_scale;          /* w / number of unmasked windows */
-    int                    channel, first, end; /* rows */
-    size_t                 one;                 /* 1, see loss_blur_horizontal */
-    real                  *scratch;             /* loss_scratch_size(width) */
-    double (*sums)[LOSS_SUMS];                  /* (H) of this channel */
+    const real *window_ok;     /* (H,W) 1 where the whole SSIM window counts, or NULL */
+    real l1_scale;             /* (1 - w) / number of unmasked values */
+    real ssim_scale;           /* w / number of unmasked windows */
+    int channel, first, end;   /* rows */
+    size_t one;                /* 1, see loss_blur_horizontal */
+    real *scratch;             /* loss_scratch_size(width) */
+    double (*sums)[LOSS_SUMS]; /* (H) of this channel */
 };
 
-/* ---------------------------------------------------------------- rows in the scratch */
+/* ---------------- rows in the scratch */
 
-/* A row is stored in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In the horizontal blur each shifted load then
- * serves four pixels; unaligned loads are its bottleneck. Each phase ends in at least LOSS_GAP zeros; a pack of zeros is before
- * and after the row. */
+/* A row is stored in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In the horizontal
+ * blur each shifted load then serves four pixels; unaligned loads are its bottleneck. Each phase ends in at
+ * least LOSS_GAP zeros; a pack of zeros is before and after the row. */
 static size_t loss_columns(int width) /* computed columns of a phase: whole packs */
 {
     return ((size_t)width + LOSS_PHASES * PACK - 1) / (LOSS_PHASES * PACK) * PACK;
@@ -69,33 +75,36 @@ static size_t loss_stride(int width)
 
 static size_t loss_scratch_size(int width)
 {
-    return loss_stride(width) * ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BATCH + LOSS_MAPS + LOSS_DERIVATIVES + 2);
+    return loss_stride(width) *
+           ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BATCH + LOSS_MAPS + LOSS_DERIVATIVES + 2);
 }
 
 struct loss_rows { /* layout of the scratch memory */
     size_t columns, phase, stride;
-    real  *x, *y;            /* (LOSS_REACH, stride) rings */
-    real  *vertical;         /* (LOSS_MAPS, LOSS_BATCH, stride) maps of a batch, blurred vertically; later its derivatives */
-    real  *blurred;          /* (LOSS_MAPS, stride) maps of one row, blurred horizontally, too */
-    real  *derivative;       /* (LOSS_DERIVATIVES, stride) of one row */
-    real  *derivative_rings; /* (LOSS_DERIVATIVES, LOSS_REACH, stride) rings of derivatives, blurred horizontally */
-    real  *counts;           /* (stride) 1 or 0 for each pixel or window of a row, 0 past the ends */
-    real  *gradient;         /* (stride) of one row */
+    real *x, *y; /* (LOSS_REACH, stride) rings */
+    /* (LOSS_MAPS, LOSS_BATCH, stride) maps of a batch, blurred vertically; later its derivatives */
+    real *vertical;
+    real *blurred;    /* (LOSS_MAPS, stride) maps of one row, blurred horizontally, too */
+    real *derivative; /* (LOSS_DERIVATIVES, stride) of one row */
+    /* (LOSS_DERIVATIVES, LOSS_REACH, stride) rings of derivatives, blurred horizontally */
+    real *derivative_rings;
+    real *counts;   /* (stride) 1 or 0 for each pixel or window of a row, 0 past the ends */
+    real *gradient; /* (stride) of one row */
 };
 
 SIMD_INLINE struct loss_rows loss_rows(const struct loss_strip *s)
 {
     struct loss_rows r = {.columns = loss_columns(s->job->width),
-                          .phase   = loss_phase(s->job->width),
-                          .stride  = loss_stride(s->job->width),
-                          .x       = s->scratch + PACK};
-    r.y                = r.x + r.stride * LOSS_REACH;
-    r.vertical         = r.y + r.stride * LOSS_REACH;
-    r.blurred          = r.vertical + r.stride * LOSS_MAPS * LOSS_BATCH;
-    r.derivative       = r.blurred + r.stride * LOSS_MAPS;
+                          .phase = loss_phase(s->job->width),
+                          .stride = loss_stride(s->job->width),
+                          .x = s->scratch + PACK};
+    r.y = r.x + r.stride * LOSS_REACH;
+    r.vertical = r.y + r.stride * LOSS_REACH;
+    r.blurred = r.vertical + r.stride * LOSS_MAPS * LOSS_BATCH;
+    r.derivative = r.blurred + r.stride * LOSS_MAPS;
     r.derivative_rings = r.derivative + r.stride * LOSS_DERIVATIVES;
-    r.counts           = r.derivative_rings + r.stride * LOSS_DERIVATIVES * LOSS_REACH;
-    r.gradient         = r.counts + r.stride;
+    r.counts = r.derivative_rings + r.stride * LOSS_DERIVATIVES * LOSS_REACH;
+    r.gradient = r.counts + r.stride;
     return r;
 }
 
@@ -116,8 +125,8 @@ SIMD_INLINE void loss_deinterleave(const real *restrict in, int width, size_t ph
     const size_t whole = (size_t)width / LOSS_PHASES;
 #pragma omp simd
     for (size_t j = 0; j < whole; j++) {
-        out[j]             = in[4 * j];
-        out[phase + j]     = in[4 * j + 1];
+        out[j] = in[4 * j];
+        out[phase + j] = in[4 * j + 1];
         out[2 * phase + j] = in[4 * j + 2];
         out[3 * phase + j] = in[4 * j + 3];
     }
@@ -129,7 +138,7 @@ SIMD_INLINE void loss_interleave(const real *restrict in, int width, size_t phas
     const size_t whole = (size_t)width / LOSS_PHASES;
 #pragma omp simd
     for (size_t j = 0; j < whole; j++) {
-        out[4 * j]     = in[j];
+        out[4 * j] = in[j];
         out[4 * j + 1] = in[phase + j];
         out[4 * j + 2] = in[2 * phase + j];
         out[4 * j + 3] = in[3 * phase + j];
@@ -144,7 +153,8 @@ SIMD_INLINE size_t loss_row_offset(const struct loss_strip *s, int row)
 }
 
 /* A row of a weight map; without one the counts of loss_begin_counts stay. */
-SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map, int row)
+SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map,
+                                  int row)
 {
     if (map) loss_deinterleave(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
 }
@@ -155,39 +165,45 @@ SIMD_INLINE void loss_begin_counts(const struct loss_strip *s, const struct loss
         r->counts[(size_t)j % LOSS_PHASES * r->phase + (size_t)j / LOSS_PHASES] = 1;
 }
 
-/* ---------------------------------------------------------------- blurs */
+/* ---------------- blurs */
 
-/* A window is symmetric: values at equal distances are added before they are weighted. s5: sum of the two at distance 5, and so on. */
+/* A window is symmetric: values at equal distances are added before they are weighted. s5: sum of the two at
+ * distance 5, and so on. */
 SIMD_INLINE real loss_symmetric_sum(const int fused, real s5, real s4, real s3, real s2, real s1, real centre)
 {
     real sum = LOSS_WINDOW[0] * s5;
-    sum      = muladd(fused, LOSS_WINDOW[1], s4, sum);
-    sum      = muladd(fused, LOSS_WINDOW[2], s3, sum);
-    sum      = muladd(fused, LOSS_WINDOW[3], s2, sum);
-    sum      = muladd(fused, LOSS_WINDOW[4], s1, sum);
+    sum = muladd(fused, LOSS_WINDOW[1], s4, sum);
+    sum = muladd(fused, LOSS_WINDOW[2], s3, sum);
+    sum = muladd(fused, LOSS_WINDOW[3], s2, sum);
+    sum = muladd(fused, LOSS_WINDOW[4], s1, sum);
     return muladd(fused, LOSS_WINDOW[5], centre, sum);
 }
 
-/* Columns of all phases. Letters a to d are phases 0 to 3; at number n the pointer is n - 2 columns ahead. So p0..p13 are the pixels
- * 4 j - 5 to 4 j + 8, and the four windows of column j take 11 neighbours each. `one` is 1 but not a constant: otherwise clang reuses
- * loads between columns and does not vectorise. */
-SIMD_INLINE void loss_blur_horizontal(const int fused, const size_t one, const struct loss_rows *r, const real *row,
-                                      real *restrict out)
+/* Columns of all phases. Letters a to d are phases 0 to 3; at number n the pointer is n - 2 columns ahead. So
+ * p0..p13 are the pixels
+ * 4 j - 5 to 4 j + 8, and the four windows of column j take 11 neighbours each. `one` is 1 but not a
+ * constant: otherwise clang reuses loads between columns and does not vectorise. */
+SIMD_INLINE void loss_blur_horizontal(const int fused, const size_t one, const struct loss_rows *r,
+                                      const real *row, real *restrict out)
 {
-    const real *restrict a1 = row - 1, *restrict a2 = a1 + one, *restrict a3 = a2 + one, *restrict a4 = a3 + one;
+    const real *restrict a1 = row - 1, *restrict a2 = a1 + one, *restrict a3 = a2 + one,
+                         *restrict a4 = a3 + one;
     const real *restrict b1 = row + r->phase - 1, *restrict b2 = b1 + one, *restrict b3 = b2 + one;
     const real *restrict c1 = row + 2 * r->phase - 1, *restrict c2 = c1 + one, *restrict c3 = c2 + one;
-    const real *restrict d0 = row + 3 * r->phase - 2, *restrict d1 = d0 + one, *restrict d2 = d1 + one, *restrict d3 = d2 + one;
+    const real *restrict d0 = row + 3 * r->phase - 2, *restrict d1 = d0 + one, *restrict d2 = d1 + one,
+                         *restrict d3 = d2 + one;
     for (size_t j0 = 0; j0 < r->columns; j0 += PACK) {
 #pragma omp simd
         for (size_t l = 0; l < PACK; l++) {
             const size_t j = j0 + l;
-            const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j], p7 = c2[j], p8 = d2[j],
-                       p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
-            out[j]                = loss_symmetric_sum(fused, p0 + p10, p1 + p9, p2 + p8, p3 + p7, p4 + p6, p5);
-            out[r->phase + j]     = loss_symmetric_sum(fused, p1 + p11, p2 + p10, p3 + p9, p4 + p8, p5 + p7, p6);
-            out[2 * r->phase + j] = loss_symmetric_sum(fused, p2 + p12, p3 + p11, p4 + p10, p5 + p9, p6 + p8, p7);
-            out[3 * r->phase + j] = loss_symmetric_sum(fused, p3 + p13, p4 + p12, p5 + p11, p6 + p10, p7 + p9, p8);
+            const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j],
+                       p7 = c2[j], p8 = d2[j], p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
+            out[j] = loss_symmetric_sum(fused, p0 + p10, p1 + p9, p2 + p8, p3 + p7, p4 + p6, p5);
+            out[r->phase + j] = loss_symmetric_sum(fused, p1 + p11, p2 + p10, p3 + p9, p4 + p8, p5 + p7, p6);
+            out[2 * r->phase + j] =
+                loss_symmetric_sum(fused, p2 + p12, p3 + p11, p4 + p10, p5 + p9, p6 + p8, p7);
+            out[3 * r->phase + j] =
+                loss_symmetric_sum(fused, p3 + p13, p4 + p12, p5 + p11, p6 + p10, p7 + p9, p8);
         }
     }
 }
@@ -197,30 +213,39 @@ SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
     return map == LOSS_X ? x : map == LOSS_Y ? y : map == LOSS_SQUARES ? muladd(fused, x, x, y * y) : x * y;
 }
 
-/* A pack of columns of a map, blurred vertically for the rows of a batch; x[k], y[k]: the k-th row in reach. */
+/* A pack of columns of a map, blurred vertically for the rows of a batch; x[k], y[k]: the k-th row in
+ * reach. */
 SIMD_INLINE void loss_blur_vertical(const int fused, const int map, const real *const x[LOSS_REACH],
-                                    const real *const y[LOSS_REACH], size_t j0, size_t stride, real *restrict out)
+                                    const real *const y[LOSS_REACH], size_t j0, size_t stride,
+                                    real *restrict out)
 {
 #pragma omp simd
     for (size_t l = 0; l < PACK; l++) {
-        const size_t j  = j0 + l;
-        const real   m0 = loss_map(fused, map, x[0][j], y[0][j]), m1 = loss_map(fused, map, x[1][j], y[1][j]);
-        const real   m2 = loss_map(fused, map, x[2][j], y[2][j]), m3 = loss_map(fused, map, x[3][j], y[3][j]);
-        const real   m4 = loss_map(fused, map, x[4][j], y[4][j]), m5 = loss_map(fused, map, x[5][j], y[5][j]);
-        const real   m6 = loss_map(fused, map, x[6][j], y[6][j]), m7 = loss_map(fused, map, x[7][j], y[7][j]);
-        const real   m8 = loss_map(fused, map, x[8][j], y[8][j]), m9 = loss_map(fused, map, x[9][j], y[9][j]);
-        const real   m10 = loss_map(fused, map, x[10][j], y[10][j]), m11 = loss_map(fused, map, x[11][j], y[11][j]);
-        const real   m12 = loss_map(fused, map, x[12][j], y[12][j]), m13 = loss_map(fused, map, x[13][j], y[13][j]);
-        const real   m14 = loss_map(fused, map, x[14][j], y[14][j]), m15 = loss_map(fused, map, x[15][j], y[15][j]);
-        const real   m16 = loss_map(fused, map, x[16][j], y[16][j]), m17 = loss_map(fused, map, x[17][j], y[17][j]);
-        out[l]              = loss_symmetric_sum(fused, m0 + m10, m1 + m9, m2 + m8, m3 + m7, m4 + m6, m5);
-        out[stride + l]     = loss_symmetric_sum(fused, m1 + m11, m2 + m10, m3 + m9, m4 + m8, m5 + m7, m6);
+        const size_t j = j0 + l;
+        const real m0 = loss_map(fused, map, x[0][j], y[0][j]), m1 = loss_map(fused, map, x[1][j], y[1][j]);
+        const real m2 = loss_map(fused, map, x[2][j], y[2][j]), m3 = loss_map(fused, map, x[3][j], y[3][j]);
+        const real m4 = loss_map(fused, map, x[4][j], y[4][j]), m5 = loss_map(fused, map, x[5][j], y[5][j]);
+        const real m6 = loss_map(fused, map, x[6][j], y[6][j]), m7 = loss_map(fused, map, x[7][j], y[7][j]);
+        const real m8 = loss_map(fused, map, x[8][j], y[8][j]), m9 = loss_map(fused, map, x[9][j], y[9][j]);
+        const real m10 = loss_map(fused, map, x[10][j], y[10][j]),
+                   m11 = loss_map(fused, map, x[11][j], y[11][j]);
+        const real m12 = loss_map(fused, map, x[12][j], y[12][j]),
+                   m13 = loss_map(fused, map, x[13][j], y[13][j]);
+        const real m14 = loss_map(fused, map, x[14][j], y[14][j]),
+                   m15 = loss_map(fused, map, x[15][j], y[15][j]);
+        const real m16 = loss_map(fused, map, x[16][j], y[16][j]),
+                   m17 = loss_map(fused, map, x[17][j], y[17][j]);
+        out[l] = loss_symmetric_sum(fused, m0 + m10, m1 + m9, m2 + m8, m3 + m7, m4 + m6, m5);
+        out[stride + l] = loss_symmetric_sum(fused, m1 + m11, m2 + m10, m3 + m9, m4 + m8, m5 + m7, m6);
         out[2 * stride + l] = loss_symmetric_sum(fused, m2 + m12, m3 + m11, m4 + m10, m5 + m9, m6 + m8, m7);
         out[3 * stride + l] = loss_symmetric_sum(fused, m3 + m13, m4 + m12, m5 + m11, m6 + m10, m7 + m9, m8);
         out[4 * stride + l] = loss_symmetric_sum(fused, m4 + m14, m5 + m13, m6 + m12, m7 + m11, m8 + m10, m9);
-        out[5 * stride + l] = loss_symmetric_sum(fused, m5 + m15, m6 + m14, m7 + m13, m8 + m12, m9 + m11, m10);
-        out[6 * stride + l] = loss_symmetric_sum(fused, m6 + m16, m7 + m15, m8 + m14, m9 + m13, m10 + m12, m11);
-        out[7 * stride + l] = loss_symmetric_sum(fused, m7 + m17, m8 + m16, m9 + m15, m10 + m14, m11 + m13, m12);
+        out[5 * stride + l] =
+            loss_symmetric_sum(fused, m5 + m15, m6 + m14, m7 + m13, m8 + m12, m9 + m11, m10);
+        out[6 * stride + l] =
+            loss_symmetric_sum(fused, m6 + m16, m7 + m15, m8 + m14, m9 + m13, m10 + m12, m11);
+        out[7 * stride + l] =
+            loss_symmetric_sum(fused, m7 + m17, m8 + m16, m9 + m15, m10 + m14, m11 + m13, m12);
     }
 }
 
@@ -233,7 +258,7 @@ SIMD_INLINE real loss_sum_lanes(const real *lane) /* (PACK), pairwise */
     return half[0];
 }
 
-/* ---------------------------------------------------------------- the stages of the sweep */
+/* ---------------- the stages of the sweep */
 
 /* Stage 1: a row of x and y into their rings; zeros outside the image. */
 SIMD_INLINE void loss_load_row(const struct loss_strip *s, const struct loss_rows *r, int row)
@@ -251,7 +276,7 @@ SIMD_INLINE void loss_load_row(const struct loss_strip *s, const struct loss_row
 /* Stage 2: the four maps, blurred vertically for the windows centred on the rows of a batch. */
 SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int batch)
 {
-    const real  *x[LOSS_REACH], *y[LOSS_REACH];
+    const real *x[LOSS_REACH], *y[LOSS_REACH];
     const size_t map = LOSS_BATCH * r->stride;
     loss_window(r, r->x, batch, x);
     loss_window(r, r->y, batch, y);
@@ -264,42 +289,47 @@ SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int 
         }
 }
 
-/* S and its derivatives (MATH 8, 9), of the blurred maps of a row: dx, dmsq, dmxy are dL/d(mx), dL/dM, dL/dP. Returns the sum of S. */
+/* S and its derivatives (MATH 8, 9), of the blurred maps of a row: dx, dmsq, dmxy are dL/d(mx), dL/dM, dL/dP.
+ * Returns the sum of S. */
 SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s, const struct loss_rows *r)
 {
     const real *restrict mx = r->blurred, *restrict my = mx + r->stride;
     const real *restrict msq = my + r->stride, *restrict mxy = msq + r->stride; /* M, P */
     const real *restrict counts = r->counts;
     real *restrict dx = r->derivative, *restrict dmsq = dx + r->stride, *restrict dmxy = dmsq + r->stride;
-    real       sum[PACK] = {0};
-    const real scale     = -2 * s->ssim_scale; /* of S in L, times the 2 of dS/dmx and dS/dP */
+    real sum[PACK] = {0};
+    const real scale = -2 * s->ssim_scale; /* of S in L, times the 2 of dS/dmx and dS/dP */
     for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
         for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
 #pragma omp simd
             for (size_t l = 0; l < PACK; l++) {
-                const size_t j  = j0 + l;
-                const real   ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
+                const size_t j = j0 + l;
+                const real ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
                 /* S = a1 a2 / (b1 b2) = a1 q, the factors as in MATH 8 */
-                const real   a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
-                const real   b1 = uu + LOSS_C1, b2 = msq[j] - uu + LOSS_C2, inverse = 1 / (b1 * b2);
-                const real   p = a1 * inverse, q = a2 * inverse, ssim = a1 * q, t = ssim * inverse; /* t = S / (b1 b2) */
-                const real   c = scale * counts[j];
+                const real a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
+                const real b1 = uu + LOSS_C1, b2 = msq[j] - uu + LOSS_C2, inverse = 1 / (b1 * b2);
+                /* t = S / (b1 b2) */
+                const real p = a1 * inverse, q = a2 * inverse, ssim = a1 * q, t = ssim * inverse;
+                const real c = scale * counts[j];
                 /* MATH 9: a2 and b2 hold -ux uy and -ux^2, hence the differences */
-                dx[j]   = c * (uy * (q - p) - ux * t * (b2 - b1));
+                dx[j] = c * (uy * (q - p) - ux * t * (b2 - b1));
                 dmsq[j] = (real)-0.5 * c * t * b1; /* t b1 = S / b2 */
                 dmxy[j] = c * p;
-                sum[l]  = muladd(fused, counts[j], ssim, sum[l]);
+                sum[l] = muladd(fused, counts[j], ssim, sum[l]);
             }
         }
     return loss_sum_lanes(sum);
 }
 
-/* Stage 3: the maps of a row of the batch, blurred horizontally -> S and its derivatives there, blurred horizontally, into their rings. */
-SIMD_INLINE void loss_derivative_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int batch, int row)
+/* Stage 3: the maps of a row of the batch, blurred horizontally -> S and its derivatives there, blurred
+ * horizontally, into their rings. */
+SIMD_INLINE void loss_derivative_row(const int fused, const struct loss_strip *s, const struct loss_rows *r,
+                                     int batch, int row)
 {
     real sum;
     for (size_t k = 0; k < LOSS_MAPS; k++)
-        loss_blur_horizontal(fused, s->one, r, r->vertical + (k * LOSS_BATCH + (size_t)(row - batch)) * r->stride,
+        loss_blur_horizontal(fused, s->one, r,
+                             r->vertical + (k * LOSS_BATCH + (size_t)(row - batch)) * r->stride,
                              r->blurred + k * r->stride);
     loss_fill_counts(s, r, s->window_ok, row);
     sum = loss_differentiate(fused, s, r);
@@ -325,18 +355,20 @@ SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *
         loss_window(r, r->derivative_rings + k * LOSS_REACH * r->stride, batch, rows);
         for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
             for (size_t j = p; j < p + r->columns; j += PACK)
-                loss_blur_vertical(fused, LOSS_X, rows, rows, j, r->stride, r->vertical + k * LOSS_BATCH * r->stride + j);
+                loss_blur_vertical(fused, LOSS_X, rows, rows, j, r->stride,
+                                   r->vertical + k * LOSS_BATCH * r->stride + j);
     }
 }
 
 /* Stage 5: the gradient of a row of the batch, with the part of L1. */
-SIMD_INLINE void loss_gradient_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int batch, int row)
+SIMD_INLINE void loss_gradient_row(const int fused, const struct loss_strip *s, const struct loss_rows *r,
+                                   int batch, int row)
 {
     const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
-    const real *restrict dx   = r->vertical + (size_t)(row - batch) * r->stride;
+    const real *restrict dx = r->vertical + (size_t)(row - batch) * r->stride;
     const real *restrict dmsq = dx + LOSS_BATCH * r->stride, *restrict dmxy = dmsq + LOSS_BATCH * r->stride;
     const real *restrict counts = r->counts;
-    real *restrict out          = r->gradient;
+    real *restrict out = r->gradient;
     real l1[PACK] = {0}, square[PACK] = {0};
     loss_fill_counts(s, r, s->job->weight, row);
     for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
@@ -344,29 +376,30 @@ SIMD_INLINE void loss_gradient_row(const int fused, const struct loss_strip *s, 
 #pragma omp simd
             for (size_t l = 0; l < PACK; l++) {
                 const size_t j = j0 + l;
-                const real   a = x[j], b = y[j], difference = a - b;
-                const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
-                const real   through = muladd(fused, 2 * a, dmsq[j], b * dmxy[j]);
-                out[j]               = dx[j] + through + s->l1_scale * counts[j] * sign;
+                const real a = x[j], b = y[j], difference = a - b;
+                const real sign = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
+                const real through = muladd(fused, 2 * a, dmsq[j], b * dmxy[j]);
+                out[j] = dx[j] + through + s->l1_scale * counts[j] * sign;
                 l1[l] += counts[j] * (difference < 0 ? -difference : difference);
                 square[l] += counts[j] * difference * difference;
             }
         }
     loss_interleave(out, s->job->width, r->phase, s->job->dx + loss_row_offset(s, row));
-    s->sums[row][LOSS_SUM_L1]     = loss_sum_lanes(l1);
+    s->sums[row][LOSS_SUM_L1] = loss_sum_lanes(l1);
     s->sums[row][LOSS_SUM_SQUARE] = loss_sum_lanes(square);
 }
 
 SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
 {
-    const struct loss_rows r     = loss_rows(s);
-    const int              start = OXL_MAX(s->first - LOSS_HALF, 0), below = OXL_MIN(s->end + LOSS_HALF, s->job->height);
+    const struct loss_rows r = loss_rows(s);
+    const int start = OXL_MAX(s->first - LOSS_HALF, 0), below = OXL_MIN(s->end + LOSS_HALF, s->job->height);
     loss_begin_counts(s, &r);
     for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_load_row(s, &r, row);
     for (int row = start - LOSS_HALF; row < start; row++) loss_clear_derivative_row(&r, row);
     for (int batch = start; batch < s->end + LOSS_HALF; batch += LOSS_BATCH) {
         const int previous = batch - LOSS_HALF; /* whose windows end in this batch */
-        for (int row = batch + LOSS_HALF; row < batch + LOSS_HALF + LOSS_BATCH; row++) loss_load_row(s, &r, row);
+        for (int row = batch + LOSS_HALF; row < batch + LOSS_HALF + LOSS_BATCH; row++)
+            loss_load_row(s, &r, row);
         if (batch < below) loss_blur_maps(fused, &r, batch);
         for (int row = batch; row < batch + LOSS_BATCH; row++) {
             if (row < below) loss_derivative_row(fused, s, &r, batch, row);
@@ -385,9 +418,10 @@ static void loss_l1_strip(const struct loss_strip *s)
 {
     const size_t width = (size_t)s->job->width;
     for (int row = s->first; row < s->end; row++) {
-        const real *restrict x = s->job->x + loss_row_offset(s, row), *restrict y = s->job->y + loss_row_offset(s, row);
+        const real *restrict x = s->job->x + loss_row_offset(s, row), *restrict y =
+                                                                          s->job->y + loss_row_offset(s, row);
         const real *restrict weight = s->job->weight ? s->job->weight + (size_t)row * width : NULL;
-        real *restrict dx           = s->job->dx + loss_row_offset(s, row);
+        real *restrict dx = s->job->dx + loss_row_offset(s, row);
         double l1 = 0, square = 0;
         for (size_t j = 0; j < width; j++) {
             const real d = x[j] - y[j], w = weight ? weight[j] : 1;
@@ -395,13 +429,13 @@ static void loss_l1_strip(const struct loss_strip *s)
             l1 += w * (d < 0 ? -d : d);
             square += w * d * d;
         }
-        s->sums[row][LOSS_SUM_L1]     = l1;
-        s->sums[row][LOSS_SUM_SSIM]   = 0;
+        s->sums[row][LOSS_SUM_L1] = l1;
+        s->sums[row][LOSS_SUM_SSIM] = 0;
         s->sums[row][LOSS_SUM_SQUARE] = square;
     }
 }
 
-/* ---------------------------------------------------------------- the whole image */
+/* ---------------- the whole image */
 
 /* 1 where the horizontal window is unmasked. Returns the number of unmasked pixels of the row. */
 static int64_t loss_valid_horizontal(const real *restrict weight, int width, real *restrict out)
@@ -417,7 +451,8 @@ static int64_t loss_valid_horizontal(const real *restrict weight, int width, rea
 }
 
 /* 1 where all rows of the window are unmasked. Returns their number. */
-static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job *job, int row, real *restrict out)
+static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job *job, int row,
+                                   real *restrict out)
 {
     int64_t count = 0;
     for (int x = 0; x < job->width; x++) out[x] = 1;
@@ -429,86 +464,94 @@ static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job
     return count;
 }
 
-/* scratch->valid (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for its row only. */
-static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch, double *values,
-                                     double *windows)
+/* scratch->valid (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for its row
+ * only. */
+static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *job,
+                                     struct loss_scratch *scratch, double *values, double *windows)
 {
     const size_t w = (size_t)job->width, image = w * (size_t)job->height;
-    int64_t      pixels = 0, count = 0;
-    real        *valid, *horizontal;
-    oxl_result   rc = oxl_reserve(ctx, &scratch->valid, &scratch->valid_capacity, 2 * image, sizeof *valid);
+    int64_t pixels = 0, count = 0;
+    real *valid, *horizontal;
+    oxl_result rc = oxl_reserve(ctx, &scratch->valid, &scratch->valid_capacity, 2 * image, sizeof *valid);
     if (rc != OXL_OK) return rc;
-    valid      = scratch->valid;
+    valid = scratch->valid;
     horizontal = valid + image;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : pixels)
     for (int y = 0; y < job->height; y++)
         pixels += loss_valid_horizontal(job->weight + (size_t)y * w, job->width, horizontal + (size_t)y * w);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : count)
-    for (int y = 0; y < job->height; y++) count += loss_valid_vertical(horizontal, job, y, valid + (size_t)y * w);
-    *values  = 3 * (double)pixels;
+    for (int y = 0; y < job->height; y++)
+        count += loss_valid_vertical(horizontal, job, y, valid + (size_t)y * w);
+    *values = 3 * (double)pixels;
     *windows = 3 * (double)count;
     return OXL_OK;
 }
 
-/* Each piece is a span of rows in all three channels, close to the thread's tiles (renderer.c), for cache locality. */
+/* Each piece is a span of rows in all three channels, close to the thread's tiles (renderer.c), for cache
+ * locality. */
 static int loss_make_strips(int height, int pieces, struct loss_strip *strip)
 {
     int count = 0;
     for (int piece = 0; piece < pieces; piece++)
         for (int channel = 0; channel < 3; channel++) {
             strip[count].channel = channel;
-            strip[count].first   = (int)((int64_t)height * piece / pieces);
-            strip[count].end     = (int)((int64_t)height * (piece + 1) / pieces);
+            strip[count].first = (int)((int64_t)height * piece / pieces);
+            strip[count].end = (int)((int64_t)height * (piece + 1) / pieces);
             count++;
         }
     return count;
 }
 
-static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SUMS], double values, double windows,
-                        struct loss_value *out)
+static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SUMS], double values,
+                        double windows, struct loss_value *out)
 {
     double sum[LOSS_SUMS] = {0};
     for (int row = 0; row < 3 * job->height; row++)
         for (int k = 0; k < LOSS_SUMS; k++) sum[k] += sums[row][k];
-    out->l1    = values > 0 ? sum[LOSS_SUM_L1] / values : 0;
-    out->ssim  = windows > 0 ? sum[LOSS_SUM_SSIM] / windows : 1;
-    out->mse   = values > 0 ? sum[LOSS_SUM_SQUARE] / values : 0;
+    out->l1 = values > 0 ? sum[LOSS_SUM_L1] / values : 0;
+    out->ssim = windows > 0 ? sum[LOSS_SUM_SSIM] / windows : 1;
+    out->mse = values > 0 ? sum[LOSS_SUM_SQUARE] / values : 0;
     out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
 }
 
-/* The padding around rows must be 0. It is not written, so it is cleared once per width and number of strips. */
+/* The padding around rows must be 0. It is not written, so it is cleared once per width and number of
+ * strips. */
 static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
 {
     if (scratch->width != width || scratch->cleared < count) memset(scratch->rows, 0, count * sizeof(real));
     scratch->cleared = scratch->width == width ? OXL_MAX(scratch->cleared, count) : count;
-    scratch->width   = width;
+    scratch->width = width;
 }
 
-OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
-                                              struct loss_value *out)
+OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job,
+                                              struct loss_scratch *scratch, struct loss_value *out)
 {
-    const size_t       pixels = (size_t)job->width * (size_t)job->height, room = loss_scratch_size(job->width);
-    const int          pieces = ctx->threads;
-    double             values = 3.0 * (double)pixels, windows = values;
+    const size_t pixels = (size_t)job->width * (size_t)job->height, room = loss_scratch_size(job->width);
+    const int pieces = ctx->threads;
+    double values = 3.0 * (double)pixels, windows = values;
     struct loss_strip *strip;
-    int                strips;
-    oxl_result         rc = oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, 3 * (size_t)pieces, sizeof *strip);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * 3 * (size_t)pieces, sizeof(real));
+    int strips;
+    oxl_result rc =
+        oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, 3 * (size_t)pieces, sizeof *strip);
     if (rc == OXL_OK)
-        rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
+        rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * 3 * (size_t)pieces,
+                         sizeof(real));
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height,
+                         LOSS_SUMS * sizeof(double));
     if (rc == OXL_OK && job->weight) rc = loss_valid_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
     loss_clear(scratch, job->width, room * 3 * (size_t)pieces);
-    strip  = scratch->strip;
+    strip = scratch->strip;
     strips = loss_make_strips(job->height, pieces, strip);
     for (int i = 0; i < strips; i++) {
-        strip[i].job        = job;
-        strip[i].window_ok  = job->weight ? scratch->valid : NULL;
-        strip[i].l1_scale   = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
+        strip[i].job = job;
+        strip[i].window_ok = job->weight ? scratch->valid : NULL;
+        strip[i].l1_scale = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
         strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
-        strip[i].one        = 1;
-        strip[i].scratch    = (real *)scratch->rows + room * (size_t)i;
-        strip[i].sums       = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
+        strip[i].one = 1;
+        strip[i].scratch = (real *)scratch->rows + room * (size_t)i;
+        strip[i].sums = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
     }
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < strips; i++) {

@@ -1,58 +1,65 @@
-/* medium.c - attenuation and backscatter between the camera and the Gaussians (medium.h): what a whole model looks like through them;
+/* medium.c - attenuation and backscatter between the camera and the Gaussians (medium.h): what a whole model
+ * looks like through them;
  * the light behind the last Gaussian.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 
-#define MEDIUM_MIN  0.02  /* of J: what is seen through more of the medium than this lets through is no evidence of it */
+/* of J: what is seen through more of the medium than this lets through is no evidence of it */
+#define MEDIUM_MIN 0.02
 #define MEDIUM_NEAR 1e-12 /* square of the range to a Gaussian in the camera, at least */
 #define MEDIUM_DARK 0.02  /* J at the start, at least */
 
 /* Factors of J: attenuation and, with a lamp, falloff. */
 static void medium_through(const struct medium *m, float range, float through[3])
 {
-    const float near     = m->has_falloff ? OXL_MAX(range, LAMP_RANGE_MIN * m->reference) : 1;
+    const float near = m->has_falloff ? OXL_MAX(range, LAMP_RANGE_MIN * m->reference) : 1;
     const float log_near = m->has_falloff ? (float)(real_log2(0, m->reference / near) * LN_2) : 0;
-    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * log_near - m->attenuation[c] * (range - m->training_range));
+    for (int c = 0; c < 3; c++)
+        through[c] = real_exp(0, m->falloff * log_near - m->attenuation[c] * (range - m->training_range));
 }
 
-/* What a viewer without imaging.txt is to show: the colours through the medium and, where `imaging` has lamps, by these, as the views see
- * the centre; the mean of both terms over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's
- * polynomial, where none sees it. */
-OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model)
+/* What a viewer without imaging.txt is to show: the colours through the medium and, where `imaging` has
+ * lamps, by these, as the views see the centre; the mean of both terms over these views, by the centre's size
+ * in the image, 1 / r^2; over all views, without the lamp's polynomial, where none sees it. */
+OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
+                              oxl_model *model)
 {
     enum { VIEWS = 64 };
     const struct medium *m = &imaging->medium;
-    const oxl_camera    *camera[VIEWS];
-    const struct lamp   *lamp[VIEWS];
-    double               eye[VIEWS][3];
-    int                  views = 0;
-    const int            all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
-    const int            coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
+    const oxl_camera *camera[VIEWS];
+    const struct lamp *lamp[VIEWS];
+    double eye[VIEWS][3];
+    int views = 0;
+    const int all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int coefficients = (model->sh_degree + 1) * (model->sh_degree + 1);
     for (int v = 0; v < all; v += stride, views++) {
         camera[views] = &oxl_scene_view(scene, v)->camera;
-        lamp[views]   = imaging_lamp(imaging, scene, v);
+        lamp[views] = imaging_lamp(imaging, scene, v);
         camera_position(camera[views], eye[views]);
     }
     for (size_t i = 0; i < model->count; i++) {
-        double sum[2][7] = {{0}}; /* over all views, over those that see it: both terms by channel, their number */
+        /* over all views, over those that see it: both terms by channel, their number */
+        double sum[2][7] = {{0}};
         for (int v = 0; v < views; v++) {
-            const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
-            double       at[3], pixel[2] = {0, 0};
-            const int    seen = camera_project(camera[v], p, NULL, at, pixel) && pixel[0] >= 0 && pixel[1] >= 0 &&
-                             pixel[0] <= camera[v]->width && pixel[1] <= camera[v]->height;
-            const double d[3]   = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
-            const float  range  = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i],
+                                 model->plane[OXL_MEAN + 2][i]};
+            double at[3], pixel[2] = {0, 0};
+            const int seen = camera_project(camera[v], p, NULL, at, pixel) && pixel[0] >= 0 &&
+                             pixel[1] >= 0 && pixel[0] <= camera[v]->width && pixel[1] <= camera[v]->height;
+            const double d[3] = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
+            const float range = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
             const double weight = 1 / OXL_MAX(range * range, MEDIUM_NEAR); /* its size in the image */
-            float        through[3], veil[3];
+            float through[3], veil[3];
             medium_through(m, range, through);
             for (int c = 0; c < 3; c++) veil[c] = 1 - real_exp(0, -m->backscatter[c] * range);
             for (int k = 0; k <= seen; k++) {
-                const double light = k && lamp[v]
-                                         ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * pixel[0] / camera[v]->width - 1),
-                                                                     (float)(2 * pixel[1] / camera[v]->height - 1)))
-                                         : 1;
+                const double light =
+                    k && lamp[v] ? vecmath_exp(lamp_log_gain(lamp[v]->shape,
+                                                             (float)(2 * pixel[0] / camera[v]->width - 1),
+                                                             (float)(2 * pixel[1] / camera[v]->height - 1)))
+                                 : 1;
                 for (int c = 0; c < 3; c++) {
                     sum[k][c] += weight * light * through[c];
                     sum[k][3 + c] += weight * light * m->veiling_light[c] * veil[c];
@@ -62,12 +69,14 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
         }
         for (int c = 0; c < 3 && views > 0; c++) {
             const double *s = sum[sum[1][6] > 0], factor = s[c] / s[6], more = s[3 + c] / s[6];
-            const double  by = backwards ? 1 / OXL_MAX(factor, MEDIUM_MIN) : factor, add = backwards ? -more * by : more;
-            double        colour;
+            const double by = backwards ? 1 / OXL_MAX(factor, MEDIUM_MIN) : factor,
+                         add = backwards ? -more * by : more;
+            double colour;
             for (int k = 0; k < coefficients; k++)
                 model->plane[OXL_SH + 3 * k + c][i] = (float)(by * model->plane[OXL_SH + 3 * k + c][i]);
             colour = 0.5 * by + add + MODEL_SH0 * model->plane[OXL_SH + c][i];
-            if (backwards) colour = OXL_MAX(colour, MEDIUM_DARK); /* noise is amplified; a colour below 0 has no gradient */
+            /* noise is amplified; a colour below 0 has no gradient */
+            if (backwards) colour = OXL_MAX(colour, MEDIUM_DARK);
             model->plane[OXL_SH + c][i] = (float)((colour - 0.5) / MODEL_SH0);
         }
     }

@@ -1,7 +1,7 @@
 /* real.h - the number type of the kernels and its arithmetic, which vectorises and needs no libm.
  *
- * `real` is float in the library. tests/wide_kernels.c compiles the kernels with real = double (OXL_REFERENCE), to measure the error of
- * float.
+ * `real` is float in the library. tests/wide_kernels.c compiles the kernels with real = double
+ * (OXL_REFERENCE), to measure the error of float.
  */
 #ifndef OXL_REAL_H
 #define OXL_REAL_H
@@ -71,7 +71,8 @@ SIMD_INLINE float real_shifted(float p, float shifted)
 #define REAL_SHIFT 12582912.0f /* 1.5 x 2^23: adding it rounds to an integer, left in the low bits */
 #endif
 
-/* 2^x for -126 <= x <= 127; anything outside. Relative error 1.0e-7 in float (own minimax polynomial of degree 5, exact at 0). */
+/* 2^x for -126 <= x <= 127; anything outside. Relative error 1.0e-7 in float (own minimax polynomial of
+ * degree 5, exact at 0). */
 SIMD_INLINE real real_exp2(const int fused, real x)
 {
 #ifdef OXL_REFERENCE
@@ -79,13 +80,13 @@ SIMD_INLINE real real_exp2(const int fused, real x)
     return exp2(x);
 #else
     const float shifted = x + REAL_SHIFT;
-    const float f       = x - (shifted - REAL_SHIFT); /* [-1/2, 1/2], exact */
-    float       p       = 0.00132647273f;
-    p                   = muladd(fused, p, f, 0.00967151277f);
-    p                   = muladd(fused, p, f, 0.0555073374f);
-    p                   = muladd(fused, p, f, 0.240222421f);
-    p                   = muladd(fused, p, f, 0.693146978f);
-    p                   = muladd(fused, p, f, 1.0f);
+    const float f = x - (shifted - REAL_SHIFT); /* [-1/2, 1/2], exact */
+    float p = 0.00132647273f;
+    p = muladd(fused, p, f, 0.00967151277f);
+    p = muladd(fused, p, f, 0.0555073374f);
+    p = muladd(fused, p, f, 0.240222421f);
+    p = muladd(fused, p, f, 0.693146978f);
+    p = muladd(fused, p, f, 1.0f);
     return real_shifted(p, shifted);
 #endif
 }
@@ -97,17 +98,17 @@ SIMD_INLINE real real_exp(const int fused, real x)
     (void)fused;
     return exp(x);
 #else
-    const float high   = 1.44269502f,
-                low    = 1.92596299e-8f; /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
-    const float magic  = 12582912.0f;
+    /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
+    const float high = 1.44269502f, low = 1.92596299e-8f;
+    const float magic = 12582912.0f;
     const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
-    const float shift  = inside * high + magic; /* a variable, so that excess precision is rounded to float */
-    const float n      = shift - magic;
-    const float f      = muladd(fused, inside, low, muladd(fused, inside, high, -n));
-    const float whole  = n == n ? n : 0; /* NaN stays 0: casting NaN is undefined */
-    const float p      = real_exp2(fused, f);
-    int32_t     bits;
-    float       out;
+    const float shift = inside * high + magic; /* a variable, so that excess precision is rounded to float */
+    const float n = shift - magic;
+    const float f = muladd(fused, inside, low, muladd(fused, inside, high, -n));
+    const float whole = n == n ? n : 0; /* NaN stays 0: casting NaN is undefined */
+    const float p = real_exp2(fused, f);
+    int32_t bits;
+    float out;
     memcpy(&bits, &p, sizeof bits);
     bits += (int32_t)whole * (1 << 23);
     memcpy(&out, &bits, sizeof out);
@@ -115,7 +116,8 @@ SIMD_INLINE real real_exp(const int fused, real x)
 #endif
 }
 
-/* log2 x for normal x > 0. Absolute error 5e-8 times max(1, |log2 x|) in float (own minimax polynomial of degree 8). */
+/* log2 x for normal x > 0. Absolute error 5e-8 times max(1, |log2 x|) in float (own minimax polynomial of
+ * degree 8). */
 SIMD_INLINE real real_log2(const int fused, real x)
 {
 #ifdef OXL_REFERENCE
@@ -123,7 +125,7 @@ SIMD_INLINE real real_log2(const int fused, real x)
     return log2(x);
 #else
     int32_t bits, exponent;
-    float   m, p = 0.125837037f;
+    float m, p = 0.125837037f;
     memcpy(&bits, &x, sizeof bits);
     bits &= 0x7FFFFFFF;                   /* compilers differ in the sign of NaN */
     exponent = (bits - 0x3F3504F3) >> 23; /* mantissa from sqrt(1/2) to sqrt(2) */
@@ -142,12 +144,13 @@ SIMD_INLINE real real_log2(const int fused, real x)
 #endif
 }
 
-/* ---------------------------------------------------------------- small vectors, by value: the compiler keeps them in registers */
+/* ---------------- small vectors, by value: the compiler keeps them in registers */
 
 struct vec3 {
     real x, y, z;
-    real unused
-        [2]; /* more than 16 bytes: clang passes smaller structs packed in a register and then cannot vectorise over lanes */
+    /* more than 16 bytes: clang passes smaller structs packed in a register and then cannot vectorise over
+     * lanes */
+    real unused[2];
 };
 struct mat3 { /* rows */
     struct vec3 x, y, z;

@@ -1,4 +1,5 @@
-/* render.h - the renderer: from a model and a camera to an image, and the gradient back; the CPU or a device. */
+/* render.h - the renderer: from a model and a camera to an image, and the gradient back; the CPU or a
+ * device. */
 #ifndef OXL_RENDER_H
 #define OXL_RENDER_H
 
@@ -6,68 +7,77 @@
 #include "../survey/imaging.h"
 #include "../model/model.h"
 
-/* ---------------------------------------------------------------- backend.c: the device that renders */
+/* ---------------- backend.c: the device that renders */
 
 enum { RENDERED_ON_CPU = 1, RENDERED_ON_DEVICE = 2 };
 
-struct backend {                               /* of a context */
-    struct vulkan                *vulkan;      /* device that renders; NULL: the CPU */
-    const struct renderer_device *functions;   /* of that device, or NULL */
-    int                           rendered_on; /* what has rendered so far: RENDERED_ON_CPU, RENDERED_ON_DEVICE or both */
-    int fell_back; /* bit set of oxl_result: device failures already logged, with the CPU as replacement */
+struct backend {                             /* of a context */
+    struct vulkan *vulkan;                   /* device that renders; NULL: the CPU */
+    const struct renderer_device *functions; /* of that device, or NULL */
+    /* what has rendered so far: RENDERED_ON_CPU, RENDERED_ON_DEVICE or both */
+    int rendered_on;
+    /* bit set of oxl_result: device failures already logged, with the CPU as replacement */
+    int fell_back;
 };
 /* Opens the device of the context's options, once. OXL_OK with backend->vulkan NULL: the CPU renders. */
-OXL_INTERNAL oxl_result  backend_begin(oxl_context *ctx);
-OXL_INTERNAL void        backend_begin_run(oxl_context *ctx); /* logs failures of a device again, once a run */
+OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx);
+OXL_INTERNAL void backend_begin_run(oxl_context *ctx); /* logs failures of a device again, once a run */
 /* Name of the device, whether or not it has rendered; NULL: none. */
 OXL_INTERNAL const char *backend_device(const oxl_context *ctx);
 
-/* ---------------------------------------------------------------- renderer.c: the kernels behind one interface */
+/* ---------------- renderer.c: the kernels behind one interface */
 
 struct renderer; /* state of one view, kept between views to avoid allocations */
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out);
-OXL_INTERNAL void       renderer_free(oxl_context *ctx, struct renderer *r);
+OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r);
 
 /* Renders; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
-OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                         const oxl_render_options *options);
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                                         const oxl_camera *camera, const oxl_render_options *options);
 OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
 
 /* oxl_render for many views of an unchanged model, which is uploaded once to a device. options: not NULL. */
-OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                      const oxl_render_options *options, oxl_image *out, float *depth);
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                                      const oxl_camera *camera, const oxl_render_options *options,
+                                      oxl_image *out, float *depth);
 
-/* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for renderer_loss with rgb NULL. A
- * device caches images in a part of its memory: `image` may be NULL if renderer_has_image returns 1. */
-OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
-OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
+/* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for
+ * renderer_loss with rgb NULL. A device caches images in a part of its memory: `image` may be NULL if
+ * renderer_has_image returns 1. */
+OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view);
+OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view,
+                                           const struct training_image *image,
                                            const struct image_window *window, int halved);
 
-/* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the image of
- * renderer_set_image; keeps its gradient for renderer_backward. */
+/* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the
+ * image of renderer_set_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
     double dlog_gain[3]; /* dL/d(log gain), with renderer_set_gain */
 };
-OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
-                                      float ssim_weight, struct renderer_loss *out);
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
+                                      const float *weight, float ssim_weight, struct renderer_loss *out);
 
-/* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
- * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. NULL: renderer_step ends this pass, a
- * few rows at a time, so that their gradients stay in the cache and need no memory. */
-OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
+/* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has
+ * the model's shape;
+ * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. NULL:
+ * renderer_step ends this pass, a few rows at a time, so that their gradients stay in the cache and need no
+ * memory. */
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb,
+                                          oxl_model *gradient);
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
 
-/* Pruning score, with S = sum over pixels and channels of drgb (3,H,W) x the rendered image: adds to score[row] of each visible row
- * the sum over its pixels of (o dS/dalpha)^2. No loss is needed. A renderer that falls back to the CPU here (renderer_has_device) adds
+/* Pruning score, with S = sum over pixels and channels of drgb (3,H,W) x the rendered image: adds to
+ * score[row] of each visible row the sum over its pixels of (o dS/dalpha)^2. No loss is needed. A renderer
+ * that falls back to the CPU here (renderer_has_device) adds
  * nothing: the view must be rendered again. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
 struct adam_params {
-    float  rate[OXL_PLANES]; /* of each plane at this step */
-    double beta[2];          /* decay of the first and second moment */
-    int    step;             /* of the run, not of the row; from 1; for bias correction */
+    float rate[OXL_PLANES]; /* of each plane at this step */
+    double beta[2];         /* decay of the first and second moment */
+    int step;               /* of the run, not of the row; from 1; for bias correction */
 };
 #define RENDERER_BETAS \
     {                  \
@@ -75,121 +85,144 @@ struct adam_params {
     } /* [Kerbl 2023] */
 struct renderer_nonfinite {
     size_t rows, first; /* number; the first */
-    size_t cleared;     /* on a device: those of them that held such a value and were cleared, as in nonfinite.c */
+    /* on a device: those of them that held such a value and were cleared, as in nonfinite.c */
+    size_t cleared;
 };
-/* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
- * invisible from then on. gradient: as renderer_backward gave it; NULL if it gave none. */
+/* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated
+ * and count as invisible from then on. gradient: as renderer_backward gave it; NULL if it gave none. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
-                                      const oxl_model *gradient, const struct adam_params *adam, struct renderer_nonfinite *out);
+                                      const oxl_model *gradient, const struct adam_params *adam,
+                                      struct renderer_nonfinite *out);
 
-/* Deferred steps, on a device: after renderer_defer(1), forward, loss, backward and step return before the device is done, without loss
- * and rows. renderer_report returns them for the oldest step not yet reported: for the latest step only with `wait`, otherwise for the
- * one before it. A step that cannot be executed halts: it and the steps behind it change nothing and have no reports; the caller repeats
- * them without deferring. Call renderer_defer(0) and fetch all reports before anything but steps. Returns 1: the device defers. */
-enum renderer_halt { HALT_NONE, HALT_PAIRS, HALT_LOSS }; /* more pairs than the device had room for; the loss is not finite */
+/* Deferred steps, on a device: after renderer_defer(1), forward, loss, backward and step return before the
+ * device is done, without loss and rows. renderer_report returns them for the oldest step not yet reported:
+ * for the latest step only with `wait`, otherwise for the one before it. A step that cannot be executed
+ * halts: it and the steps behind it change nothing and have no reports; the caller repeats them without
+ * deferring. Call renderer_defer(0) and fetch all reports before anything but steps. Returns 1: the device
+ * defers. */
+/* more pairs than the device had room for; the loss is not finite */
+enum renderer_halt { HALT_NONE, HALT_PAIRS, HALT_LOSS };
 struct renderer_report {
-    int                       exists; /* 0: no step to report */
-    enum renderer_halt        halt;
-    struct renderer_loss      loss;
+    int exists; /* 0: no step to report */
+    enum renderer_halt halt;
+    struct renderer_loss loss;
     struct renderer_nonfinite skipped;
 };
-OXL_INTERNAL int        renderer_defer(struct renderer *r, int on);
-OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait, struct renderer_report *out);
+OXL_INTERNAL int renderer_defer(struct renderer *r, int on);
+OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait,
+                                        struct renderer_report *out);
 
-/* After the backward pass: adds the last view's gradients of visible rows to the statistics of density control. */
+/* After the backward pass: adds the last view's gradients of visible rows to the statistics of density
+ * control. */
 struct renderer_sums {
     size_t count;
-    int    banded;
-    float  z_near, z_far;               /* limits of the bands, camera z */
+    int banded;
+    float z_near, z_far;                /* limits of the bands, camera z */
     float *gradient;                    /* (count) sums of |dL/d(u,v)|, in units of half an image */
     float *gradient_mid, *gradient_far; /* the same in that band only */
     float *views;                       /* (count) number of views that see the row */
 };
-OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
+OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r,
+                                         const struct renderer_sums *sums);
 
-/* Between steps the model, its moments and the statistics are on the device. Downloads them; call it before the host reads any of
- * them. */
+/* Between steps the model, its moments and the statistics are on the device. Downloads them; call it before
+ * the host reads any of them. */
 enum renderer_download {
     DOWNLOAD_TO_READ,
     DOWNLOAD_TO_CHANGE, /* the next renderer_forward uploads them */
-    DOWNLOAD_SHAPE /* only the statistics and the planes before OXL_SH, which the host may change and renderer_send_shape uploads */
+    /* only the statistics and the planes before OXL_SH, which the host may change and renderer_send_shape
+     * uploads */
+    DOWNLOAD_SHAPE
 };
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
 
-/* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
- * RENDERER_FRESH is set; the order stays. SH planes that the model did not have are 0. The host does the same with the model and calls
- * renderer_send_shape. *moved 0: the CPU renders, or the device has no room; then everything is on the host, as after
- * DOWNLOAD_TO_CHANGE. */
+/* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`,
+ * with moments of 0 if RENDERER_FRESH is set; the order stays. SH planes that the model did not have are 0.
+ * The host does the same with the model and calls renderer_send_shape. *moved 0: the CPU renders, or the
+ * device has no room; then everything is on the host, as after DOWNLOAD_TO_CHANGE. */
 #define RENDERER_FRESH 0x80000000u
 struct renderer_move {
     const uint32_t *from; /* (count) */
-    size_t          count, lobes;
-    int             sh_degree; /* not below the model's */
+    size_t count, lobes;
+    int sh_degree; /* not below the model's */
 };
-OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved);
-/* Uploads the planes before OXL_SH; the device holds the others. reset_opacity: sets the moments of the opacity to 0. */
-OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity);
+OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r,
+                                           const struct renderer_move *move, int *moved);
+/* Uploads the planes before OXL_SH; the device holds the others. reset_opacity: sets the moments of the
+ * opacity to 0. */
+OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model,
+                                            int reset_opacity);
 
-OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
-                                               struct renderer *r); /* marks all rows invisible in the last view */
-/* On a device: clears rows with a value that is not finite, stored or computed in the last view, as nonfinite.c does on the CPU. */
-OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
+/* marks all rows invisible in the last view */
+OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer *r);
+/* On a device: clears rows with a value that is not finite, stored or computed in the last view, as
+ * nonfinite.c does on the CPU. */
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r,
+                                                 struct trained_model *trained,
                                                  struct renderer_nonfinite *out);
 /* Results of the last view for row i, on the CPU. */
-OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
-OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);
-OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
+OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
+OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row);
+/* |dL/d(u,v)| in units of half an image */
+OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row);
 
 struct renderer_counts {                     /* of the last view */
     size_t visible, pairs, subtiles, pixels; /* pixels: alpha evaluations inside the image */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
-/* ---------------------------------------------------------------- renderer.c: settings of the next view */
+/* ---------------- renderer.c: settings of the next view */
 
-OXL_INTERNAL int  renderer_has_device(const struct renderer *r);
+OXL_INTERNAL int renderer_has_device(const struct renderer *r);
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
-/* From the next forward on, the camera is a window of a full image of this size, with its top left corner `at`; size 0, 0: no window.
+/* From the next forward on, the camera is a window of a full image of this size, with its top left corner
+ * `at`; size 0, 0: no window.
  * CPU only: renderer_use_cpu. */
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
-/* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them in forward, where the CPU
- * can still take over. */
+/* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them
+ * in forward, where the CPU can still take over. */
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
-/* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before the first forward: the CPU
- * renders from then on. */
+/* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before
+ * the first forward: the CPU renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
-/* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c). CPU only. The points are copied. */
+/* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c). CPU
+ * only. The points are copied. */
 struct depth_point {
     float x, y, z; /* px of the rendered image, camera z */
 };
 enum { DEPTH_POINTS = 128 }; /* most */
-OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight);
-/* The next forward does not render this fraction of the Gaussians, chosen by seed and step, and divides the opacities of the others by
+OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count,
+                                      double weight);
+/* The next forward does not render this fraction of the Gaussians, chosen by seed and step, and divides the
+ * opacities of the others by
  * 1 - fraction. CPU only. */
 OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step);
 /* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
 OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
 
-/* ---------------------------------------------------------------- medium.c, exposure.c: medium and lamp; on the CPU */
+/* ---------------- medium.c, exposure.c: medium and lamp; on the CPU */
 
-enum {                           /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
-       MEDIUM_ATTENUATION   = 0, /* three channels each */
-       MEDIUM_BACKSCATTER   = 3,
+enum {                         /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
+       MEDIUM_ATTENUATION = 0, /* three channels each */
+       MEDIUM_BACKSCATTER = 3,
        MEDIUM_VEILING_LIGHT = 6,
-       MEDIUM_FALLOFF       = 9,
-       MEDIUM_SUMS          = 10
+       MEDIUM_FALLOFF = 9,
+       MEDIUM_SUMS = 10
 };
 
 /* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
-OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
-/* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling light, falloff. */
+OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
+/* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling
+ * light, falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
-/* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no lamp. Borrowed. */
-OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
+/* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no
+ * lamp. Borrowed. */
+OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt; backwards: recovers the colours
- * behind medium and lamp. */
-OXL_INTERNAL void          medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model);
+/* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
+ * backwards: recovers the colours behind medium and lamp. */
+OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
+                              oxl_model *model);
 
 #endif

@@ -1,14 +1,16 @@
-/* render_model.c - the public functions: the image of a model, and the gradient of a scalar function of that image. */
+/* render_model.c - the public functions: the image of a model, and the gradient of a scalar function of that
+ * image. */
 #include "renderer_state.h"
 
-/* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */
+/* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha
+ * T. */
 static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
 {
     for (size_t i = 0; i < r->bins.visible_count; i++) {
         struct splat *s = &r->splat[r->bins.order[i]];
-        s->colour[0]    = s->depth;
-        s->colour[1]    = 1;
-        s->colour[2]    = 0;
+        s->colour[0] = s->depth;
+        s->colour[1] = 1;
+        s->colour[2] = 0;
     }
     memset(r->background, 0, sizeof r->background);
     render_each_tile(ctx, r, NULL, raster_forward);
@@ -17,18 +19,20 @@ static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
 static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
 {
     const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    oxl_result   rc     = OXL_OK;
+    oxl_result rc = OXL_OK;
     if (r->device) rc = r->backend->image(r->device, 1, r->rgb);
     else render_depth_tiles(ctx, r);
-    for (size_t i = 0; i < pixels && rc == OXL_OK; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
+        depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
     return rc;
 }
 
-static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                               const oxl_render_options *options, oxl_image *out, float *depth)
+static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                               const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
+                               float *depth)
 {
     const float *rgb = NULL;
-    oxl_result   rc  = renderer_forward(ctx, r, model, camera, options);
+    oxl_result rc = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
     if (rc == OXL_OK) {
@@ -40,14 +44,16 @@ static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_m
 }
 
 /* Of a model that stays in its file, the rows that the view shows. */
-static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                              const oxl_render_options *options, oxl_image *out, float *depth)
+static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                              const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
+                              float *depth)
 {
-    oxl_model  shown;
+    oxl_model shown;
     oxl_result rc;
     if (!model->pages) return render_whole(ctx, r, model, camera, options, out, depth);
     rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
-    if (rc == OXL_OK) rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE); /* the view before may have lain where this one does */
+    /* the view before may have lain where this one does */
+    if (rc == OXL_OK) rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = render_whole(ctx, r, &shown, camera, options, out, depth);
     oxl_model_free(ctx, &shown);
     return rc;
@@ -64,31 +70,34 @@ static int render_begins_anew(oxl_context *ctx, struct renderer *r, oxl_result r
     return 1;
 }
 
-OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                      const oxl_render_options *options, oxl_image *out, float *depth)
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                                      const oxl_camera *camera, const oxl_render_options *options,
+                                      oxl_image *out, float *depth)
 {
     oxl_result rc;
     *out = (oxl_image){0};
     if (camera->width < 1 || camera->height < 1)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width,
+                        camera->height);
     rc = render_view(ctx, r, model, camera, options, out, depth);
     return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, model, camera, options, out, depth) : rc;
 }
 
-oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
-                      oxl_image *out, float *depth)
+oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                      const oxl_render_options *options, oxl_image *out, float *depth)
 {
-    const oxl_render_options o  = options ? *options : oxl_render_options_default();
-    struct renderer         *r  = NULL;
-    oxl_result               rc = renderer_create(ctx, &r);
-    *out                        = (oxl_image){0};
+    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    struct renderer *r = NULL;
+    oxl_result rc = renderer_create(ctx, &r);
+    *out = (oxl_image){0};
     if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, camera, &o, out, depth);
     renderer_free(ctx, r);
     return rc;
 }
 
-static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                  const oxl_render_options *options, const float *drgb, oxl_model *out)
+static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                                  const oxl_camera *camera, const oxl_render_options *options,
+                                  const float *drgb, oxl_model *out)
 {
     oxl_result rc = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, out);
@@ -104,10 +113,10 @@ static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const ox
 oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options, const float *drgb, oxl_model *gradient)
 {
-    const oxl_render_options o  = options ? *options : oxl_render_options_default();
-    struct renderer         *r  = NULL;
-    oxl_result               rc = renderer_create(ctx, &r);
-    *gradient                   = (oxl_model){0};
+    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    struct renderer *r = NULL;
+    oxl_result rc = renderer_create(ctx, &r);
+    *gradient = (oxl_model){0};
     if (rc == OXL_OK) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     if (render_begins_anew(ctx, r, rc)) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     renderer_free(ctx, r);

@@ -1,8 +1,10 @@
-/* renderer.c - chains the kernels: the forward pass of a view (renderer_loss.c: loss and backward pass; renderer_step.c: optimizer step).
+/* renderer.c - chains the kernels: the forward pass of a view (renderer_loss.c: loss and backward pass;
+ * renderer_step.c: optimizer step).
  *
  * The functions run on the CPU, or call those of a device (backends/vulkan/renderer.c).
  *
- * Invariant: parallel loops are over independent packs, strips or tiles, so the result does not depend on the number of threads.
+ * Invariant: parallel loops are over independent packs, strips or tiles, so the result does not depend on the
+ * number of threads.
  */
 #include "renderer_state.h"
 
@@ -32,7 +34,7 @@ OXL_INTERNAL int render_can_fall_back(const oxl_context *ctx, oxl_result rc)
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 {
     oxl_result rc = backend_begin(ctx);
-    *out          = NULL;
+    *out = NULL;
     if (rc != OXL_OK) return rc;
     *out = oxl_calloc(ctx, 1, sizeof **out);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
@@ -71,16 +73,16 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r);
 }
 
-/* ---------------------------------------------------------------- into the kernels' terms */
+/* ---------------- into the kernels' terms */
 
 /* The camera of a window: the limits and units of the projection are those of the full image. */
 static void render_set_full_size(struct kernel_camera *k, const oxl_camera *c, const int full[2])
 {
     if (full[0] == 0) return;
-    k->half_width  = 0.5f * (float)full[0];
+    k->half_width = 0.5f * (float)full[0];
     k->half_height = 0.5f * (float)full[1];
-    k->limit_x     = (float)(FRUSTUM_CLAMP * full[0] / (2 * c->fx));
-    k->limit_y     = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
+    k->limit_x = (float)(FRUSTUM_CLAMP * full[0] / (2 * c->fx));
+    k->limit_y = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
 }
 
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height)
@@ -93,7 +95,7 @@ OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int
 OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
 {
     struct gaussians g = {.count = m->count, .lobes = m->lobes};
-    g.sh_degree        = sh_degree < 0 || sh_degree > m->sh_degree ? m->sh_degree : sh_degree;
+    g.sh_degree = sh_degree < 0 || sh_degree > m->sh_degree ? m->sh_degree : sh_degree;
     for (int k = 0; k < OXL_PLANES; k++) g.plane[k] = m->plane[k];
     return g;
 }
@@ -103,32 +105,40 @@ OXL_INTERNAL size_t render_packs(size_t count)
     return (count + PACK - 1) / PACK;
 }
 
-static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t packs, size_t lobes, size_t pixels)
+static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t packs, size_t lobes,
+                                 size_t pixels)
 {
     const size_t rows = packs * PACK;
-    oxl_result   rc   = oxl_reserve(ctx, &r->splat, &r->splat_capacity, rows, sizeof *r->splat);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads, sizeof *r->tile_range);
+    oxl_result rc = oxl_reserve(ctx, &r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &r->tile_range, &r->tile_range_capacity, (size_t)ctx->threads,
+                         sizeof *r->tile_range);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+    if (rc == OXL_OK)
+        rc =
+            oxl_reserve(ctx, &r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
     return rc;
 }
 
-/* ---------------------------------------------------------------- from a device to the CPU */
+/* ---------------- from a device to the CPU */
 
 /* Copies the image of renderer_set_image, since the loss is not computed yet. */
 static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
-    oxl_result   rc     = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
-    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
-    if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0) rc = ctx->failed;
+    oxl_result rc = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    if (rc == OXL_OK && r->masked)
+        rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0)
+        rc = ctx->failed;
     return rc;
 }
 
-/* With --backend auto, a device without enough memory is replaced by the CPU, unless steps are to be reported yet. Returns rc in all
- * other cases. */
+/* With --backend auto, a device without enough memory is replaced by the CPU, unless steps are to be reported
+ * yet. Returns rc in all other cases. */
 OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
     char why[160];
@@ -141,7 +151,7 @@ OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct rendere
     return render_say_cpu(ctx, why);
 }
 
-/* ---------------------------------------------------------------- forward */
+/* ---------------- forward */
 
 static int64_t render_tasks_of(size_t packs)
 {
@@ -161,31 +171,32 @@ static int render_has_medium(const struct renderer *r)
 
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task)
 {
-    return (struct project_job){.in            = r->in,
+    return (struct project_job){.in = r->in,
                                 .kernel_camera = &r->kernel_camera,
-                                .first_pack    = (size_t)task * RENDER_TASK,
-                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->packs),
-                                .splat         = r->splat,
-                                .lobe          = r->lobe,
-                                .visible       = r->visible,
-                                .medium        = render_has_medium(r) ? &r->medium : NULL,
-                                .medium_pack   = r->medium_pack,
-                                .sums          = (const float(*)[SPLAT_SUMS])r->sums,
-                                .dmean2d       = r->dmean2d};
+                                .first_pack = (size_t)task * RENDER_TASK,
+                                .end_pack = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->packs),
+                                .splat = r->splat,
+                                .lobe = r->lobe,
+                                .visible = r->visible,
+                                .medium = render_has_medium(r) ? &r->medium : NULL,
+                                .medium_pack = r->medium_pack,
+                                .sums = (const float(*)[SPLAT_SUMS])r->sums,
+                                .dmean2d = r->dmean2d};
 }
 
 /* Over the context's rows. */
 static struct project_job render_context_job(struct renderer *r, int64_t task)
 {
-    return (struct project_job){.in            = render_gaussians(r->context, r->context->sh_degree),
+    return (struct project_job){.in = render_gaussians(r->context, r->context->sh_degree),
                                 .kernel_camera = &r->kernel_camera,
-                                .first_pack    = (size_t)task * RENDER_TASK,
-                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs - r->packs),
-                                .splat         = r->splat + r->packs * PACK,
-                                .lobe          = r->lobe + r->in.lobes,
-                                .visible       = r->visible + r->packs,
-                                .medium        = render_has_medium(r) ? &r->context_medium : NULL,
-                                .medium_pack   = r->medium_pack + r->packs};
+                                .first_pack = (size_t)task * RENDER_TASK,
+                                .end_pack =
+                                    OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs - r->packs),
+                                .splat = r->splat + r->packs * PACK,
+                                .lobe = r->lobe + r->in.lobes,
+                                .visible = r->visible + r->packs,
+                                .medium = render_has_medium(r) ? &r->context_medium : NULL,
+                                .medium_pack = r->medium_pack + r->packs};
 }
 
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r)
@@ -195,19 +206,21 @@ OXL_INTERNAL void renderer_expect_steps(struct renderer *r)
 
 OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step)
 {
-    r->dropout      = fraction;
+    r->dropout = fraction;
     r->dropout_seed = seed;
     r->dropout_step = step;
 }
 
-/* Dropout of a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided opacity:
- * what the division adds beyond them, below alpha_min / (1 - fraction), may be missing. Backward needs nothing:
+/* Dropout of a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided
+ * opacity:
+ * what the division adds beyond them, below alpha_min / (1 - fraction), may be missing. Backward needs
+ * nothing:
  * d alpha / d logit = alpha (1 - o), whatever factor alpha has. */
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
-    const uint64_t most  = (uint64_t)(r->dropout * 4294967296.0);
-    const float    gain  = (float)(-vecmath_log(1 - r->dropout) / VECMATH_LN2);
-    const size_t   first = (size_t)(job->splat - r->splat); /* row 0 of the job */
+    const uint64_t most = (uint64_t)(r->dropout * 4294967296.0);
+    const float gain = (float)(-vecmath_log(1 - r->dropout) / VECMATH_LN2);
+    const size_t first = (size_t)(job->splat - r->splat); /* row 0 of the job */
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (size_t l = 0, row = pack * PACK; l < PACK; l++, row++) {
             if (!(job->visible[pack] >> l & 1)) continue;
@@ -223,21 +236,24 @@ static void render_project(oxl_context *ctx, struct renderer *r)
     const int64_t own = render_tasks(r), tasks = own + render_tasks_of(r->bins.packs - r->packs);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
-        const struct project_job job = task < own ? render_project_job(r, task) : render_context_job(r, task - own);
+        const struct project_job job =
+            task < own ? render_project_job(r, task) : render_context_job(r, task - own);
         project_forward(ctx->isa, &job);
         if (r->dropout > 0) render_drop(r, &job);
     }
 }
 
-/* ---------------------------------------------------------------- the medium */
+/* ---------------- the medium */
 
 static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
 {
     const size_t tasks = (size_t)render_tasks(r);
-    oxl_result   rc    = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
+    oxl_result rc = oxl_reserve(ctx, &r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1,
+                                sizeof *r->medium_pack);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &r->medium_sum, &r->medium_sum_capacity, tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
-    r->context_medium                = r->medium;
+    r->context_medium = r->medium;
     r->context_medium.training_range = 0;
     if (r->medium.on) memcpy(r->background, r->medium.veiling_light, sizeof r->background);
     return OXL_OK;
@@ -270,7 +286,7 @@ OXL_INTERNAL int renderer_has_device(const struct renderer *r)
 
 OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium, int trains)
 {
-    r->medium        = medium ? *medium : (struct medium){0};
+    r->medium = medium ? *medium : (struct medium){0};
     r->medium_trains = trains;
 }
 
@@ -281,28 +297,29 @@ OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r)
 
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
 {
-    return (struct raster_job){.bins          = &r->bins,
-                               .width         = r->kernel_camera.width,
-                               .height        = r->kernel_camera.height,
-                               .tile          = tile,
-                               .background    = {r->background[0], r->background[1], r->background[2]},
-                               .rgb           = r->rgb,
+    return (struct raster_job){.bins = &r->bins,
+                               .width = r->kernel_camera.width,
+                               .height = r->kernel_camera.height,
+                               .tile = tile,
+                               .background = {r->background[0], r->background[1], r->background[2]},
+                               .rgb = r->rgb,
                                .transmittance = r->transmittance,
-                               .drgb          = drgb,
-                               .sums          = r->sums,
-                               .score         = r->score};
+                               .drgb = drgb,
+                               .sums = r->sums,
+                               .score = r->score};
 }
 
-/* Parts of about equal work. A thread keeps the same part of the image in all stages, for its cache, and threads share cache lines
- * only at the borders of parts. */
+/* Parts of about equal work. A thread keeps the same part of the image in all stages, for its cache, and
+ * threads share cache lines only at the borders of parts. */
 static void render_divide_tiles(const oxl_context *ctx, struct renderer *r)
 {
-    const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
+    const int tiles = r->bins.tiles_x * r->bins.tiles_y;
     const uint64_t whole = r->bins.pair_count + RENDER_TILE_COST * (uint64_t)tiles;
     for (int k = 0, tile = 0; k < ctx->threads; k++) {
-        const uint64_t end    = whole * (uint64_t)(k + 1) / (uint64_t)ctx->threads;
+        const uint64_t end = whole * (uint64_t)(k + 1) / (uint64_t)ctx->threads;
         r->tile_range[k].next = tile;
-        while (tile < tiles && r->bins.tile_start[tile + 1] + RENDER_TILE_COST * (uint64_t)(tile + 1) <= end) tile++;
+        while (tile < tiles && r->bins.tile_start[tile + 1] + RENDER_TILE_COST * (uint64_t)(tile + 1) <= end)
+            tile++;
         r->tile_range[k].end = tile;
     }
 }
@@ -323,7 +340,8 @@ static void render_draw_tiles(struct renderer *r, struct render_tile_range *rang
 }
 
 /* Each thread processes its own part, then tiles of other parts. */
-OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
+OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb,
+                                   render_tile_fn *work)
 {
     render_divide_tiles(ctx, r);
 #pragma omp parallel for schedule(static, 1) num_threads(ctx->threads)
@@ -333,53 +351,56 @@ OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const f
 }
 
 /* Allocates and prepares for the parallel regions of forward. */
-static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                               const oxl_render_options *options)
+static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                               const oxl_camera *camera, const oxl_render_options *options)
 {
-    const size_t     packs = render_packs(model->count), others = r->context ? render_packs(r->context->count) : 0;
-    const size_t     lobes = r->context ? r->context->lobes : 0;
-    const oxl_result rc =
-        render_reserve(ctx, r, packs + others, model->lobes + lobes, (size_t)camera->width * (size_t)camera->height);
+    const size_t packs = render_packs(model->count),
+                 others = r->context ? render_packs(r->context->count) : 0;
+    const size_t lobes = r->context ? r->context->lobes : 0;
+    const oxl_result rc = render_reserve(ctx, r, packs + others, model->lobes + lobes,
+                                         (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
-    r->packs         = packs;
+    r->packs = packs;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     render_set_full_size(&r->kernel_camera, camera, r->full);
     r->in = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
-    r->bins.alpha_min     = r->kernel_camera.alpha_min;
-    r->bins.cutoff_bits   = r->kernel_camera.cutoff_bits;
-    r->bins.packs         = packs + others;
-    r->bins.splat         = r->splat;
-    r->bins.lobe          = r->lobe;
-    r->bins.lobes         = model->lobes;
-    r->bins.visible       = r->visible;
-    r->bins.context_row   = packs * PACK;
+    r->bins.alpha_min = r->kernel_camera.alpha_min;
+    r->bins.cutoff_bits = r->kernel_camera.cutoff_bits;
+    r->bins.packs = packs + others;
+    r->bins.splat = r->splat;
+    r->bins.lobe = r->lobe;
+    r->bins.lobes = model->lobes;
+    r->bins.visible = r->visible;
+    r->bins.context_row = packs * PACK;
     r->bins.context_lobes = lobes;
     return OXL_OK;
 }
 
-static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                           const oxl_render_options *options)
+static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                                           const oxl_camera *camera, const oxl_render_options *options)
 {
-    const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
-    const oxl_result rc     = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const oxl_result rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
-    r->in            = render_gaussians(model, options->sh_degree);
-    r->packs         = render_packs(model->count);
-    r->bins.packs    = r->packs;
+    r->in = render_gaussians(model, options->sh_degree);
+    r->packs = render_packs(model->count);
+    r->bins.packs = r->packs;
     return r->backend->forward(r->device, model, camera, options, r->steps);
 }
 
-OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                         const oxl_render_options *options)
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model,
+                                         const oxl_camera *camera, const oxl_render_options *options)
 {
     oxl_result rc;
     if (model->pages)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a model of oxl_model_open has its rows in a file: it can only be rendered");
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "a model of oxl_model_open has its rows in a file: it can only be rendered");
     if (r->device && render_has_medium(r))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc == OXL_OK && r->device) ctx->backend->rendered_on |= RENDERED_ON_DEVICE;

@@ -1,27 +1,31 @@
-/* renderer_loss.c - compares a view's image with the rendered one: exposure and lamp, loss, backward pass, pruning scores. */
+/* renderer_loss.c - compares a view's image with the rendered one: exposure and lamp, loss, backward pass,
+ * pruning scores. */
 #include "renderer_state.h"
 
-/* ---------------------------------------------------------------- loss and backward */
+/* ---------------- loss and backward */
 
 OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
 {
     return r->device && r->backend->has_image(r->device, view);
 }
 
-OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
+OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r, int view,
+                                           const struct training_image *image,
                                            const struct image_window *window, int halved)
 {
-    size_t     pixels;
+    size_t pixels;
     oxl_result rc;
     if (r->device) {
         rc = r->backend->take_image(r->device, view, image, halved);
         if (image) rc = render_fall_back_to_cpu(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
-    pixels    = (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
-    rc        = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    pixels =
+        (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
+    rc = oxl_reserve(ctx, &r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
     r->masked = image->mask != NULL;
-    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc == OXL_OK && r->masked)
+        rc = oxl_reserve(ctx, &r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
     image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
     if (halved)
@@ -59,26 +63,31 @@ static struct lamp_area render_lamp_area(const struct renderer *r)
     return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
 }
 
-/* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the gradient uploaded. */
-static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
-                                         float ssim_weight, double dlog_gain[3], struct loss_value *out)
+/* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the
+ * gradient uploaded. */
+static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb,
+                                         const float *weight, float ssim_weight, double dlog_gain[3],
+                                         struct loss_value *out)
 {
-    const size_t        pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    const float         one[3] = {1, 1, 1}, *rendered = NULL;
-    struct exposure_job exposure = {.area      = render_lamp_area(r),
-                                    .gain      = r->has_gain ? r->gain : one,
-                                    .shape     = r->lamp ? r->lamp->shape : NULL,
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const float one[3] = {1, 1, 1}, *rendered = NULL;
+    struct exposure_job exposure = {.area = render_lamp_area(r),
+                                    .gain = r->has_gain ? r->gain : one,
+                                    .shape = r->lamp ? r->lamp->shape : NULL,
                                     .dlog_gain = dlog_gain,
-                                    .dshape    = r->dlamp};
-    oxl_result          rc       = renderer_image(ctx, r, &rendered);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
+                                    .dshape = r->dlamp};
+    oxl_result rc = renderer_image(ctx, r, &rendered);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
     if (rc != OXL_OK) return rc;
-    exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map, exposure.dy = exposure.dx = r->drgb;
+    exposure.x = rendered, exposure.y = r->exposed, exposure.lamp_map = r->lamp_map,
+    exposure.dy = exposure.dx = r->drgb;
     exposure_forward(ctx->isa, &exposure);
-    rc = loss_forward_backward(
-        ctx, &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->exposed, rgb, weight, r->drgb},
-        &r->loss, out);
+    rc = loss_forward_backward(ctx,
+                               &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height,
+                                                  ssim_weight, r->exposed, rgb, weight, r->drgb},
+                               &r->loss, out);
     if (rc == OXL_OK) exposure_backward(ctx->isa, &exposure);
     return rc;
 }
@@ -92,41 +101,45 @@ static void render_scale_window_gradient(struct renderer *r, size_t pixels)
     for (size_t i = 0; i < 3 * pixels; i++) r->drgb[i] *= fraction;
 }
 
-OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
-                                      float ssim_weight, struct renderer_loss *out)
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
+                                      const float *weight, float ssim_weight, struct renderer_loss *out)
 {
-    const size_t      pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     struct loss_value value;
-    oxl_result        rc;
+    oxl_result rc;
     *out = (struct renderer_loss){0};
-    if (r->device && !r->lamp) return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
+    if (r->device && !r->lamp)
+        return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, &r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK && render_has_gains(r))
         rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
     else if (rc == OXL_OK) {
-        const struct loss_job job = {r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
-        rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
+        const struct loss_job job = {
+            r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
+        rc = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
-    if (rc == OXL_OK) out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
+    if (rc == OXL_OK)
+        out->total = value.total, out->l1 = value.l1, out->ssim = value.ssim, out->mse = value.mse;
     if (rc == OXL_OK) render_scale_window_gradient(r, pixels);
     return rc;
 }
 
-OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count, double weight)
+OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_point *point, int count,
+                                      double weight)
 {
     memcpy(r->depth_point, point, (size_t)count * sizeof *point);
     r->depth_points = count;
     r->depth_weight = weight;
 }
 
-OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
-                                          const struct gaussians *out, size_t out_row)
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack,
+                                          size_t end_pack, const struct gaussians *out, size_t out_row)
 {
-    struct project_job job  = render_project_job(r, 0);
-    const size_t       task = first_pack / RENDER_TASK;
+    struct project_job job = render_project_job(r, 0);
+    const size_t task = first_pack / RENDER_TASK;
     job.first_pack = first_pack, job.end_pack = end_pack;
-    job.out     = *out;
+    job.out = *out;
     job.out_row = out_row;
     if (job.medium && r->medium_trains) {
         job.medium_sum = r->medium_sum[task];
@@ -138,15 +151,17 @@ OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct rendere
 static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 {
     oxl_result rc = oxl_reserve(ctx, &r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
     return rc;
 }
 
-OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb,
+                                          oxl_model *gradient)
 {
-    const int64_t    tasks = render_tasks(r);
+    const int64_t tasks = render_tasks(r);
     struct gaussians out;
-    oxl_result       rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
+    oxl_result rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
     if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !r->lamp ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
@@ -155,8 +170,8 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     r->depth_points = 0;
     memset(r->dmedium, 0, sizeof r->dmedium);
     if (r->medium.on && r->medium_trains)
-        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height,
-                             r->dmedium);
+        medium_backward_veil(drgb ? drgb : r->drgb, r->transmittance, r->kernel_camera.width,
+                             r->kernel_camera.height, r->dmedium);
     r->unprojected = !gradient;
     if (!gradient) return OXL_OK;
     out = render_gaussians(gradient, r->in.sh_degree);
@@ -175,7 +190,7 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
     return r->device ? r->backend->gradient(r->device, gradient) : OXL_OK;
 }
 
-/* ---------------------------------------------------------------- score */
+/* ---------------- score */
 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
@@ -185,9 +200,10 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* in slot order, which fixes the rounding */
-        const struct splat *s   = &r->splat[r->bins.order[i]];
-        float               sum = 0;
+    /* in slot order, which fixes the rounding */
+    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) {
+        const struct splat *s = &r->splat[r->bins.order[i]];
+        float sum = 0;
         if (r->bins.order[i] >= r->packs * PACK) continue; /* of the context */
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
         score[r->bins.order[i]] += sum;

@@ -1,4 +1,5 @@
-/* renderer_state.h - shared by the files of the renderer: its state, and what turns it into jobs of the kernels. */
+/* renderer_state.h - shared by the files of the renderer: its state, and what turns it into jobs of the
+ * kernels. */
 #ifndef OXL_RENDERER_STATE_H
 #define OXL_RENDERER_STATE_H
 #include "kernels.h"
@@ -6,79 +7,83 @@
 #include "../core/vecmath.h"
 #include "../survey/imaging.h"
 
-#define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
-#define RENDER_STEP_PART 8  /* packs whose gradients a thread holds in a step: in its first-level cache */
+#define RENDER_TASK 64     /* packs per task: 1024 Gaussians, one page of a plane */
+#define RENDER_STEP_PART 8 /* packs whose gradients a thread holds in a step: in its first-level cache */
 
 /* Consecutive tiles that a thread starts with. */
 struct render_tile_range {
-    int  next, end;
+    int next, end;
     char padding[64 - 2 * sizeof(int)]; /* on a cache line of its own */
 };
 
 struct renderer {
     const struct renderer_device *backend; /* of `device` */
-    void                         *device;  /* NULL: the CPU renders, with the members below */
-    int                           deferred;
-    int                           steps; /* 1: of renderer_expect_steps */
+    void *device;                          /* NULL: the CPU renders, with the members below */
+    int deferred;
+    int steps; /* 1: of renderer_expect_steps */
 
     struct kernel_camera kernel_camera;
-    float                background[3];
-    struct gaussians     in;
-    int                  full[2]; /* px: of the full image, where the camera is a window of it; 0: it is whole */
-    float                at[2];   /* px: where in it the window begins */
-    const oxl_model     *context; /* Gaussians that are rendered but not trained, in the rows behind the model's; or NULL */
-    size_t               packs;   /* of the model; the context's follow */
-    struct splat        *splat;   /* (count) */
-    struct lobe         *lobe;    /* (lobes) */
-    uint16_t            *visible; /* (packs) */
-    float               *dmean2d; /* (count) */
-    float               *rgb, *drgb, *transmittance;
-    struct medium        medium, context_medium; /* the context's: its colours have no training range */
-    int                  medium_trains;          /* 1: the backward pass computes dmedium, too */
-    struct medium_pack  *medium_pack;            /* (packs) with a medium */
-    double (*medium_sum)[MEDIUM_SUMS];           /* (tasks) with one that trains */
-    double             dmedium[MEDIUM_SUMS];
-    size_t             medium_pack_capacity, medium_sum_capacity;
-    double             dropout; /* of renderer_set_dropout */
-    uint64_t           dropout_seed;
-    int                dropout_step;
-    float              gain[3]; /* of renderer_set_gain */
-    int                has_gain;
-    const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
-    float             *exposed;  /* (3,H,W) rgb times gain and lamp */
-    float             *lamp_map; /* (H,W) the lamp's gain */
-    double             dlamp[LAMP_TERMS];
-    size_t             exposed_capacity, lamp_capacity;
-    float             *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
-    int                masked;
+    float background[3];
+    struct gaussians in;
+    int full[2]; /* px: of the full image, where the camera is a window of it; 0: it is whole */
+    float at[2]; /* px: where in it the window begins */
+    /* Gaussians that are rendered but not trained, in the rows behind the model's; or NULL */
+    const oxl_model *context;
+    size_t packs;        /* of the model; the context's follow */
+    struct splat *splat; /* (count) */
+    struct lobe *lobe;   /* (lobes) */
+    uint16_t *visible;   /* (packs) */
+    float *dmean2d;      /* (count) */
+    float *rgb, *drgb, *transmittance;
+    struct medium medium, context_medium; /* the context's: its colours have no training range */
+    int medium_trains;                    /* 1: the backward pass computes dmedium, too */
+    struct medium_pack *medium_pack;      /* (packs) with a medium */
+    double (*medium_sum)[MEDIUM_SUMS];    /* (tasks) with one that trains */
+    double dmedium[MEDIUM_SUMS];
+    size_t medium_pack_capacity, medium_sum_capacity;
+    double dropout; /* of renderer_set_dropout */
+    uint64_t dropout_seed;
+    int dropout_step;
+    float gain[3]; /* of renderer_set_gain */
+    int has_gain;
+    const struct lamp *lamp; /* of renderer_set_lamp, or NULL */
+    float *exposed;          /* (3,H,W) rgb times gain and lamp */
+    float *lamp_map;         /* (H,W) the lamp's gain */
+    double dlamp[LAMP_TERMS];
+    size_t exposed_capacity, lamp_capacity;
+    float *target, *weight; /* image of renderer_set_image: (3,H,W), and (H,W) if masked */
+    int masked;
     struct depth_point depth_point[DEPTH_POINTS]; /* of renderer_set_depths */
-    int                depth_points;
-    double             depth_weight;
-    int                unprojected; /* 1: the backward pass ended with `sums`; renderer_step computes the gradients of the rows */
-    oxl_model          part;        /* (threads * RENDER_STEP_PART * PACK rows) gradients of the rows that a thread steps */
+    int depth_points;
+    double depth_weight;
+    /* 1: the backward pass ended with `sums`; renderer_step computes the gradients of the rows */
+    int unprojected;
+    oxl_model part; /* (threads * RENDER_STEP_PART * PACK rows) gradients of the rows that a thread steps */
     float (*sums)[SPLAT_SUMS];
-    float                    *score; /* (slots) */
-    struct bins               bins;
-    struct loss_scratch       loss;
+    float *score; /* (slots) */
+    struct bins bins;
+    struct loss_scratch loss;
     struct render_tile_range *tile_range; /* (threads) */
-    size_t tile_range_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity,
-        transmittance_capacity, sums_capacity, score_capacity, target_capacity, weight_capacity;
+    size_t tile_range_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity,
+        rgb_capacity, drgb_capacity, transmittance_capacity, sums_capacity, score_capacity, target_capacity,
+        weight_capacity;
 };
 
 typedef void render_tile_fn(int isa, const struct raster_job *job);
 
 /* sh_degree below 0: the model's. */
-OXL_INTERNAL struct gaussians   render_gaussians(const oxl_model *m, int sh_degree);
-OXL_INTERNAL size_t             render_packs(size_t count);
-OXL_INTERNAL int64_t            render_tasks(const struct renderer *r);
+OXL_INTERNAL struct gaussians render_gaussians(const oxl_model *m, int sh_degree);
+OXL_INTERNAL size_t render_packs(size_t count);
+OXL_INTERNAL int64_t render_tasks(const struct renderer *r);
 OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t task);
-OXL_INTERNAL void               render_add_medium_sums(struct renderer *r);
-OXL_INTERNAL void               render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work);
-OXL_INTERNAL int                render_can_fall_back(const oxl_context *ctx, oxl_result rc);
-OXL_INTERNAL oxl_result         render_say_cpu(oxl_context *ctx, const char *why);
-OXL_INTERNAL oxl_result         render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
+OXL_INTERNAL void render_add_medium_sums(struct renderer *r);
+OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb,
+                                   render_tile_fn *work);
+OXL_INTERNAL int render_can_fall_back(const oxl_context *ctx, oxl_result rc);
+OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why);
+OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc);
 /* Works on packs of the model; out_row: the row that is the first of `out`. */
-OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack, size_t end_pack,
-                                          const struct gaussians *out, size_t out_row);
+OXL_INTERNAL void render_project_backward(const oxl_context *ctx, struct renderer *r, size_t first_pack,
+                                          size_t end_pack, const struct gaussians *out, size_t out_row);
 
 #endif

@@ -1,27 +1,30 @@
-/* renderer_step.c - the optimizer step, and what the last view gives for each Gaussian: visibility, depth, gradient. */
+/* renderer_step.c - the optimizer step, and what the last view gives for each Gaussian: visibility, depth,
+ * gradient. */
 #include "renderer_state.h"
 
 struct render_step {
     const struct trained_model *trained;
-    const oxl_model            *gradient; /* of all rows, or r->part */
-    const float                *rates;
-    double                      correction; /* of the first moment's bias */
+    const oxl_model *gradient; /* of all rows, or r->part */
+    const float *rates;
+    double correction; /* of the first moment's bias */
 };
 
 /* Assigns the model's planes from first_plane on to those of the job from `at` on. */
-static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
+static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at,
+                               struct adam_job *out)
 {
     for (int k = first_plane; k < first_plane + planes; k++, at++) {
         out->parameter[at] = s->trained->model.plane[k];
-        out->gradient[at]  = s->gradient->plane[k];
-        out->mean[at]      = s->trained->mean.plane[k];
-        out->square[at]    = s->trained->square.plane[k];
-        out->rate[at]      = (float)(s->rates[k] / s->correction);
+        out->gradient[at] = s->gradient->plane[k];
+        out->mean[at] = s->trained->mean.plane[k];
+        out->square[at] = s->trained->square.plane[k];
+        out->rate[at] = (float)(s->rates[k] / s->correction);
     }
 }
 
 /* Rows of a pack whose visibility bit the step cleared: values that were not finite. */
-static void render_count_nonfinite(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
+static void render_count_nonfinite(unsigned before, unsigned after, size_t pack,
+                                   struct renderer_nonfinite *out)
 {
     for (unsigned l = 0; before != after && l < PACK; l++)
         if ((before & ~after) >> l & 1) {
@@ -33,20 +36,21 @@ static void render_count_nonfinite(unsigned before, unsigned after, size_t pack,
 /* Room for the gradients of the packs that the threads step at a time. */
 static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
 {
-    const size_t rows   = (size_t)ctx->threads * RENDER_STEP_PART * PACK;
-    const int    degree = r->in.sh_degree, lobes = r->in.lobes > 0;
-    oxl_result   rc;
-    if (r->part.count == rows && r->part.sh_degree == degree && (!lobes || r->part.lobes == rows)) return OXL_OK;
+    const size_t rows = (size_t)ctx->threads * RENDER_STEP_PART * PACK;
+    const int degree = r->in.sh_degree, lobes = r->in.lobes > 0;
+    oxl_result rc;
+    if (r->part.count == rows && r->part.sh_degree == degree && (!lobes || r->part.lobes == rows))
+        return OXL_OK;
     oxl_model_free(ctx, &r->part);
     rc = oxl_model_create(ctx, rows, degree, &r->part);
     return rc == OXL_OK && lobes ? model_set_lobes(ctx, &r->part, rows) : rc;
 }
 
 /* The packs of a job, whose gradient is complete or, if unprojected, is completed here. */
-static void render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part, struct adam_job *job,
-                              struct renderer_nonfinite *out)
+static void render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part,
+                              struct adam_job *job, struct renderer_nonfinite *out)
 {
-    uint16_t     seen[RENDER_STEP_PART];
+    uint16_t seen[RENDER_STEP_PART];
     const size_t first = job->first_pack, thread = (size_t)context_thread();
     if (r->unprojected) {
         job->gradient_row = (first - thread * RENDER_STEP_PART) * PACK;
@@ -59,32 +63,34 @@ static void render_step_packs(const oxl_context *ctx, struct renderer *r, const 
 }
 
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
-                                      const oxl_model *gradient, const struct adam_params *adam, struct renderer_nonfinite *out)
+                                      const oxl_model *gradient, const struct adam_params *adam,
+                                      struct renderer_nonfinite *out)
 {
-    const struct render_step s       = {trained, r->unprojected ? &r->part : gradient, adam->rate,
-                                        1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
-    const int64_t            tasks   = render_tasks(r);
-    size_t                   skipped = 0, first_skipped = SIZE_MAX;
-    struct adam_job          rows = {.visible            = r->visible,
-                                     .beta1              = (float)adam->beta[0],
-                                     .beta2              = (float)adam->beta[1],
-                                     .lobe_packs         = render_packs(r->in.lobes),
-                                     .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
-    struct gaussians         part;
-    oxl_result               rc;
+    const struct render_step s = {trained, r->unprojected ? &r->part : gradient, adam->rate,
+                                  1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
+    const int64_t tasks = render_tasks(r);
+    size_t skipped = 0, first_skipped = SIZE_MAX;
+    struct adam_job rows = {.visible = r->visible,
+                            .beta1 = (float)adam->beta[0],
+                            .beta2 = (float)adam->beta[1],
+                            .lobe_packs = render_packs(r->in.lobes),
+                            .inverse_correction =
+                                (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
+    struct gaussians part;
+    oxl_result rc;
     if (r->device) return r->backend->step(r->device, trained, adam, out);
     rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
-    part             = render_gaussians(&r->part, r->in.sh_degree);
-    rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
+    part = render_gaussians(&r->part, r->in.sh_degree);
+    rows.planes = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);
     render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
-        const size_t              begin = (size_t)task * RENDER_TASK, end = OXL_MIN(begin + RENDER_TASK, r->packs);
+        const size_t begin = (size_t)task * RENDER_TASK, end = OXL_MIN(begin + RENDER_TASK, r->packs);
         struct renderer_nonfinite here = {0, SIZE_MAX, 0};
-        struct adam_job           job  = rows;
+        struct adam_job job = rows;
         for (job.first_pack = begin; job.first_pack < end; job.first_pack += RENDER_STEP_PART) {
             job.end_pack = OXL_MIN(job.first_pack + RENDER_STEP_PART, end);
             render_step_packs(ctx, r, &part, &job, &here);
@@ -94,22 +100,25 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
     }
     if (r->unprojected) render_add_medium_sums(r);
     r->unprojected = 0;
-    *out           = (struct renderer_nonfinite){skipped, first_skipped, 0};
+    *out = (struct renderer_nonfinite){skipped, first_skipped, 0};
     return OXL_OK;
 }
 
-/* 1: the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient is a part of what the image gives. */
+/* 1: the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient is a part of
+ * what the image gives. */
 static int render_shows_centre(const struct renderer *r, size_t row)
 {
     const struct splat *s = &r->splat[row];
-    return r->full[0] == 0 ||
-           (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width && s->v < (float)r->kernel_camera.height);
+    return r->full[0] == 0 || (s->u >= 0 && s->v >= 0 && s->u < (float)r->kernel_camera.width &&
+                               s->v < (float)r->kernel_camera.height);
 }
 
 /* Statistics for gradients at this depth. */
 static float *render_depth_sums(const struct renderer_sums *s, float depth)
 {
-    return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->gradient_mid : s->gradient_far;
+    return !s->banded || depth < s->z_near ? s->gradient
+           : depth < s->z_far              ? s->gradient_mid
+                                           : s->gradient_far;
 }
 
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *s)
@@ -131,7 +140,8 @@ OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, 
     return r->device ? r->backend->download(r->device, what) : OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved)
+OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r,
+                                           const struct renderer_move *move, int *moved)
 {
     oxl_result rc = OXL_OK;
     (void)ctx;
@@ -141,7 +151,8 @@ OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r,
     return rc;
 }
 
-OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity)
+OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model,
+                                            int reset_opacity)
 {
     (void)ctx;
     return r->device ? r->backend->send_shape(r->device, model, reset_opacity) : OXL_OK;
@@ -153,7 +164,8 @@ OXL_INTERNAL int renderer_defer(struct renderer *r, int on)
     return r->deferred;
 }
 
-OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait, struct renderer_report *out)
+OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait,
+                                        struct renderer_report *out)
 {
     (void)ctx;
     *out = (struct renderer_report){0};
@@ -173,7 +185,8 @@ OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r, struct trained_model *trained,
+OXL_INTERNAL oxl_result renderer_clear_nonfinite(oxl_context *ctx, struct renderer *r,
+                                                 struct trained_model *trained,
                                                  struct renderer_nonfinite *out)
 {
     (void)ctx;
@@ -196,12 +209,13 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
 {
     struct renderer_counts c = {.visible = r->bins.visible_count, .pairs = r->bins.pair_count};
     for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++) {
-        const int left  = r->kernel_camera.width - tile % r->bins.tiles_x * TILE,
+        const int left = r->kernel_camera.width - tile % r->bins.tiles_x * TILE,
                   below = r->kernel_camera.height - tile / r->bins.tiles_x * TILE;
         for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
             for (uint32_t subtiles = r->bins.pair[i].subtiles; subtiles; subtiles &= subtiles - 1) {
                 const int subtile = simd_lowest_bit(subtiles);
-                const int w = OXL_CLAMP(left - subtile % 4 * 4, 0, 4), h = OXL_CLAMP(below - subtile / 4 * 4, 0, 4);
+                const int w = OXL_CLAMP(left - subtile % 4 * 4, 0, 4),
+                          h = OXL_CLAMP(below - subtile / 4 * 4, 0, 4);
                 c.subtiles++;
                 c.pixels += (size_t)(w * h);
             }

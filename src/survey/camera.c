@@ -1,37 +1,38 @@
 /* camera.c - COLMAP's camera models, and the pinhole camera of the undistorted image.
  *
- * Source: the model definitions in COLMAP's documentation (camera models), which follow OpenCV's calib3d; the fisheye models
- * are Kannala & Brandt 2006. Every model maps a direction (u, v) = (x/z, y/z) to a pixel:
+ * Source: the model definitions in COLMAP's documentation (camera models), which follow OpenCV's calib3d; the
+ * fisheye models are Kannala & Brandt 2006. Every model maps a direction (u, v) = (x/z, y/z) to a pixel:
  *
  *     radial        (u, v) s + tangential, s a polynomial in r^2 = u^2 + v^2
  *     fisheye       (u, v) s, s = theta_d / r, theta_d a polynomial in theta = atan r
- *     thin prism    the same with terms that are not radial, on the fisheye plane (u, v) theta / r [Weng 1992; Project Aria]
+ *     thin prism    the same with terms that are not radial, on the fisheye plane (u, v) theta / r [Weng
+ *     1992; Project Aria]
  *     FOV           (u, v) s, s = atan(2 r tan(w/2)) / (r w) [Devernay & Faugeras 2001]
  *     division      (u, v) s, s = 2 / (1 + sqrt(1 - 4 k r^2)) [Fitzgibbon 2001]
  *     EUCM          (u, v) s, s = 1 / (a sqrt(1 + b r^2) + 1 - a) [Khomutenko 2016]
  *     pixel         (fx x + cx, fy y + cy)
  *
- * Invariant: all pixels of an undistorted camera lie inside the field of view of the real one. A distortion polynomial is not
- * monotonic beyond some radius; directions beyond it are outside the field of view.
+ * Invariant: all pixels of an undistorted camera lie inside the field of view of the real one. A distortion
+ * polynomial is not monotonic beyond some radius; directions beyond it are outside the field of view.
  * No libm transcendental is used: the same bytes on every machine.
  */
 #include "sparse.h"
 
-/* ---------------------------------------------------------------- the table of models */
+/* ---------------- the table of models */
 
 /* In the order of COLMAP's MODEL_ID, which cameras.bin holds (colmap/colmap, src/colmap/sensor/models.h). */
 static const struct camera_model camera_models[] = {
-    {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},                           /* f cx cy */
-    {"PINHOLE", 4, 2, CAMERA_IDEAL},                                  /* fx fy cx cy */
-    {"SIMPLE_RADIAL", 4, 1, CAMERA_RADIAL},                           /* f cx cy k */
-    {"RADIAL", 5, 1, CAMERA_RADIAL},                                  /* f cx cy k1 k2 */
-    {"OPENCV", 8, 2, CAMERA_OPENCV},                                  /* fx fy cx cy k1 k2 p1 p2 */
-    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},                         /* fx fy cx cy k1 k2 k3 k4 */
-    {"FULL_OPENCV", 12, 2, CAMERA_FULL_OPENCV},                       /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
-    {"FOV", 5, 2, CAMERA_FOV},                                        /* fx fy cx cy omega */
-    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE},                  /* f cx cy k */
-    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},                         /* f cx cy k1 k2 */
-    {"THIN_PRISM_FISHEYE", 12, 2, CAMERA_THIN_PRISM},                 /* fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1 */
+    {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},           /* f cx cy */
+    {"PINHOLE", 4, 2, CAMERA_IDEAL},                  /* fx fy cx cy */
+    {"SIMPLE_RADIAL", 4, 1, CAMERA_RADIAL},           /* f cx cy k */
+    {"RADIAL", 5, 1, CAMERA_RADIAL},                  /* f cx cy k1 k2 */
+    {"OPENCV", 8, 2, CAMERA_OPENCV},                  /* fx fy cx cy k1 k2 p1 p2 */
+    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},         /* fx fy cx cy k1 k2 k3 k4 */
+    {"FULL_OPENCV", 12, 2, CAMERA_FULL_OPENCV},       /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
+    {"FOV", 5, 2, CAMERA_FOV},                        /* fx fy cx cy omega */
+    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE},  /* f cx cy k */
+    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},         /* f cx cy k1 k2 */
+    {"THIN_PRISM_FISHEYE", 12, 2, CAMERA_THIN_PRISM}, /* fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1 */
     {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, CAMERA_RAD_TAN_THIN_PRISM}, /* fx fy cx cy k0-k5 p0 p1 s0-s3 */
     {"SIMPLE_DIVISION", 4, 1, CAMERA_DIVISION},                       /* f cx cy k */
     {"DIVISION", 5, 2, CAMERA_DIVISION},                              /* fx fy cx cy k */
@@ -44,7 +45,8 @@ static const struct camera_model camera_models[] = {
 OXL_INTERNAL int camera_model_find(const char *name, size_t length)
 {
     for (int i = 0; i < (int)OXL_COUNT(camera_models); i++)
-        if (strlen(camera_models[i].name) == length && memcmp(camera_models[i].name, name, length) == 0) return i;
+        if (strlen(camera_models[i].name) == length && memcmp(camera_models[i].name, name, length) == 0)
+            return i;
     return -1;
 }
 
@@ -67,8 +69,8 @@ OXL_INTERNAL const char *camera_model_list(void)
 
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4])
 {
-    const int     focals = camera_models[camera->model].focal_count;
-    const double *p      = camera->parameter;
+    const int focals = camera_models[camera->model].focal_count;
+    const double *p = camera->parameter;
     memset(out, 0, 4 * sizeof *out);
     if (focals == 0) return;
     out[0] = p[0];
@@ -77,9 +79,10 @@ OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double o
     out[3] = p[focals + 1];
 }
 
-/* ---------------------------------------------------------------- direction to pixel */
+/* ---------------- direction to pixel */
 
-/* atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an argument below 0.2. */
+/* atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an argument below
+ * 0.2. */
 static double camera_atan(double x)
 {
     double square, sum = 0;
@@ -95,17 +98,18 @@ static double camera_atan(double x)
 static double camera_fisheye_scale(const double *k, int count, double r)
 {
     const double theta = camera_atan(r), square = theta * theta;
-    double       polynomial = 0;
+    double polynomial = 0;
     if (r < CAMERA_SMALL) return 1;
     for (int i = count - 1; i >= 0; i--) polynomial = square * (k[i] + polynomial);
     return theta * (1 + polynomial) / r;
 }
 
-/* tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t / (1 - t^2) three times. */
+/* tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t / (1 - t^2)
+ * three times. */
 static double camera_tan(double x)
 {
     const double square = x / 8 * (x / 8);
-    double       t      = 21;
+    double t = 21;
     for (int n = 19; n >= 1; n -= 2) t = n - square / t;
     t = x / 8 / t;
     for (int i = 0; i < 3; i++) t = 2 * t / (1 - t * t);
@@ -127,7 +131,8 @@ static double camera_fov_scale(double omega, double r)
 /* x, y: on the fisheye plane, in and out. k: k1 k2 p1 p2 k3 k4 sx1 sy1. */
 static void camera_thin_prism(const double *k, double *x, double *y)
 {
-    const double u = *x, v = *y, r2 = u * u + v * v, radial = r2 * (k[0] + r2 * (k[1] + r2 * (k[4] + r2 * k[5])));
+    const double u = *x, v = *y, r2 = u * u + v * v,
+                 radial = r2 * (k[0] + r2 * (k[1] + r2 * (k[4] + r2 * k[5])));
     *x += u * radial + 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u) + k[6] * r2;
     *y += v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2;
 }
@@ -136,23 +141,24 @@ static void camera_thin_prism(const double *k, double *x, double *y)
 static void camera_rad_tan(const double *k, double *x, double *y)
 {
     const double theta2 = *x * *x + *y * *y;
-    double       radial = 0, u, v, r2;
+    double radial = 0, u, v, r2;
     for (int i = 5; i >= 0; i--) radial = theta2 * (k[i] + radial);
-    u  = *x * (1 + radial);
-    v  = *y * (1 + radial);
+    u = *x * (1 + radial);
+    v = *y * (1 + radial);
     r2 = u * u + v * v;
     *x = u + 2 * k[7] * u * v + k[6] * (r2 + 2 * u * u) + r2 * (k[8] + r2 * k[9]);
     *y = v + 2 * k[6] * u * v + k[7] * (r2 + 2 * v * v) + r2 * (k[10] + r2 * k[11]);
 }
 
-OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2])
+OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
+                                 double pixel[2])
 {
-    const struct camera_model *m     = &camera_models[camera->model];
-    const double              *p     = camera->parameter;
-    const double              *k     = p + m->focal_count + 2;
-    const int                  count = m->parameter_count - m->focal_count - 2;
-    const double               u = direction[0], v = direction[1], r2 = u * u + v * v;
-    double                     scale = 1, tangential[2] = {0, 0}, x, y;
+    const struct camera_model *m = &camera_models[camera->model];
+    const double *p = camera->parameter;
+    const double *k = p + m->focal_count + 2;
+    const int count = m->parameter_count - m->focal_count - 2;
+    const double u = direction[0], v = direction[1], r2 = u * u + v * v;
+    double scale = 1, tangential[2] = {0, 0}, x, y;
     switch (m->kind) {
     case CAMERA_IDEAL: break;
     case CAMERA_RADIAL: scale = 1 + r2 * (k[0] + (count > 1 ? r2 * k[1] : 0)); break;
@@ -195,36 +201,39 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
     return 0;
 }
 
-/* ---------------------------------------------------------------- the ideal camera */
+/* ---------------- the ideal camera */
 
 enum {
     CAMERA_SIDE_MAX = 32768, /* px; the same limit as for images */
     CAMERA_SIDE_MIN = 16,
-    CAMERA_RAYS     = 128, /* towards each side of the image */
-    CAMERA_STEPS    = 32,  /* along a ray, to find the first direction outside the field of view */
-    CAMERA_SHRINK   = 64   /* px by which a side may be corrected at the end */
+    CAMERA_RAYS = 128, /* towards each side of the image */
+    CAMERA_STEPS = 32, /* along a ray, to find the first direction outside the field of view */
+    CAMERA_SHRINK = 64 /* px by which a side may be corrected at the end */
 };
-#define CAMERA_PX_MAX    1e9   /* px: limit of plausible focal lengths and principal points */
+#define CAMERA_PX_MAX 1e9      /* px: limit of plausible focal lengths and principal points */
 #define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
-#define CAMERA_GROWTH    2.0   /* largest distance of a side relative to the image's; COLMAP uses the same limit */
+/* largest distance of a side relative to the image's; COLMAP uses the same limit */
+#define CAMERA_GROWTH 2.0
 
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
-/* 1: the direction is inside the field of view: within the centres of the outermost pixels, and where the polynomial is monotonic. */
+/* 1: the direction is inside the field of view: within the centres of the outermost pixels, and where the
+ * polynomial is monotonic. */
 static int camera_in_field(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
-    double       k[4], beyond[2], r2, beyond2;
+    double k[4], beyond[2], r2, beyond2;
     camera_intrinsics(camera, k);
     camera_distort(camera, direction, pixel);
     camera_distort(camera, farther, beyond);
-    r2      = (pixel[0] - k[2]) * (pixel[0] - k[2]) + (pixel[1] - k[3]) * (pixel[1] - k[3]);
+    r2 = (pixel[0] - k[2]) * (pixel[0] - k[2]) + (pixel[1] - k[3]) * (pixel[1] - k[3]);
     beyond2 = (beyond[0] - k[2]) * (beyond[0] - k[2]) + (beyond[1] - k[3]) * (beyond[1] - k[3]);
-    return pixel[0] >= 0.5 && pixel[0] <= camera->width - 0.5 && pixel[1] >= 0.5 && pixel[1] <= camera->height - 0.5 &&
-           beyond2 > r2;
+    return pixel[0] >= 0.5 && pixel[0] <= camera->width - 0.5 && pixel[1] >= 0.5 &&
+           pixel[1] <= camera->height - 0.5 && beyond2 > r2;
 }
 
-/* Steps from the axis towards `target`; `end` receives the limit of the field of view. Returns the kind of limit, or -1: none. */
+/* Steps from the axis towards `target`; `end` receives the limit of the field of view. Returns the kind of
+ * limit, or -1: none. */
 static int camera_trace(const struct colmap_camera *camera, const double target[2], double end[2])
 {
     double pixel[2], good = 0, bad = 0;
@@ -249,40 +258,42 @@ static int camera_trace(const struct colmap_camera *camera, const double target[
     return CAMERA_FOLD;
 }
 
-/* Distance in px from the principal point to each side of a rectangle inside the field of view. Where the image border is the
- * limit, that side moves inwards; where the polynomial is (a curve around the axis), all four sides move inwards by the same
- * factor. */
+/* Distance in px from the principal point to each side of a rectangle inside the field of view. Where the
+ * image border is the limit, that side moves inwards; where the polynomial is (a curve around the axis), all
+ * four sides move inwards by the same factor. */
 static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 {
-    double       k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
-    int          folds = 0;
+    double k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
+    int folds = 0;
     const double w = camera->width, h = camera->height;
     camera_intrinsics(camera, k);
-    side[CAMERA_LEFT]   = CAMERA_GROWTH * k[2];
-    side[CAMERA_RIGHT]  = CAMERA_GROWTH * (w - k[2]);
-    side[CAMERA_TOP]    = CAMERA_GROWTH * k[3];
+    side[CAMERA_LEFT] = CAMERA_GROWTH * k[2];
+    side[CAMERA_RIGHT] = CAMERA_GROWTH * (w - k[2]);
+    side[CAMERA_TOP] = CAMERA_GROWTH * k[3];
     side[CAMERA_BOTTOM] = CAMERA_GROWTH * (h - k[3]);
     for (int i = 0; i < 4 * CAMERA_RAYS; i++) {
         const double along = (i / 4 + 0.5) / CAMERA_RAYS;
-        const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the image's border */
-        const double y     = (i % 4 < 2 ? i % 4 : along) * h - k[3];
-        double       end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
+        const double x = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the image's border */
+        const double y = (i % 4 < 2 ? i % 4 : along) * h - k[3];
+        double end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
         switch (camera_trace(camera, target, end)) {
         case CAMERA_LEFT: side[CAMERA_LEFT] = OXL_MIN(side[CAMERA_LEFT], -k[0] * end[0]); break;
         case CAMERA_RIGHT: side[CAMERA_RIGHT] = OXL_MIN(side[CAMERA_RIGHT], k[0] * end[0]); break;
         case CAMERA_TOP: side[CAMERA_TOP] = OXL_MIN(side[CAMERA_TOP], -k[1] * end[1]); break;
         case CAMERA_BOTTOM: side[CAMERA_BOTTOM] = OXL_MIN(side[CAMERA_BOTTOM], k[1] * end[1]); break;
         case CAMERA_FOLD:
-            fold_at[folds][0]   = k[0] * end[0];
+            fold_at[folds][0] = k[0] * end[0];
             fold_at[folds++][1] = k[1] * end[1];
             break;
         default: break;
         }
     }
     for (int i = 0; i < folds; i++) {
-        const double x = fold_at[i][0] < 0 ? -fold_at[i][0] / side[CAMERA_LEFT] : fold_at[i][0] / side[CAMERA_RIGHT];
-        const double y = fold_at[i][1] < 0 ? -fold_at[i][1] / side[CAMERA_TOP] : fold_at[i][1] / side[CAMERA_BOTTOM];
-        folded         = OXL_MIN(folded, OXL_MAX(x, y));
+        const double x =
+            fold_at[i][0] < 0 ? -fold_at[i][0] / side[CAMERA_LEFT] : fold_at[i][0] / side[CAMERA_RIGHT];
+        const double y =
+            fold_at[i][1] < 0 ? -fold_at[i][1] / side[CAMERA_TOP] : fold_at[i][1] / side[CAMERA_BOTTOM];
+        folded = OXL_MIN(folded, OXL_MAX(x, y));
     }
     for (int i = 0; i < 4; i++) side[i] *= folded;
 }
@@ -290,20 +301,21 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 /* Whole pixels; the remainder is divided between both sides. */
 static void camera_round(const double side[4], oxl_camera *c)
 {
-    c->width  = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);
+    c->width = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);
     c->height = (int)OXL_CLAMP(side[CAMERA_TOP] + side[CAMERA_BOTTOM], 0, 2 * CAMERA_SIDE_MAX);
-    c->cx     = side[CAMERA_LEFT] - 0.5 * (side[CAMERA_LEFT] + side[CAMERA_RIGHT] - c->width);
-    c->cy     = side[CAMERA_TOP] - 0.5 * (side[CAMERA_TOP] + side[CAMERA_BOTTOM] - c->height);
+    c->cx = side[CAMERA_LEFT] - 0.5 * (side[CAMERA_LEFT] + side[CAMERA_RIGHT] - c->width);
+    c->cy = side[CAMERA_TOP] - 0.5 * (side[CAMERA_TOP] + side[CAMERA_BOTTOM] - c->height);
 }
 
 static int camera_covers_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
 {
     const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
-    double       pixel[2];
+    double pixel[2];
     return camera_in_field(camera, direction, pixel);
 }
 
-/* Checks all border pixels and removes a pixel row or column from each side that has one outside the field of view.
+/* Checks all border pixels and removes a pixel row or column from each side that has one outside the field of
+ * view.
  * Returns 1 if there was none. */
 static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c, double side[4])
 {
@@ -322,43 +334,54 @@ static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c
 
 static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *camera, const double k[4])
 {
-    const char  *name  = camera_models[camera->model].name;
+    const char *name = camera_models[camera->model].name;
     const double least = CAMERA_FOCAL_MIN * OXL_MAX(camera->width, camera->height);
     if (camera_models[camera->model].kind == CAMERA_SPHERE)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld (%s) is a 360-degree camera, expected a perspective or fisheye camera\n"
-                        "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py",
-                        camera->file, camera->line, (long long)camera->id, name);
-    if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX || camera->height > CAMERA_SIDE_MAX)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld is %d x %d px, expected 1 to %d a side\nfix: export the model again", camera->file,
-                        camera->line, (long long)camera->id, camera->width, camera->height, CAMERA_SIDE_MAX);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: camera %lld (%s) is a 360-degree camera, expected a perspective or fisheye camera\n"
+            "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py",
+            camera->file, camera->line, (long long)camera->id, name);
+    if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX ||
+        camera->height > CAMERA_SIDE_MAX)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: camera %lld is %d x %d px, expected 1 to %d a side\nfix: export the model again",
+            camera->file, camera->line, (long long)camera->id, camera->width, camera->height,
+            CAMERA_SIDE_MAX);
     if (!(k[0] >= least && k[0] <= CAMERA_PX_MAX && k[1] >= least && k[1] <= CAMERA_PX_MAX))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld (%s) has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
-                        "fix: check the order of the parameters",
-                        camera->file, camera->line, (long long)camera->id, name, k[0], k[1], least);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: camera %lld (%s) has the focal length %g, %g px, expected %g (half a turn of view) to 1e9\n"
+            "fix: check the order of the parameters",
+            camera->file, camera->line, (long long)camera->id, name, k[0], k[1], least);
     if (!(fabs(k[2]) <= CAMERA_PX_MAX && fabs(k[3]) <= CAMERA_PX_MAX))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again", camera->file,
-                        camera->line, (long long)camera->id, name, k[2], k[3]);
-    if (camera_is_distorted(camera) && !(k[2] > 0 && k[2] < camera->width && k[3] > 0 && k[3] < camera->height))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: camera %lld (%s) has its principal point at %g, %g, outside of its %d x %d px, and is distorted\n"
-                        "fix: run COLMAP's image_undistorter and use what it writes",
-                        camera->file, camera->line, (long long)camera->id, name, k[2], k[3], camera->width, camera->height);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again",
+            camera->file, camera->line, (long long)camera->id, name, k[2], k[3]);
+    if (camera_is_distorted(camera) &&
+        !(k[2] > 0 && k[2] < camera->width && k[3] > 0 && k[3] < camera->height))
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: camera %lld (%s) has its principal point at %g, %g, outside of its %d x %d px, and is distorted\n"
+            "fix: run COLMAP's image_undistorter and use what it writes",
+            camera->file, camera->line, (long long)camera->id, name, k[2], k[3], camera->width,
+            camera->height);
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out)
+OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera,
+                                           oxl_camera *out)
 {
-    double     k[4], side[4];
+    double k[4], side[4];
     oxl_result rc;
     *out = (oxl_camera){0};
     camera_intrinsics(camera, k);
     rc = camera_check(ctx, camera, k);
     if (rc != OXL_OK) return rc;
-    *out = (oxl_camera){.width = camera->width, .height = camera->height, .fx = k[0], .fy = k[1], .cx = k[2], .cy = k[3]};
+    *out = (oxl_camera){
+        .width = camera->width, .height = camera->height, .fx = k[0], .fy = k[1], .cx = k[2], .cy = k[3]};
     if (!camera_is_distorted(camera)) return OXL_OK;
     camera_rectangle(camera, side);
     for (int i = 0; i < CAMERA_SHRINK; i++) {
@@ -367,19 +390,20 @@ OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap
         if (camera_shrink(camera, out, side)) return OXL_OK;
     }
     *out = (oxl_camera){0};
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s:%d: the distortion of camera %lld (%s) leaves no image of %d x %d px or more without blank pixels\n"
-                    "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
-                    camera->file, camera->line, (long long)camera->id, camera_models[camera->model].name, CAMERA_SIDE_MIN,
-                    CAMERA_SIDE_MIN);
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s:%d: the distortion of camera %lld (%s) leaves no image of %d x %d px or more without blank pixels\n"
+        "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
+        camera->file, camera->line, (long long)camera->id, camera_models[camera->model].name, CAMERA_SIDE_MIN,
+        CAMERA_SIDE_MIN);
 }
 
-/* ---------------------------------------------------------------- poses */
+/* ---------------- poses */
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9])
 {
     const double norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-    const double s     = norm2 > 0 ? 2 / norm2 : 0; /* a zero quaternion: the identity */
+    const double s = norm2 > 0 ? 2 / norm2 : 0; /* a zero quaternion: the identity */
     const double w = q[0], x = q[1], y = q[2], z = q[3];
     r[0] = 1 - s * (y * y + z * z);
     r[1] = s * (x * y - w * z);
@@ -398,25 +422,28 @@ OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
     for (int i = 0; i < 3; i++) out[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
 }
 
-OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3], double x[3])
+OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3],
+                                   double x[3])
 {
     for (int i = 0; i < 3; i++) {
         x[i] = camera->translation[i];
-        for (int k = 0; k < 3; k++) x[i] += camera->rotation[3 * i + k] * (world[k] - (origin ? origin[k] : 0));
+        for (int k = 0; k < 3; k++)
+            x[i] += camera->rotation[3 * i + k] * (world[k] - (origin ? origin[k] : 0));
     }
 }
 
-OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z, const double origin[3],
-                                   double world[3])
+OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z,
+                                   const double origin[3], double world[3])
 {
     const double *r = camera->rotation, *t = camera->translation;
-    const double  x[3] = {(pixel[0] - camera->cx) / camera->fx * z - t[0], (pixel[1] - camera->cy) / camera->fy * z - t[1],
-                          z - t[2]};
-    for (int k = 0; k < 3; k++) world[k] = r[k] * x[0] + r[3 + k] * x[1] + r[6 + k] * x[2] + (origin ? origin[k] : 0);
+    const double x[3] = {(pixel[0] - camera->cx) / camera->fx * z - t[0],
+                         (pixel[1] - camera->cy) / camera->fy * z - t[1], z - t[2]};
+    for (int k = 0; k < 3; k++)
+        world[k] = r[k] * x[0] + r[3 + k] * x[1] + r[6 + k] * x[2] + (origin ? origin[k] : 0);
 }
 
-OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
-                                double pixel[2])
+OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3],
+                                double x[3], double pixel[2])
 {
     camera_transform(camera, world, origin, x);
     if (!(x[2] > 0)) return 0;

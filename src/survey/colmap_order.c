@@ -1,9 +1,11 @@
 /* colmap_order.c - cameras, images and points of a COLMAP model by id.
  *
- * COLMAP writes rows in the order of its hash tables, so its text and binary exports of one model differ in this order. The result
+ * COLMAP writes rows in the order of its hash tables, so its text and binary exports of one model differ in
+ * this order. The result
  * depends on it: Gaussians and sums follow the order of the points.
  *
- * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of tracks.
+ * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of
+ * tracks.
  */
 #include "colmap.h"
 
@@ -17,7 +19,7 @@ static int order_compare(const void *a, const void *b)
 
 /* Rank of an id, from one bit per possible id. */
 struct order_ranks {
-    int64_t   low;
+    int64_t low;
     uint64_t *met;    /* (words) */
     uint32_t *before; /* (words) ids before the word's */
 };
@@ -33,16 +35,17 @@ static int order_ones(uint64_t x)
 static size_t order_rank(const struct order_ranks *ranks, int64_t id)
 {
     const uint64_t at = (uint64_t)id - (uint64_t)ranks->low;
-    return ranks->before[at / 64] + (size_t)order_ones(ranks->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
+    return ranks->before[at / 64] +
+           (size_t)order_ones(ranks->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
 }
 
-/* In place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache size; then each swap within a
- * bucket puts one point in its final position. */
+/* In place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache size; then
+ * each swap within a bucket puts one point in its final position. */
 static void order_points_by_rank(struct colmap *c, const struct order_ranks *ranks)
 {
     enum { BUCKETS = 512 };
     const size_t size = c->point_count / BUCKETS + 1;
-    size_t       next[BUCKETS]; /* first row of the bucket that may belong elsewhere */
+    size_t next[BUCKETS]; /* first row of the bucket that may belong elsewhere */
     for (size_t b = 0; b < BUCKETS; b++) next[b] = b * size;
     for (size_t b = 0; b < BUCKETS; b++)
         while (next[b] < OXL_MIN((b + 1) * size, c->point_count)) {
@@ -51,17 +54,20 @@ static void order_points_by_rank(struct colmap *c, const struct order_ranks *ran
             next[to]++;
         }
     for (size_t i = 0; i < c->point_count; i++)
-        for (size_t to; (to = order_rank(ranks, c->point[i].id)) != i;) OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
+        for (size_t to; (to = order_rank(ranks, c->point[i].id)) != i;)
+            OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
 }
 
-static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low, size_t words, int64_t *repeated)
+static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low, size_t words,
+                                int64_t *repeated)
 {
-    struct order_ranks k      = {.low = low};
-    uint32_t           before = 0;
-    oxl_result         rc     = OXL_OK;
-    k.met                     = oxl_calloc(ctx, words, sizeof *k.met);
-    k.before                  = oxl_alloc(ctx, words, sizeof *k.before);
-    if (!k.met || !k.before) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu points", c->point_count);
+    struct order_ranks k = {.low = low};
+    uint32_t before = 0;
+    oxl_result rc = OXL_OK;
+    k.met = oxl_calloc(ctx, words, sizeof *k.met);
+    k.before = oxl_alloc(ctx, words, sizeof *k.before);
+    if (!k.met || !k.before)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu points", c->point_count);
     for (size_t i = 0; i < c->point_count && rc == OXL_OK; i++) {
         const uint64_t at = (uint64_t)c->point[i].id - (uint64_t)low, bit = UINT64_C(1) << (at & 63);
         *repeated = c->point[i].id;
@@ -80,9 +86,9 @@ static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low,
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated)
 {
     int64_t low = INT64_MAX, high = INT64_MIN;
-    size_t  sorted = 1;
+    size_t sorted = 1;
     for (size_t i = 0; i < c->point_count; i++) {
-        low  = OXL_MIN(low, c->point[i].id);
+        low = OXL_MIN(low, c->point[i].id);
         high = OXL_MAX(high, c->point[i].id);
     }
     while (sorted < c->point_count && c->point[sorted - 1].id < c->point[sorted].id) sorted++;
@@ -96,19 +102,23 @@ OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, 
 }
 
 struct order_image {
-    int64_t  id;
+    int64_t id;
     uint32_t row;
 };
 
 static oxl_result order_images(oxl_context *ctx, struct colmap *c)
 {
     struct order_image *by_id = oxl_alloc(ctx, c->image_count + 1, sizeof *by_id);
-    uint32_t           *now   = oxl_alloc(ctx, c->image_count + 1, sizeof *now); /* new index of each image */
-    const oxl_result rc = by_id && now ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu images", c->image_count);
-    for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) by_id[i] = (struct order_image){c->image[i].id, (uint32_t)i};
+    uint32_t *now = oxl_alloc(ctx, c->image_count + 1, sizeof *now); /* new index of each image */
+    const oxl_result rc =
+        by_id && now ? OXL_OK
+                     : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu images", c->image_count);
+    for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++)
+        by_id[i] = (struct order_image){c->image[i].id, (uint32_t)i};
     if (rc == OXL_OK) qsort(by_id, c->image_count, sizeof *by_id, order_compare);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) now[by_id[i].row] = (uint32_t)i;
-    for (size_t i = 0; i < c->track_count && rc == OXL_OK; i++) c->track[i].image_row = now[c->track[i].image_row];
+    for (size_t i = 0; i < c->track_count && rc == OXL_OK; i++)
+        c->track[i].image_row = now[c->track[i].image_row];
     if (rc == OXL_OK) qsort(c->image, c->image_count, sizeof *c->image, order_compare);
     OXL_FREE(ctx, by_id, now);
     return rc;
@@ -122,5 +132,6 @@ OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c)
 
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id)
 {
-    return c->camera_count ? bsearch(&id, c->camera, c->camera_count, sizeof *c->camera, order_compare) : NULL;
+    return c->camera_count ? bsearch(&id, c->camera, c->camera_count, sizeof *c->camera, order_compare)
+                           : NULL;
 }

@@ -2,42 +2,48 @@
  *
  *     POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)*
  *
- * The buffer is divided at line ends into a fixed number of pieces, which are parsed in parallel, each into its own rows, without
- * messages or allocation. A piece with an error or a warning stops. Then, in file order, stopped pieces are parsed again by one
- * thread with messages, and all rows are joined.
+ * The buffer is divided at line ends into a fixed number of pieces, which are parsed in parallel, each into
+ * its own rows, without messages or allocation. A piece with an error or a warning stops. Then, in file
+ * order, stopped pieces are parsed again by one thread with messages, and all rows are joined.
  *
- * Invariant: rows, messages and their line numbers do not depend on threads, pieces or the size of the buffer.
+ * Invariant: rows, messages and their line numbers do not depend on threads, pieces or the size of the
+ * buffer.
  */
 #include "colmap.h"
 
-enum { POINTS_PIECES = 16, POINTS_TEXT_MIN = 16, POINTS_TRACK_MIN = 4 }; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
+enum {
+    POINTS_PIECES = 16,
+    POINTS_TEXT_MIN = 16,
+    POINTS_TRACK_MIN = 4
+}; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
 
 struct points_piece {
     struct colmap_reader reader; /* a copy with the same tables of ids and its own lines */
-    oxl_result           rc;
+    oxl_result rc;
     struct colmap_point *point; /* (points) first_track counts from the piece's first */
     struct colmap_track *track; /* (tracks) */
-    size_t               points, tracks;
-    size_t               point_row, track_row; /* destination in colmap */
+    size_t points, tracks;
+    size_t point_row, track_row; /* destination in colmap */
 };
 
 struct points_rows { /* capacity for a full buffer, divided into pieces */
     struct colmap_point *point;
     struct colmap_track *track;
-    size_t               point_capacity, track_capacity;
+    size_t point_capacity, track_capacity;
 };
 
-/* ---------------------------------------------------------------- a line */
+/* ---------------- a line */
 
 /* Fast path: an integer of at most 9 digits. 0: any other field; the cursor stays. */
 static inline int points_short_integer(const char **cursor, const char *end, uint32_t *out)
 {
-    const char *p     = *cursor, *first;
-    uint32_t    value = 0, digit;
+    const char *p = *cursor, *first;
+    uint32_t value = 0, digit;
     while (p < end && colmap_is_blank(*p)) p++;
-    for (first = p; p < end && (digit = (uint32_t)(unsigned char)*p - '0') < 10; p++) value = 10 * value + digit;
+    for (first = p; p < end && (digit = (uint32_t)(unsigned char)*p - '0') < 10; p++)
+        value = 10 * value + digit;
     if (p == first || p - first > 9 || (p < end && !colmap_is_blank(*p))) return 0;
-    *out    = value;
+    *out = value;
     *cursor = p;
     return 1;
 }
@@ -45,25 +51,27 @@ static inline int points_short_integer(const char **cursor, const char *end, uin
 static oxl_result points_read_track_entry(struct colmap_reader *r, int64_t *image, uint32_t *observation)
 {
     const char *p = r->cursor;
-    uint32_t    plain;
-    int64_t     index = 0;
-    oxl_result  rc;
+    uint32_t plain;
+    int64_t index = 0;
+    oxl_result rc;
     if (points_short_integer(&p, r->end, &plain) && points_short_integer(&p, r->end, observation)) {
-        *image    = plain;
+        *image = plain;
         r->cursor = p;
         return OXL_OK;
     }
     rc = colmap_id(r, "IMAGE_ID of a track (IMAGE_ID POINT2D_IDX)", image);
-    if (rc == OXL_OK) rc = colmap_whole(r, "POINT2D_IDX of a track (IMAGE_ID POINT2D_IDX)", 0, UINT32_MAX, &index);
+    if (rc == OXL_OK)
+        rc = colmap_whole(r, "POINT2D_IDX of a track (IMAGE_ID POINT2D_IDX)", 0, UINT32_MAX, &index);
     *observation = (uint32_t)index;
     return rc;
 }
 
-static oxl_result points_read_track(struct colmap_reader *r, struct points_piece *to, struct colmap_point *point)
+static oxl_result points_read_track(struct colmap_reader *r, struct points_piece *to,
+                                    struct colmap_point *point)
 {
     oxl_result rc = OXL_OK;
     while (rc == OXL_OK && r->cursor < r->end) {
-        int64_t  image = 0;
+        int64_t image = 0;
         uint32_t observation, slot;
         rc = points_read_track_entry(r, &image, &observation);
         if (rc != OXL_OK) break;
@@ -80,8 +88,8 @@ static oxl_result points_read_track(struct colmap_reader *r, struct points_piece
 static oxl_result points_read_fields(struct colmap_reader *r, struct colmap_point *point)
 {
     static const char *const axis[3] = {"X", "Y", "Z"}, *const channel[3] = {"R", "G", "B"};
-    int64_t    rgb[3] = {0};
-    oxl_result rc     = colmap_id(r, "POINT3D_ID", &point->id);
+    int64_t rgb[3] = {0};
+    oxl_result rc = colmap_id(r, "POINT3D_ID", &point->id);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = colmap_real(r, axis[i], &point->position[i]);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = colmap_whole(r, channel[i], 0, 255, &rgb[i]);
     if (rc == OXL_OK) rc = colmap_real(r, "ERROR", &point->error);
@@ -93,7 +101,7 @@ static oxl_result points_read_fields(struct colmap_reader *r, struct colmap_poin
 static oxl_result points_read_record(struct colmap_reader *r, struct points_piece *to)
 {
     struct colmap_point point = {.first_track = to->tracks};
-    oxl_result          rc    = points_read_fields(r, &point);
+    oxl_result rc = points_read_fields(r, &point);
     if (rc != OXL_OK) return rc;
     if (!colmap_check_point(r, &point)) return OXL_OK;
     rc = points_read_track(r, to, &point);
@@ -103,16 +111,16 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- the pieces of a buffer */
+/* ---------------- the pieces of a buffer */
 
 /* `lines`: number of lines before the piece, for messages. */
 static void points_read_piece(struct points_piece *p, const char *begin, int is_quiet, int lines)
 {
-    p->reader.next       = begin;
-    p->reader.line       = lines;
-    p->reader.is_quiet   = is_quiet;
+    p->reader.next = begin;
+    p->reader.line = lines;
+    p->reader.is_quiet = is_quiet;
     p->reader.suppressed = 0;
-    p->rc                = OXL_OK;
+    p->rc = OXL_OK;
     p->points = p->tracks = 0;
     while (p->rc == OXL_OK && !(is_quiet && p->reader.suppressed) && colmap_next_record(&p->reader))
         p->rc = points_read_record(&p->reader, p);
@@ -128,35 +136,36 @@ static const char *points_line_begin(const char *from, const char *to)
 /* begin (POINTS_PIECES + 1): pieces are whole lines; the last line may have no newline. */
 static void points_divide_buffer(const struct colmap_reader *r, const char **begin)
 {
-    const char  *end  = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
+    const char *end = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
     const size_t size = (size_t)(end - r->next);
-    begin[0]          = r->next;
-    for (size_t i = 1; i < POINTS_PIECES; i++) begin[i] = points_line_begin(begin[i - 1], r->next + size / POINTS_PIECES * i);
+    begin[0] = r->next;
+    for (size_t i = 1; i < POINTS_PIECES; i++)
+        begin[i] = points_line_begin(begin[i - 1], r->next + size / POINTS_PIECES * i);
     begin[POINTS_PIECES] = end;
 }
 
 static oxl_result points_reserve_rows(struct colmap_reader *r, struct points_rows *rows)
 {
     const size_t size = (size_t)(r->limit - r->buffer);
-    oxl_result   rc =
-        oxl_reserve(r->ctx, &rows->point, &rows->point_capacity, size / POINTS_TEXT_MIN + POINTS_PIECES, sizeof *rows->point);
+    oxl_result rc = oxl_reserve(r->ctx, &rows->point, &rows->point_capacity,
+                                size / POINTS_TEXT_MIN + POINTS_PIECES, sizeof *rows->point);
     if (rc == OXL_OK)
         rc = oxl_reserve(r->ctx, &rows->track, &rows->track_capacity, size / POINTS_TRACK_MIN + POINTS_PIECES,
                          sizeof *rows->track);
     return rc;
 }
 
-static void points_read_pieces(struct colmap_reader *r, const struct points_rows *rows, const char *const *begin,
-                               struct points_piece *piece)
+static void points_read_pieces(struct colmap_reader *r, const struct points_rows *rows,
+                               const char *const *begin, struct points_piece *piece)
 {
 #pragma omp parallel for schedule(dynamic) num_threads(r->ctx->threads)
     for (int i = 0; i < POINTS_PIECES; i++) {
-        const size_t at        = (size_t)(begin[i] - r->buffer);
-        piece[i].reader        = *r;
-        piece[i].reader.limit  = begin[i + 1];
+        const size_t at = (size_t)(begin[i] - r->buffer);
+        piece[i].reader = *r;
+        piece[i].reader.limit = begin[i + 1];
         piece[i].reader.at_end = 1;
-        piece[i].point         = rows->point + at / POINTS_TEXT_MIN + i;
-        piece[i].track         = rows->track + at / POINTS_TRACK_MIN + i;
+        piece[i].point = rows->point + at / POINTS_TEXT_MIN + i;
+        piece[i].track = rows->track + at / POINTS_TRACK_MIN + i;
         points_read_piece(&piece[i], begin[i], 1, 0);
     }
 }
@@ -186,17 +195,19 @@ static oxl_result points_report(struct colmap_reader *r, const char *const *begi
 /* Estimates the number of points from the first buffer, so that arrays need not grow. */
 static size_t points_expected(const struct colmap_reader *r, size_t so_far)
 {
-    const double read = (double)(r->next - r->buffer), expected = 1.05 * (double)so_far * ((double)r->file.size / read);
+    const double read = (double)(r->next - r->buffer),
+                 expected = 1.05 * (double)so_far * ((double)r->file.size / read);
     return r->offset == 0 && read > 0 && expected > (double)so_far ? (size_t)expected : so_far;
 }
 
 static oxl_result points_join(struct colmap_reader *r, const struct points_piece *piece)
 {
     struct colmap *out = r->out;
-    oxl_result     rc =
-        oxl_reserve(r->ctx, &out->point, &r->point_capacity, points_expected(r, out->point_count), sizeof *out->point);
+    oxl_result rc = oxl_reserve(r->ctx, &out->point, &r->point_capacity, points_expected(r, out->point_count),
+                                sizeof *out->point);
     if (rc == OXL_OK)
-        rc = oxl_reserve(r->ctx, &out->track, &r->track_capacity, points_expected(r, out->track_count), sizeof *out->track);
+        rc = oxl_reserve(r->ctx, &out->track, &r->track_capacity, points_expected(r, out->track_count),
+                         sizeof *out->track);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(r->ctx->threads)
     for (int i = 0; i < POINTS_PIECES; i++) {
@@ -213,29 +224,29 @@ static oxl_result points_join(struct colmap_reader *r, const struct points_piece
 static oxl_result points_read_buffer(struct colmap_reader *r, struct points_rows *rows)
 {
     struct points_piece piece[POINTS_PIECES];
-    const char         *begin[POINTS_PIECES + 1];
-    oxl_result          rc = points_reserve_rows(r, rows);
+    const char *begin[POINTS_PIECES + 1];
+    oxl_result rc = points_reserve_rows(r, rows);
     if (rc != OXL_OK) return rc;
     points_divide_buffer(r, begin);
     points_read_pieces(r, rows, begin, piece);
-    rc      = points_report(r, begin, piece);
+    rc = points_report(r, begin, piece);
     r->next = begin[POINTS_PIECES];
     return rc == OXL_OK ? points_join(r, piece) : rc;
 }
 
-/* ---------------------------------------------------------------- the file */
+/* ---------------- the file */
 
 /* Reads the file again up to the second point of this id, to name its line. */
 static oxl_result points_repeated(struct colmap_reader *r, const struct points_rows *rows, int64_t id)
 {
-    struct points_piece one  = {.point = rows->point, .track = rows->track};
-    oxl_result          rc   = os_reader_seek(r->ctx, &r->file, 0);
-    size_t              seen = 0;
+    struct points_piece one = {.point = rows->point, .track = rows->track};
+    oxl_result rc = os_reader_seek(r->ctx, &r->file, 0);
+    size_t seen = 0;
     if (rc == OXL_OK) rc = colmap_begin(r);
     r->is_quiet = 1;
     while (rc == OXL_OK && seen < 2 && colmap_next_record(r)) {
         one.points = one.tracks = 0;
-        rc                      = points_read_record(r, &one);
+        rc = points_read_record(r, &one);
         if (one.points && one.point->id == id) seen++;
     }
     r->is_quiet = 0;
@@ -246,13 +257,14 @@ static oxl_result points_repeated(struct colmap_reader *r, const struct points_r
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r)
 {
     struct points_rows rows = {0};
-    int64_t            id   = 0;
-    oxl_result         rc   = points_read_buffer(r, &rows);
+    int64_t id = 0;
+    oxl_result rc = points_read_buffer(r, &rows);
     while (rc == OXL_OK && !r->at_end) {
         rc = colmap_fill(r);
         if (rc == OXL_OK) rc = points_read_buffer(r, &rows);
     }
-    if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, r->out, &id)) == OXL_ERR_INPUT) rc = points_repeated(r, &rows, id);
+    if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, r->out, &id)) == OXL_ERR_INPUT)
+        rc = points_repeated(r, &rows, id);
     OXL_FREE(r->ctx, rows.point, rows.track);
     return rc;
 }

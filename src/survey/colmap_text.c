@@ -1,12 +1,14 @@
-/* colmap_text.c - COLMAP's text files: a buffer that moves over the file, its lines, their fields, and error messages.
+/* colmap_text.c - COLMAP's text files: a buffer that moves over the file, its lines, their fields, and error
+ * messages.
  *
  * Only the buffer is in memory, so a file of several gigabytes needs no more than its parsed rows.
  *
- * Invariant: a message names file:line, the value found, the value expected, and a fix. A quiet reader does not log or allocate.
+ * Invariant: a message names file:line, the value found, the value expected, and a fix. A quiet reader does
+ * not log or allocate.
  */
 #include "colmap.h"
 
-/* ---------------------------------------------------------------- ids */
+/* ---------------- ids */
 
 static int64_t colmap_id_at(const void *rows, size_t stride, size_t row)
 {
@@ -15,14 +17,17 @@ static int64_t colmap_id_at(const void *rows, size_t stride, size_t row)
     return id;
 }
 
-OXL_INTERNAL uint32_t *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id)
+OXL_INTERNAL uint32_t *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride,
+                                         int64_t id)
 {
-    size_t s = (size_t)(((uint64_t)id * UINT64_C(0x9E3779B97F4A7C15)) >> 32) & (x->slots - 1); /* Knuth's golden ratio */
+    /* Knuth's golden ratio */
+    size_t s = (size_t)(((uint64_t)id * UINT64_C(0x9E3779B97F4A7C15)) >> 32) & (x->slots - 1);
     while (x->slot[s] && colmap_id_at(rows, stride, x->slot[s] - 1) != id) s = (s + 1) & (x->slots - 1);
     return &x->slot[s];
 }
 
-static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, const void *rows, size_t stride, size_t count)
+static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, const void *rows, size_t stride,
+                                    size_t count)
 {
     struct colmap_index grown = {.slots = OXL_MAX((size_t)64, 4 * x->slots)};
     if (count < UINT32_MAX) grown.slot = oxl_calloc(ctx, grown.slots, sizeof *grown.slot);
@@ -34,7 +39,7 @@ static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, co
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- deviations that are read with a warning */
+/* ---------------- deviations that are read with a warning */
 
 static const char *const colmap_warning_text[WARN_COUNT] = {
     "the image before has no line of 2D points; it is taken as empty",
@@ -46,28 +51,30 @@ static const char *const colmap_warning_text[WARN_COUNT] = {
 
 enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
 
-/* ---------------------------------------------------------------- the buffer */
+/* ---------------- the buffer */
 
 /* To `room` bytes. */
 static oxl_result colmap_grow_buffer(struct colmap_reader *r, size_t room)
 {
-    const size_t rest   = r->buffer ? (size_t)(r->limit - r->buffer) : 0;
-    char        *buffer = oxl_regrow(r->ctx, r->buffer, rest, room, 1);
-    if (!buffer) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for a buffer of %zu bytes", r->path, room);
+    const size_t rest = r->buffer ? (size_t)(r->limit - r->buffer) : 0;
+    char *buffer = oxl_regrow(r->ctx, r->buffer, rest, room, 1);
+    if (!buffer)
+        return r->rc =
+                   oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for a buffer of %zu bytes", r->path, room);
     r->buffer = buffer;
-    r->room   = room;
-    r->next   = buffer;
-    r->limit  = buffer + rest;
+    r->room = room;
+    r->next = buffer;
+    r->limit = buffer + rest;
     return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
 {
     const size_t rest = (size_t)(r->limit - r->next);
-    size_t       got  = 0;
+    size_t got = 0;
     memmove(r->buffer, r->next, rest);
     r->offset += (uint64_t)(r->next - r->buffer);
-    r->next  = r->buffer;
+    r->next = r->buffer;
     r->limit = r->buffer + rest;
     if (rest + 1 == r->room && colmap_grow_buffer(r, 2 * r->room) != OXL_OK) return r->rc;
     r->rc = context_stopped(r->ctx);
@@ -87,7 +94,7 @@ OXL_INTERNAL int colmap_is_blank(char c)
 static uint64_t colmap_declared_count(const struct colmap_reader *r)
 {
     static const char words[] = "# Number of ";
-    uint64_t          number  = 0;
+    uint64_t number = 0;
     for (const char *line = r->next; line < r->limit && *line == '#';) {
         const char *feed = memchr(line, '\n', (size_t)(r->limit - line)), *end = feed ? feed : r->limit;
         const char *at = (size_t)(end - line) > sizeof words ? memchr(line, ':', (size_t)(end - line)) : NULL;
@@ -105,7 +112,8 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
 {
     if (r->declared <= count) return;
     oxl_log(r->ctx, OXL_LOG_WARNING,
-            "%s: its header announces %" PRIu64 " %s, and %zu are there: the file is truncated or was edited\n"
+            "%s: its header announces %" PRIu64
+            " %s, and %zu are there: the file is truncated or was edited\n"
             "fix: " COLMAP_FIX_EXPORT,
             r->path, r->declared, what, count);
     r->out->warnings++;
@@ -115,33 +123,38 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
 OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name)
 {
     size_t wanted;
-    r->line   = 0;
+    r->line = 0;
     r->offset = 0;
-    r->path   = oxl_path_join(r->ctx, folder, name);
+    r->path = oxl_path_join(r->ctx, folder, name);
     if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->buffer;
-    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->buffer_size) + 2; /* one byte to detect the end, and the zero byte */
+    /* one byte to detect the end, and the zero byte */
+    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->buffer_size) + 2;
     return r->room < wanted ? colmap_grow_buffer(r, wanted) : OXL_OK;
 }
 
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
 {
-    if (colmap_open_bytes(r, folder, name) == OXL_OK && colmap_begin(r) == OXL_OK) r->declared = colmap_declared_count(r);
+    if (colmap_open_bytes(r, folder, name) == OXL_OK && colmap_begin(r) == OXL_OK)
+        r->declared = colmap_declared_count(r);
     return r->rc;
 }
 
 OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
 {
-    r->line   = 0;
+    r->line = 0;
     r->offset = 0;
     r->limit = r->next = r->buffer;
     if (colmap_fill(r) != OXL_OK) return r->rc;
-    if (r->limit - r->next >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0) r->next += 3; /* the byte order mark of UTF-8 */
-    if (r->limit - r->next >= 2 && (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))
-        r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:1: found text in UTF-16, expected ASCII or UTF-8\nfix: save it as UTF-8",
-                         r->path);
+    if (r->limit - r->next >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0)
+        r->next += 3; /* the byte order mark of UTF-8 */
+    if (r->limit - r->next >= 2 &&
+        (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))
+        r->rc =
+            oxl_fail(r->ctx, OXL_ERR_INPUT,
+                     "%s:1: found text in UTF-16, expected ASCII or UTF-8\nfix: save it as UTF-8", r->path);
     return r->rc;
 }
 
@@ -149,8 +162,8 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r)
 {
     for (int i = 0; i < WARN_COUNT; i++) {
         if (r->warned[i] > COLMAP_LOGGED_MAX)
-            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->warned[i] - COLMAP_LOGGED_MAX,
-                    colmap_warning_text[i]);
+            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path,
+                    r->warned[i] - COLMAP_LOGGED_MAX, colmap_warning_text[i]);
         r->out->warnings += r->warned[i];
         r->warned[i] = 0;
     }
@@ -159,7 +172,7 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r)
     r->path = NULL;
 }
 
-/* ---------------------------------------------------------------- lines and fields */
+/* ---------------- lines and fields */
 
 OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_warning kind)
 {
@@ -176,8 +189,8 @@ OXL_INTERNAL int colmap_next_line(struct colmap_reader *r)
         if (colmap_fill(r) != OXL_OK) return 0;
     if (r->next == r->limit) return 0;
     r->cursor = r->next;
-    r->end    = feed ? feed : r->limit;
-    r->next   = feed ? feed + 1 : r->limit;
+    r->end = feed ? feed : r->limit;
+    r->next = feed ? feed + 1 : r->limit;
     r->line++;
     while (r->end > r->cursor && (colmap_is_blank(r->end[-1]) || r->end[-1] == '\r')) r->end--;
     while (r->cursor < r->end && colmap_is_blank(*r->cursor)) r->cursor++;
@@ -213,20 +226,22 @@ static int colmap_has_comma(const char *p, const char *end)
     return 0;
 }
 
-OXL_INTERNAL oxl_result colmap_fail_token(struct colmap_reader *r, const char *token, const char *what, const char *kind)
+OXL_INTERNAL oxl_result colmap_fail_token(struct colmap_reader *r, const char *token, const char *what,
+                                          const char *kind)
 {
-    char        buffer[64];
+    char buffer[64];
     const char *seen = colmap_printable(token, r->end, buffer);
-    r->suppressed    = 1;
+    r->suppressed = 1;
     if (r->is_quiet) return OXL_ERR_INPUT;
     if (token < r->end && colmap_has_comma(token, r->end))
-        return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s:%d: found %s, a decimal comma, for %s; expected a decimal point\n"
-                        "fix: the export was made under a locale with decimal commas; make it again with LC_ALL=C in front: "
-                        "LC_ALL=C colmap model_converter --output_type TXT",
-                        r->path, r->line, seen, what);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: found %s, expected %s, %s\nfix: " COLMAP_FIX_EXPORT, r->path, r->line, seen,
-                    what, kind);
+        return oxl_fail(
+            r->ctx, OXL_ERR_INPUT,
+            "%s:%d: found %s, a decimal comma, for %s; expected a decimal point\n"
+            "fix: the export was made under a locale with decimal commas; make it again with LC_ALL=C in front: "
+            "LC_ALL=C colmap model_converter --output_type TXT",
+            r->path, r->line, seen, what);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: found %s, expected %s, %s\nfix: " COLMAP_FIX_EXPORT,
+                    r->path, r->line, seen, what, kind);
 }
 
 OXL_INTERNAL void colmap_skip_blanks(struct colmap_reader *r)
@@ -251,20 +266,22 @@ OXL_INTERNAL oxl_result colmap_real(struct colmap_reader *r, const char *what, d
 OXL_INTERNAL oxl_result colmap_finite(struct colmap_reader *r, const char *what, double *out)
 {
     const char *token;
-    oxl_result  rc;
+    oxl_result rc;
     colmap_skip_blanks(r);
     token = r->cursor;
-    rc    = colmap_real(r, what, out);
+    rc = colmap_real(r, what, out);
     return rc != OXL_OK || fabs(*out) <= DBL_MAX ? rc : colmap_fail_token(r, token, what, "a finite number");
 }
 
-OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high, int64_t *out)
+OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high,
+                                     int64_t *out)
 {
     const char *token;
-    char        kind[80];
+    char kind[80];
     colmap_skip_blanks(r);
     token = r->cursor;
-    if (parse_int64(&r->cursor, r->end, out) && colmap_at_field_end(r) && *out >= low && *out <= high) return OXL_OK;
+    if (parse_int64(&r->cursor, r->end, out) && colmap_at_field_end(r) && *out >= low && *out <= high)
+        return OXL_OK;
     if (low == INT64_MIN) snprintf(kind, sizeof kind, "an integer");
     else if (high == INT64_MAX) snprintf(kind, sizeof kind, "an integer of at least %" PRId64, low);
     else snprintf(kind, sizeof kind, "an integer from %" PRId64 " to %" PRId64, low, high);
@@ -279,17 +296,17 @@ OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id)
 {
     return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s:%d: %s %" PRId64 " was there before, expected each id once\nfix: " COLMAP_FIX_EXPORT, r->path, r->line,
-                    what, id);
+                    "%s:%d: %s %" PRId64 " was there before, expected each id once\nfix: " COLMAP_FIX_EXPORT,
+                    r->path, r->line, what, id);
 }
 
 /* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
-static oxl_result colmap_index_insert(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
-                                      size_t count, const char *what)
+static oxl_result colmap_index_insert(struct colmap_reader *r, struct colmap_index *x, const void *rows,
+                                      size_t stride, size_t count, const char *what)
 {
     const int64_t id = colmap_id_at(rows, stride, count);
-    uint32_t     *slot;
-    oxl_result    rc = OXL_OK;
+    uint32_t *slot;
+    oxl_result rc = OXL_OK;
     if (2 * (count + 1) > x->slots) rc = colmap_index_grow(r->ctx, x, rows, stride, count);
     if (rc != OXL_OK) return rc;
     slot = colmap_index_slot(x, rows, stride, id);
@@ -301,7 +318,8 @@ static oxl_result colmap_index_insert(struct colmap_reader *r, struct colmap_ind
 OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
 {
     struct colmap *out = r->out;
-    oxl_result     rc  = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
+    oxl_result rc =
+        oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
     if (rc != OXL_OK) return rc;
     out->camera[out->camera_count] = *camera;
     rc = colmap_index_insert(r, &r->cameras, out->camera, sizeof *camera, out->camera_count, "camera id");
@@ -312,10 +330,10 @@ OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct 
 OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image)
 {
     struct colmap *out = r->out;
-    oxl_result     rc  = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
+    oxl_result rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
     if (rc != OXL_OK) return rc;
     out->image[out->image_count] = *image;
-    rc                           = colmap_index_insert(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
+    rc = colmap_index_insert(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
     out->image_count += rc == OXL_OK;
     return rc;
 }
@@ -334,18 +352,19 @@ OXL_INTERNAL int colmap_check_point(struct colmap_reader *r, struct colmap_point
     return 1;
 }
 
-/* ---------------------------------------------------------------- rotations, cameras and names, of text and binary files */
+/* ---------------- rotations, cameras and names, of text and binary files */
 
 /* "1-3" when there is no gap, else "3 from 1 to 17". */
 static void colmap_camera_ids(const struct colmap *c, char *out, size_t size)
 {
     int64_t low = c->camera[0].id, high = low;
     for (size_t i = 1; i < c->camera_count; i++) {
-        low  = OXL_MIN(low, c->camera[i].id);
+        low = OXL_MIN(low, c->camera[i].id);
         high = OXL_MAX(high, c->camera[i].id);
     }
     if (c->camera_count == 1) snprintf(out, size, "%" PRId64, low);
-    else if ((uint64_t)high - (uint64_t)low == c->camera_count - 1) snprintf(out, size, "%" PRId64 "-%" PRId64, low, high);
+    else if ((uint64_t)high - (uint64_t)low == c->camera_count - 1)
+        snprintf(out, size, "%" PRId64 "-%" PRId64, low, high);
     else snprintf(out, size, "%zu from %" PRId64 " to %" PRId64, c->camera_count, low, high);
 }
 
@@ -395,8 +414,8 @@ static int colmap_name_is_safe(const char *name, const char *end)
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
 {
     struct colmap *out = r->out;
-    size_t         size;
-    oxl_result     rc;
+    size_t size;
+    oxl_result rc;
     colmap_skip_blanks(r);
     while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
         for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;

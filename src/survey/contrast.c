@@ -1,14 +1,17 @@
 /* contrast.c - estimates the attenuation of contrast with depth from image patches around SfM points.
  *
- * Water reduces contrast by exp(-beta z) (Akkaynak & Treibitz 2018; backscatter is smooth). Gradients of the loss are proportional to
- * image contrast, so beta predicts, before the first iteration, whether densification needs depth weights. With c the log contrast of a
- * patch around a point, the least-squares fit of
+ * Water reduces contrast by exp(-beta z) (Akkaynak & Treibitz 2018; backscatter is smooth). Gradients of the
+ * loss are proportional to image contrast, so beta predicts, before the first iteration, whether
+ * densification needs depth weights. With c the log contrast of a patch around a point, the least-squares fit
+ * of
  *     c(point, view) = own(point) - beta z(point, view)
- * compares each point only with itself at several depths, so texture that varies with depth does not bias beta. A patch covers the same
- * part of the scene in all views of a point, in cells of equal size in the scene: 2 px wide in the farthest view. With fixed
- * sizes in pixels, beta would be biased (-0.07 on the synthetic orbit without water).
+ * compares each point only with itself at several depths, so texture that varies with depth does not bias
+ * beta. A patch covers the same part of the scene in all views of a point, in cells of equal size in the
+ * scene: 2 px wide in the farthest view. With fixed sizes in pixels, beta would be biased (-0.07 on the
+ * synthetic orbit without water).
  *
- * Invariant: the estimate is a function of the scene. Sums follow the file order of points and the name order of views.
+ * Invariant: the estimate is a function of the scene. Sums follow the file order of points and the name order
+ * of views.
  */
 #include "sparse.h"
 #include "image.h"
@@ -17,43 +20,44 @@
 #include "../core/vecmath.h"
 
 enum {
-    CONTRAST_VIEWS  = 128,     /* limit of images */
+    CONTRAST_VIEWS = 128,      /* limit of images */
     CONTRAST_SAMPLE = 1 << 18, /* limit of observations */
-    CONTRAST_CELLS  = 7,       /* a patch is 7 x 7 of them */
-    CONTRAST_MIN    = 100      /* minimum of observations */
+    CONTRAST_CELLS = 7,        /* a patch is 7 x 7 of them */
+    CONTRAST_MIN = 100         /* minimum of observations */
 };
-#define CONTRAST_CELL     2.0 /* px in the farthest view of a point */
+#define CONTRAST_CELL 2.0     /* px in the farthest view of a point */
 #define CONTRAST_CELL_MAX 8.0 /* px: nearer views are left out */
-#define CONTRAST_FLOOR    1.0 /* 8-bit levels^2 added to the variance, so that rounding and sensor noise do not count as contrast */
+/* 8-bit levels^2 added to the variance, so that rounding and sensor noise do not count as contrast */
+#define CONTRAST_FLOOR 1.0
 
 struct contrast_sample { /* one point in one image */
     size_t point;
-    int    view, valid;
-    double z, value;   /* camera z; log contrast */
-    float  x, y, cell; /* px: position, width of a cell */
+    int view, valid;
+    double z, value;  /* camera z; log contrast */
+    float x, y, cell; /* px: position, width of a cell */
 };
 struct contrast_work {
-    int                    *view;   /* (images of the COLMAP model) view, or -1: not used */
-    int                    *chosen; /* (chosen_count) those views */
-    int                     chosen_count;
+    int *view;   /* (images of the COLMAP model) view, or -1: not used */
+    int *chosen; /* (chosen_count) those views */
+    int chosen_count;
     struct contrast_sample *sample;
-    double                 *by_view;  /* (views of the scene) */
-    uint32_t               *integral; /* (H+1, W+1) integral image; may wrap */
-    size_t                  integral_capacity;
-    size_t                  samples;
+    double *by_view;    /* (views of the scene) */
+    uint32_t *integral; /* (H+1, W+1) integral image; may wrap */
+    size_t integral_capacity;
+    size_t samples;
 };
 
-/* ---------------------------------------------------------------- which points in which images */
+/* ---------------- which points in which images */
 
 static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c, struct contrast_work *w)
 {
     const int views = oxl_scene_view_count(scene), step = views / CONTRAST_VIEWS + 1;
-    int       seen = 0;
+    int seen = 0;
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
     for (int i = 0; i < views; i++) {
         if (oxl_scene_view(scene, i)->is_test || seen++ % step != 0) continue;
         w->view[scene_source_image(scene, i) - c->image] = i;
-        w->chosen[w->chosen_count++]                     = i;
+        w->chosen[w->chosen_count++] = i;
     }
 }
 
@@ -87,24 +91,26 @@ static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
         }
         for (size_t i = first; i < end; i++) {
             struct contrast_sample *s = &w->sample[i];
-            if (s->valid) s->cell = (float)(CONTRAST_CELL * size * oxl_scene_view(scene, s->view)->camera.fx / s->z);
+            if (s->valid)
+                s->cell = (float)(CONTRAST_CELL * size * oxl_scene_view(scene, s->view)->camera.fx / s->z);
             s->valid = s->valid && s->cell <= CONTRAST_CELL_MAX;
         }
     }
 }
 
-/* ---------------------------------------------------------------- the contrast of a patch */
+/* ---------------- the contrast of a patch */
 
-static oxl_result contrast_integrate(oxl_context *ctx, const struct training_image *image, struct contrast_work *w)
+static oxl_result contrast_integrate(oxl_context *ctx, const struct training_image *image,
+                                     struct contrast_work *w)
 {
-    const size_t     pixels = (size_t)image->width * (size_t)image->height, stride = (size_t)image->width + 1;
-    const oxl_result rc =
-        oxl_reserve(ctx, &w->integral, &w->integral_capacity, stride * ((size_t)image->height + 1), sizeof *w->integral);
+    const size_t pixels = (size_t)image->width * (size_t)image->height, stride = (size_t)image->width + 1;
+    const oxl_result rc = oxl_reserve(ctx, &w->integral, &w->integral_capacity,
+                                      stride * ((size_t)image->height + 1), sizeof *w->integral);
     if (rc != OXL_OK) return rc;
     memset(w->integral, 0, stride * sizeof *w->integral);
     for (int y = 0; y < image->height; y++) {
         const uint8_t *rgb = image->rgb + (size_t)y * image->width;
-        uint32_t      *out = w->integral + ((size_t)y + 1) * stride, sum = 0;
+        uint32_t *out = w->integral + ((size_t)y + 1) * stride, sum = 0;
         out[0] = 0;
         for (int x = 0; x < image->width; x++) {
             sum += (uint32_t)rgb[x] + rgb[x + pixels] + rgb[x + 2 * pixels];
@@ -114,23 +120,27 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
     return OXL_OK;
 }
 
-/* Log of the standard deviation of the cells' brightness; invalid unless the patch is inside the image and unmasked. */
-static void contrast_of_patch(const struct training_image *image, const uint32_t *integral, struct contrast_sample *s)
+/* Log of the standard deviation of the cells' brightness; invalid unless the patch is inside the image and
+ * unmasked. */
+static void contrast_of_patch(const struct training_image *image, const uint32_t *integral,
+                              struct contrast_sample *s)
 {
     const size_t stride = (size_t)image->width + 1;
-    const float  left = s->x - 0.5f * CONTRAST_CELLS * s->cell, top = s->y - 0.5f * CONTRAST_CELLS * s->cell;
-    const float  side = CONTRAST_CELLS * s->cell;
-    const int    n    = CONTRAST_CELLS * CONTRAST_CELLS;
-    double       sum = 0, squares = 0;
-    int          x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: borders of the cells */
-    s->valid = left >= 0 && top >= 0 && left + side <= (float)image->width - 1 && top + side <= (float)image->height - 1;
+    const float left = s->x - 0.5f * CONTRAST_CELLS * s->cell, top = s->y - 0.5f * CONTRAST_CELLS * s->cell;
+    const float side = CONTRAST_CELLS * s->cell;
+    const int n = CONTRAST_CELLS * CONTRAST_CELLS;
+    double sum = 0, squares = 0;
+    int x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: borders of the cells */
+    s->valid = left >= 0 && top >= 0 && left + side <= (float)image->width - 1 &&
+               top + side <= (float)image->height - 1;
     if (!s->valid) return;
-    for (int k = 0; k <= CONTRAST_CELLS; k++) x[k] = (int)(left + k * s->cell + 0.5f), y[k] = (int)(top + k * s->cell + 0.5f);
+    for (int k = 0; k <= CONTRAST_CELLS; k++)
+        x[k] = (int)(left + k * s->cell + 0.5f), y[k] = (int)(top + k * s->cell + 0.5f);
     for (int i = 0; i < n && s->valid; i++) {
-        const int      *x0 = x + i % CONTRAST_CELLS, *y0 = y + i / CONTRAST_CELLS;
+        const int *x0 = x + i % CONTRAST_CELLS, *y0 = y + i / CONTRAST_CELLS;
         const uint32_t *above = integral + y0[0] * stride, *below = integral + y0[1] * stride;
-        const double    v =
-            (double)(below[x0[1]] - below[x0[0]] - above[x0[1]] + above[x0[0]]) / (3.0 * (x0[1] - x0[0]) * (y0[1] - y0[0]));
+        const double v = (double)(below[x0[1]] - below[x0[0]] - above[x0[1]] + above[x0[0]]) /
+                         (3.0 * (x0[1] - x0[0]) * (y0[1] - y0[0]));
         s->valid = !image->mask || image->mask[y0[0] * (stride - 1) + x0[0]] >= 128;
         sum += v;
         squares += v * v;
@@ -139,7 +149,8 @@ static void contrast_of_patch(const struct training_image *image, const uint32_t
 }
 
 /* All samples of one image. */
-static void contrast_of_image(const oxl_context *ctx, const struct training_image *image, int view, struct contrast_work *w)
+static void contrast_of_image(const oxl_context *ctx, const struct training_image *image, int view,
+                              struct contrast_work *w)
 {
     const int64_t samples = (int64_t)w->samples;
     (void)ctx; /* without OpenMP */
@@ -168,7 +179,7 @@ static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct 
     return rc;
 }
 
-/* ---------------------------------------------------------------- the fit */
+/* ---------------- the fit */
 
 /* Subtracts the means of z and value over each point; points with one view are removed. */
 static void contrast_centre(struct contrast_work *w, struct contrast *out)
@@ -196,7 +207,7 @@ static double contrast_error(const struct contrast_work *w, int views, double be
         double sum = 0;
         for (end = first; end < w->samples && w->sample[end].point == w->sample[first].point; end++) {
             const struct contrast_sample *s = &w->sample[end];
-            const double                  e = s->valid ? s->z * (s->value + beta * s->z) : 0;
+            const double e = s->valid ? s->z * (s->value + beta * s->z) : 0;
             sum += e;
             w->by_view[s->view] += e;
         }
@@ -216,22 +227,22 @@ static void contrast_fit(struct contrast_work *w, int views, struct contrast *ou
         zc += w->sample[i].z * w->sample[i].value;
     }
     if (out->observations < CONTRAST_MIN || !(zz > 0)) return;
-    out->beta     = -zc / zz;
-    out->error    = contrast_error(w, views, out->beta, zz);
+    out->beta = -zc / zz;
+    out->error = contrast_error(w, views, out->beta, zz);
     out->measured = 1;
 }
 
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out)
 {
-    const struct colmap *c     = scene_colmap(scene);
-    const int            views = oxl_scene_view_count(scene);
-    struct contrast_work w     = {0};
-    oxl_result           rc    = OXL_OK;
-    *out                       = (struct contrast){0};
+    const struct colmap *c = scene_colmap(scene);
+    const int views = oxl_scene_view_count(scene);
+    struct contrast_work w = {0};
+    oxl_result rc = OXL_OK;
+    *out = (struct contrast){0};
     if (!c || c->track_count == 0) return OXL_OK;
-    w.view    = oxl_alloc(ctx, c->image_count + 1, sizeof *w.view);
-    w.chosen  = oxl_alloc(ctx, (size_t)views + 1, sizeof *w.chosen);
-    w.sample  = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
+    w.view = oxl_alloc(ctx, c->image_count + 1, sizeof *w.view);
+    w.chosen = oxl_alloc(ctx, (size_t)views + 1, sizeof *w.chosen);
+    w.sample = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
     if (!w.view || !w.chosen || !w.sample || !w.by_view) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d images", views);

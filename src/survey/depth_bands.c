@@ -1,7 +1,8 @@
 /* depth_bands.c - assigns pixels of a view to the depth bands near, mid and far, from the survey's points.
  *
- * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond
- * BANDS_REACH it has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
+ * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by
+ * its track; beyond BANDS_REACH it has no band. Without tracks (scenes from arrays), a view observes all
+ * points that project into its image.
  *
  * Invariant: a function of the scene alone, so that metrics by depth use the same pixels for every model.
  */
@@ -15,17 +16,18 @@ enum { BANDS_MAX = 1 << 22 };  /* limit of observations; every k-th if there are
 static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
     const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
-    double            x[3], p[2];
+    double x[3], p[2];
     if (!camera_project(c, world, oxl_scene_origin(scene), x, p)) return;
     if (!(p[0] >= 0 && p[0] < c->width && p[1] >= 0 && p[1] < c->height)) return;
     b->sample[b->count++] = (struct depth_sample){view, (int)p[1] * c->width + (int)p[0], (float)x[2]};
 }
 
 /* view: index by survey image; -1: none. */
-static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
+static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c,
+                                  const int *view)
 {
     const size_t step = c->track_count / BANDS_MAX + 1;
-    size_t       seen = 0;
+    size_t seen = 0;
     for (size_t i = 0; i < c->point_count; i++)
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
             const int v = view[c->track[c->point[i].first_track + k].image_row];
@@ -33,32 +35,37 @@ static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene,
         }
 }
 
-static void depth_bands_by_projection(struct depth_bands *b, const oxl_scene *scene, const int *requested, int count)
+static void depth_bands_by_projection(struct depth_bands *b, const oxl_scene *scene, const int *requested,
+                                      int count)
 {
-    const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MAX + 1;
+    const size_t views = (size_t)oxl_scene_view_count(scene),
+                 step = oxl_scene_point_count(scene) * views / BANDS_MAX + 1;
     for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
         for (int k = 0; k < count; k++) {
             const double *p = oxl_scene_points(scene)[i].position, *origin = oxl_scene_origin(scene);
-            depth_bands_add(b, scene, requested[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
+            depth_bands_add(b, scene, requested[k],
+                            (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
         }
 }
 
 static int depth_bands_compare(const void *a, const void *b)
 {
     const struct depth_sample *x = a, *y = b;
-    const int                  d = (x->view > y->view) - (x->view < y->view);
+    const int d = (x->view > y->view) - (x->view < y->view);
     if (d) return d;
-    return x->pixel != y->pixel ? (x->pixel > y->pixel) - (x->pixel < y->pixel) : (x->z > y->z) - (x->z < y->z);
+    return x->pixel != y->pixel ? (x->pixel > y->pixel) - (x->pixel < y->pixel)
+                                : (x->z > y->z) - (x->z < y->z);
 }
 
-OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested, int count,
-                                          struct depth_bands *out)
+OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested,
+                                          int count, struct depth_bands *out)
 {
-    const struct colmap *c       = scene_colmap(scene);
-    const int            tracked = c && c->track_count > 0;
-    const size_t         most    = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
-    int                 *view    = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
-    *out        = (struct depth_bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
+    const struct colmap *c = scene_colmap(scene);
+    const int tracked = c && c->track_count > 0;
+    const size_t most = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
+    int *view = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
+    *out = (struct depth_bands){
+        .depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
     out->sample = oxl_alloc(ctx, OXL_MIN(most, BANDS_MAX) + 1, sizeof *out->sample);
     if (!view || !out->sample) {
         oxl_free(ctx, view);
@@ -66,7 +73,8 @@ OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *sce
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
     }
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
-    for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, requested[k]) - c->image] = requested[k];
+    for (int k = 0; tracked && k < count; k++)
+        view[scene_source_image(scene, requested[k]) - c->image] = requested[k];
     if (tracked) depth_bands_by_tracks(out, scene, c, view);
     else depth_bands_by_projection(out, scene, requested, count);
     qsort(out->sample, out->count, sizeof *out->sample, depth_bands_compare);
@@ -95,7 +103,7 @@ static size_t depth_bands_first(const struct depth_bands *b, int view)
 static void depth_bands_spread(int width, int height, int *queue, size_t waiting, uint8_t *band)
 {
     const int reach = (int)(BANDS_REACH * OXL_MAX(width, height));
-    size_t    next  = 0;
+    size_t next = 0;
     for (int round = 0; round < reach; round++)
         for (const size_t end = waiting; next < end; next++) {
             const int at = queue[next], x = at % width, y = at / width;
@@ -103,25 +111,27 @@ static void depth_bands_spread(int width, int height, int *queue, size_t waiting
                                y < height - 1 ? at + width : -1};
             for (int k = 0; k < 4; k++)
                 if (to[k] >= 0 && !band[to[k]]) {
-                    band[to[k]]      = band[at];
+                    band[to[k]] = band[at];
                     queue[waiting++] = to[k];
                 }
         }
 }
 
-OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b, const oxl_scene *scene, int view,
-                                            uint8_t *band)
+OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b,
+                                            const oxl_scene *scene, int view, uint8_t *band)
 {
-    const oxl_camera *c       = &oxl_scene_view(scene, view)->camera;
-    const size_t      pixels  = (size_t)c->width * (size_t)c->height;
-    int              *queue   = oxl_alloc(ctx, pixels, sizeof *queue);
-    size_t            waiting = 0;
-    if (!queue) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", c->width, c->height);
+    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    const size_t pixels = (size_t)c->width * (size_t)c->height;
+    int *queue = oxl_alloc(ctx, pixels, sizeof *queue);
+    size_t waiting = 0;
+    if (!queue)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", c->width, c->height);
     memset(band, 0, pixels);
-    for (size_t i = depth_bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sample[i].view == view; i++) {
+    for (size_t i = depth_bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sample[i].view == view;
+         i++) {
         const struct depth_sample *s = &b->sample[i];
         if (band[s->pixel]) continue;
-        band[s->pixel]   = (uint8_t)(1 + (s->z > b->depth[0]) + (s->z > b->depth[1]));
+        band[s->pixel] = (uint8_t)(1 + (s->z > b->depth[0]) + (s->z > b->depth[1]));
         queue[waiting++] = s->pixel;
     }
     depth_bands_spread(c->width, c->height, queue, waiting, band);

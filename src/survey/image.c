@@ -1,10 +1,11 @@
 /* image.c - reads images: decode, undistort, reduce, mask.
  *
- * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which
- * a test checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns,
- * except struct pixels (image_pixels_free).
+ * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT,
+ * fixed-point colour), which a test checks. stb allocates with malloc, since its hooks have no context; that
+ * memory is freed before a function here returns, except struct pixels (image_pixels_free).
  *
- * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
+ * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of
+ * integers.
  */
 #include "sparse.h"
 #include "image.h"
@@ -20,17 +21,17 @@
 #pragma GCC diagnostic ignored "-Wsign-compare"
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #endif
-/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro
- * for a function misspelt in stb_image 2.27. */
+/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG
+ * and ONLY_PNG, a macro for a function misspelt in stb_image 2.27. */
 #define STB_IMAGE_STATIC
 #define STB_IMAGE_IMPLEMENTATION
 #define STBI_NO_STDIO
 #define STBI_NO_GIF
 #define STBI_ONLY_JPEG
 #define STBI_ONLY_PNG
-#define STBI_MALLOC(size)       calloc(1, size) /* its decoder reads tables that a damaged file does not define */
+#define STBI_MALLOC(size) calloc(1, size) /* its decoder reads tables that a damaged file does not define */
 #define STBI_REALLOC(old, size) realloc(old, size)
-#define STBI_FREE(old)          free(old)
+#define STBI_FREE(old) free(old)
 #ifdef __TINYC__ /* defines x86-64 without intrinsics */
 #define STBI_NO_SIMD
 #endif
@@ -41,12 +42,12 @@
 #endif
 
 enum {
-    IMAGE_SIDE_MAX    = 32768, /* px; larger sizes in a header are an error */
-    IMAGE_SAMPLES_MAX = 16,    /* per side and pixel of an undistorted image; 16^2 x 255 x 2^16 fits 32 bits */
-    IMAGE_FRACTION    = 256    /* bilinear weights are multiples of 1/256 */
+    IMAGE_SIDE_MAX = 32768, /* px; larger sizes in a header are an error */
+    IMAGE_SAMPLES_MAX = 16, /* per side and pixel of an undistorted image; 16^2 x 255 x 2^16 fits 32 bits */
+    IMAGE_FRACTION = 256    /* bilinear weights are multiples of 1/256 */
 };
 
-/* ---------------------------------------------------------------- decode */
+/* ---------------- decode */
 
 static int image_is_png(const struct os_file_map *file)
 {
@@ -58,8 +59,8 @@ static int image_is_jpeg(const struct os_file_map *file)
     return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
 }
 
-/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols; again. *tables: a bit for
- * each. */
+/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols;
+ * again. *tables: a bit for each. */
 static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
     while (p < end) {
@@ -72,29 +73,34 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Whether a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind, or none where it refines DC. */
-static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables, int progressive)
+/* Whether a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind, or
+ * none where it refines DC. */
+static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables,
+                                int progressive)
 {
     const int count = p < end ? p[0] : 0, begins = end - p >= 4 + 2 * count ? p[1 + 2 * count] : 0;
     if (end - p < 4 + 2 * count) return 0;
     for (int i = 0; i < count; i++) {
-        const int table = p[2 + 2 * i], dc = tables >> (table >> 4 & 3) & 1, ac = tables >> (4 + (table & 3)) & 1;
+        const int table = p[2 + 2 * i], dc = tables >> (table >> 4 & 3) & 1,
+                  ac = tables >> (4 + (table & 3)) & 1;
         if (!progressive ? !dc || !ac : begins > 0 ? !ac : !dc && p[3 + 2 * count] >> 4 == 0) return 0;
     }
     return 1;
 }
 
-/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), reads
- * tables that are not defined, accepts a second frame header after allocating for the first, and reports a truncated file as "expected
- * marker". Iterates over the markers; a preview inside a segment is skipped with it. */
+/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer
+ * overrun), reads tables that are not defined, accepts a second frame header after allocating for the first,
+ * and reports a truncated file as "expected marker". Iterates over the markers; a preview inside a segment is
+ * skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
-    unsigned             tables = 0;
-    int                  frames = 0, progressive = 0;
+    unsigned tables = 0;
+    int frames = 0, progressive = 0;
     while (end - p >= 2) {
         const int marker = p[1];
-        if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) { /* coded data */
+        /* coded data */
+        if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) {
             p++;
             continue;
         }
@@ -111,30 +117,36 @@ static const char *image_jpeg_error(const struct os_file_map *file)
     return "it ends too early";
 }
 
-static oxl_result image_check_header(oxl_context *ctx, const char *path, const struct os_file_map *file, int *width, int *height)
+static oxl_result image_check_header(oxl_context *ctx, const char *path, const struct os_file_map *file,
+                                     int *width, int *height)
 {
     const unsigned char *data = (const unsigned char *)file->data;
-    const char          *fault;
-    int                  channels;
+    const char *fault;
+    int channels;
     *width = *height = 0;
     if (file->size > INT_MAX)
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %zu bytes are too many for one image\nfix: re-encode it", path, file->size);
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %zu bytes are too many for one image\nfix: re-encode it",
+                        path, file->size);
     if (!image_is_png(file) && !image_is_jpeg(file))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
-                        "under the same name in the model",
-                        path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
+            "under the same name in the model",
+            path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
     fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
     if (fault)
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
                         path, file->size, fault);
     if (!stbi_info_from_memory(data, (int)file->size, width, height, &channels))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
                         stbi_failure_reason());
     if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: %d x %d px, expected 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged", path,
-                        *width, *height, IMAGE_SIDE_MAX);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: %d x %d px, expected 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged",
+            path, *width, *height, IMAGE_SIDE_MAX);
     return OXL_OK;
 }
 
@@ -159,7 +171,8 @@ static size_t image_be32(const unsigned char *p)
 static const unsigned char *image_find_palette(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL; /* IHDR: palette colours */
+    /* IHDR: palette colours */
+    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL;
     while (end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
         if (memcmp(p + 4, "PLTE", 4) == 0) return p;
         p += 12 + image_be32(p);
@@ -172,9 +185,10 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
 {
     enum { FULL = 3 * 256 };
     const unsigned char *chunk = image_find_palette(file);
-    const size_t         used = chunk ? image_be32(chunk) : FULL, before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
-    struct os_file_map   full;
-    char                *data;
+    const size_t used = chunk ? image_be32(chunk) : FULL,
+                 before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
+    struct os_file_map full;
+    char *data;
     if (used >= FULL || file->size > INT_MAX - FULL) return OXL_OK;
     full.size = file->size + FULL - used;
     full.data = data = oxl_calloc(ctx, full.size + 1, 1);
@@ -190,9 +204,9 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out)
 {
     struct os_file_map file = {0};
-    oxl_result         rc   = os_read_file(ctx, path, &file);
-    const stbi_uc     *data;
-    int                w, h, in_file;
+    oxl_result rc = os_read_file(ctx, path, &file);
+    const stbi_uc *data;
+    int w, h, in_file;
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
@@ -201,14 +215,17 @@ OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int cha
     *out = (struct pixels){.width = w, .height = h};
     if (stbi_is_16_bit_from_memory(data, (int)file.size))
         out->data =
-            image_to_8_bits(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels), (size_t)w * h * channels);
+            image_to_8_bits(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels),
+                            (size_t)w * h * channels);
     else out->data = stbi_load_from_memory(data, (int)file.size, &w, &h, &in_file, channels);
     if (!out->data) {
         const char *reason = stbi_failure_reason();
-        *out               = (struct pixels){0};
-        if (strcmp(reason, "outofmem") == 0) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, w, h);
+        *out = (struct pixels){0};
+        if (strcmp(reason, "outofmem") == 0)
+            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, w, h);
         else
-            rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot be decoded (%s)\nfix: copy the file again, or remove it", path, reason);
+            rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                          "%s: cannot be decoded (%s)\nfix: copy the file again, or remove it", path, reason);
     }
 done:
     os_release_file(ctx, &file);
@@ -225,28 +242,28 @@ OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p)
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height)
 {
     struct os_file_map file = {0};
-    oxl_result         rc   = os_read_file(ctx, path, &file);
+    oxl_result rc = os_read_file(ctx, path, &file);
     *width = *height = 0;
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, width, height);
     os_release_file(ctx, &file);
     return rc;
 }
 
-/* ---------------------------------------------------------------- reduce */
+/* ---------------- reduce */
 
-/* One output pixel along one axis covers [at n_in, (at + 1) n_in) in units of 1/n_out of an input pixel, so that all overlaps
- * are whole numbers, with the sum n_in. */
+/* One output pixel along one axis covers [at n_in, (at + 1) n_in) in units of 1/n_out of an input pixel, so
+ * that all overlaps are whole numbers, with the sum n_in. */
 struct image_span {
-    int      first, last;               /* input pixels touched, both included */
+    int first, last;                    /* input pixels touched, both included */
     unsigned weight_first, weight_last; /* of those two; the ones between weigh n_out */
 };
 
 static struct image_span image_span_of(int at, int n_in, int n_out)
 {
-    const int64_t     from = (int64_t)at * n_in, to = from + n_in;
+    const int64_t from = (int64_t)at * n_in, to = from + n_in;
     struct image_span s = {.first = (int)(from / n_out), .last = (int)((to - 1) / n_out)};
-    s.weight_first      = (unsigned)(OXL_MIN(to, (int64_t)(s.first + 1) * n_out) - from);
-    s.weight_last       = (unsigned)(to - OXL_MAX(from, (int64_t)s.last * n_out));
+    s.weight_first = (unsigned)(OXL_MIN(to, (int64_t)(s.first + 1) * n_out) - from);
+    s.weight_last = (unsigned)(to - OXL_MAX(from, (int64_t)s.last * n_out));
     return s;
 }
 
@@ -257,22 +274,22 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
 
 /* Shared by all output rows: spans of the columns, and one accumulation row per thread. */
 struct image_reduction {
-    const struct pixels         *in;
+    const struct pixels *in;
     const struct training_image *out;
-    struct image_span           *column; /* (out->width) */
-    uint32_t                    *line;   /* (threads, in->width, 3) */
+    struct image_span *column; /* (out->width) */
+    uint32_t *line;            /* (threads, in->width, 3) */
 };
 
 struct image_row_sum {
     const uint8_t *row;
-    uint32_t      *line;
-    size_t         samples;
-    unsigned       weight;
+    uint32_t *line;
+    size_t samples;
+    unsigned weight;
 };
 
 SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s)
 {
-    uint32_t *restrict const line     = s->line;
+    uint32_t *restrict const line = s->line;
     const uint8_t *restrict const row = s->row;
     (void)fused;
     for (size_t k = 0; k < s->samples; k++) line[k] += s->weight * row[k];
@@ -281,30 +298,32 @@ SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s
 SIMD_DISPATCH(static, image_add_row, struct image_row_sum)
 
 /* The weighted sum of the rows in the span. The weights sum to in->height, so 32 bits suffice. */
-static void image_add_rows(int isa, const struct image_reduction *r, const struct image_span *rows, uint32_t *line)
+static void image_add_rows(int isa, const struct image_reduction *r, const struct image_span *rows,
+                           uint32_t *line)
 {
     const size_t samples = 3 * (size_t)r->in->width;
     memset(line, 0, samples * sizeof *line);
     for (int i = rows->first; i <= rows->last; i++)
-        image_add_row(isa, &(struct image_row_sum){.row     = r->in->data + (size_t)i * samples,
-                                                   .line    = line,
+        image_add_row(isa, &(struct image_row_sum){.row = r->in->data + (size_t)i * samples,
+                                                   .line = line,
                                                    .samples = samples,
-                                                   .weight  = image_span_weight(rows, i, r->out->height)});
+                                                   .weight = image_span_weight(rows, i, r->out->height)});
 }
 
 /* The mean of the image over each output pixel's area, exact before it is rounded. */
 static void image_reduce_row(int isa, const struct image_reduction *r, int y)
 {
-    const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
-    const uint64_t          total = (uint64_t)r->in->width * r->in->height;
-    const size_t            plane = (size_t)r->out->width * r->out->height;
-    uint32_t               *line  = r->line + 3 * (size_t)r->in->width * (size_t)context_thread();
+    const struct image_span rows = image_span_of(y, r->in->height, r->out->height);
+    const uint64_t total = (uint64_t)r->in->width * r->in->height;
+    const size_t plane = (size_t)r->out->width * r->out->height;
+    uint32_t *line = r->line + 3 * (size_t)r->in->width * (size_t)context_thread();
     image_add_rows(isa, r, &rows, line);
     for (int x = 0; x < r->out->width; x++) {
-        const struct image_span *s      = &r->column[x];
-        uint64_t                 sum[3] = {0, 0, 0};
+        const struct image_span *s = &r->column[x];
+        uint64_t sum[3] = {0, 0, 0};
         for (int i = s->first; i <= s->last; i++)
-            for (int c = 0; c < 3; c++) sum[c] += (uint64_t)image_span_weight(s, i, r->out->width) * line[3 * (size_t)i + c];
+            for (int c = 0; c < 3; c++)
+                sum[c] += (uint64_t)image_span_weight(s, i, r->out->width) * line[3 * (size_t)i + c];
         for (int c = 0; c < 3; c++)
             r->out->rgb[c * plane + (size_t)y * r->out->width + x] = (uint8_t)((sum[c] + total / 2) / total);
     }
@@ -312,12 +331,13 @@ static void image_reduce_row(int isa, const struct image_reduction *r, int y)
 
 static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const struct training_image *out)
 {
-    struct image_reduction r  = {.in = in, .out = out};
-    oxl_result             rc = OXL_OK;
-    r.column                  = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
-    r.line                    = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
+    struct image_reduction r = {.in = in, .out = out};
+    oxl_result rc = OXL_OK;
+    r.column = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
+    r.line = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
     if (!r.column || !r.line) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce an image of %d x %d px", in->width, in->height);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce an image of %d x %d px", in->width,
+                      in->height);
         goto done;
     }
     for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
@@ -334,29 +354,32 @@ static void image_reduce_mask_row(const struct pixels *mask, const struct traini
     const struct image_span rows = image_span_of(y, mask->height, out->height);
     for (int x = 0; x < out->width; x++) {
         const struct image_span columns = image_span_of(x, mask->width, out->width);
-        int                     counts  = 1;
+        int counts = 1;
         for (int i = rows.first; i <= rows.last; i++)
-            for (int j = columns.first; j <= columns.last; j++) counts &= mask->data[(size_t)i * mask->width + j] != 0;
+            for (int j = columns.first; j <= columns.last; j++)
+                counts &= mask->data[(size_t)i * mask->width + j] != 0;
         out->mask[(size_t)y * out->width + x] = counts ? 255 : 0;
     }
 }
 
-/* ---------------------------------------------------------------- undistort */
+/* ---------------- undistort */
 
 struct image_warp {
-    const struct pixels        *source, *mask; /* mask->data may be NULL */
+    const struct pixels *source, *mask; /* mask->data may be NULL */
     const struct colmap_camera *from;
-    const oxl_camera           *to;
-    double                      zoom[2]; /* image's px per px of `from`: 1 unless the file was resized */
-    int                         samples; /* a side of an output pixel */
+    const oxl_camera *to;
+    double zoom[2]; /* image's px per px of `from`: 1 unless the file was resized */
+    int samples;    /* a side of an output pixel */
 };
 
 /* Adds the bilinear sample at p (px), in units of 1/256^2, borders repeated. */
 static void image_add_bilinear(const struct pixels *in, const double p[2], uint32_t sum[3])
 {
-    const int    fx = (int)floor((p[0] - 0.5) * IMAGE_FRACTION + 0.5), fy = (int)floor((p[1] - 0.5) * IMAGE_FRACTION + 0.5);
-    const int    x = OXL_CLAMP(fx, 0, (in->width - 1) * IMAGE_FRACTION), y = OXL_CLAMP(fy, 0, (in->height - 1) * IMAGE_FRACTION);
-    const int    x0 = x / IMAGE_FRACTION, y0 = y / IMAGE_FRACTION;
+    const int fx = (int)floor((p[0] - 0.5) * IMAGE_FRACTION + 0.5),
+              fy = (int)floor((p[1] - 0.5) * IMAGE_FRACTION + 0.5);
+    const int x = OXL_CLAMP(fx, 0, (in->width - 1) * IMAGE_FRACTION),
+              y = OXL_CLAMP(fy, 0, (in->height - 1) * IMAGE_FRACTION);
+    const int x0 = x / IMAGE_FRACTION, y0 = y / IMAGE_FRACTION;
     const size_t right = x0 + 1 < in->width ? 3 : 0, down = y0 + 1 < in->height ? 3 * (size_t)in->width : 0;
     const uint32_t wx = (uint32_t)(x % IMAGE_FRACTION), wy = (uint32_t)(y % IMAGE_FRACTION);
     const uint8_t *a = in->data + 3 * ((size_t)y0 * in->width + x0);
@@ -380,15 +403,16 @@ static int image_is_valid_at(const struct image_warp *w, const double p[2])
 /* Each pixel is the mean of samples x samples bilinear samples on a regular grid. */
 static void image_warp_row(const struct image_warp *w, const struct training_image *out, int y)
 {
-    const size_t   plane = (size_t)out->width * out->height;
+    const size_t plane = (size_t)out->width * out->height;
     const uint32_t total = (uint32_t)(w->samples * w->samples) * IMAGE_FRACTION * IMAGE_FRACTION;
     for (int x = 0; x < out->width; x++) {
         uint32_t sum[3] = {0, 0, 0};
-        int      counts = 1;
+        int counts = 1;
         for (int i = 0; i < w->samples * w->samples; i++) {
-            const double u = x + (i % w->samples + 0.5) / w->samples, v = y + (i / w->samples + 0.5) / w->samples;
+            const double u = x + (i % w->samples + 0.5) / w->samples,
+                         v = y + (i / w->samples + 0.5) / w->samples;
             const double direction[2] = {(u - w->to->cx) / w->to->fx, (v - w->to->cy) / w->to->fy};
-            double       p[2];
+            double p[2];
             camera_distort(w->from, direction, p);
             p[0] *= w->zoom[0];
             p[1] *= w->zoom[1];
@@ -396,44 +420,48 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
             if (counts) image_add_bilinear(w->source, p, sum);
         }
         for (int c = 0; c < 3; c++)
-            out->rgb[c * plane + (size_t)y * out->width + x] = counts ? (uint8_t)(((uint64_t)sum[c] + total / 2) / total) : 0;
+            out->rgb[c * plane + (size_t)y * out->width + x] =
+                counts ? (uint8_t)(((uint64_t)sum[c] + total / 2) / total) : 0;
         out->mask[(size_t)y * out->width + x] = counts ? 255 : 0;
     }
 }
 
-static struct image_warp image_warp_of(const struct pixels *image, const struct pixels *mask, const struct colmap_camera *from,
-                                       const oxl_camera *to)
+static struct image_warp image_warp_of(const struct pixels *image, const struct pixels *mask,
+                                       const struct colmap_camera *from, const oxl_camera *to)
 {
     struct image_warp w = {.source = image, .mask = mask, .from = from, .to = to};
-    double            k[4], reduction;
+    double k[4], reduction;
     camera_intrinsics(from, k);
     w.zoom[0] = (double)image->width / from->width;
     w.zoom[1] = (double)image->height / from->height;
-    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy); /* image's px per output px at the axis */
+    /* image's px per output px at the axis */
+    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy);
     w.samples = (int)ceil(OXL_CLAMP(reduction - 0.01, 1, IMAGE_SAMPLES_MAX));
     return w;
 }
 
-/* ---------------------------------------------------------------- a training image */
+/* ---------------- a training image */
 
 /* The image may be resized since the COLMAP run, but not cropped or rotated. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from)
 {
     const double zx = (double)width / from->width, zy = (double)height / from->height;
-    const int    turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
+    const int turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
                     width, height, (long long)from->id, from->file, from->line, from->width, from->height,
                     turned ? "undo the rotation: COLMAP used the pixels as they are stored in the file"
                            : "use the images that COLMAP was given");
 }
 
-static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct training_image *out)
+static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask,
+                                       struct training_image *out)
 {
     const size_t count = (size_t)to->width * to->height;
-    *out               = (struct training_image){.width = to->width, .height = to->height};
-    out->rgb           = oxl_alloc(ctx, count, 3);
+    *out = (struct training_image){.width = to->width, .height = to->height};
+    out->rgb = oxl_alloc(ctx, count, 3);
     if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
     if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", to->width, to->height);
@@ -458,14 +486,15 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
 }
 
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
-                                            const struct colmap_camera *from, const oxl_camera *to, struct training_image *out)
+                                            const struct colmap_camera *from, const oxl_camera *to,
+                                            struct training_image *out)
 {
-    const int         distorted = camera_is_distorted(from);
-    struct pixels     image = {0}, mask = {0};
+    const int distorted = camera_is_distorted(from);
+    struct pixels image = {0}, mask = {0};
     struct image_warp warp;
-    oxl_result        rc;
+    oxl_result rc;
     *out = (struct training_image){0};
-    rc   = image_decode(ctx, path, 3, &image);
+    rc = image_decode(ctx, path, 3, &image);
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, image.width, image.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
     if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);
@@ -497,20 +526,22 @@ OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct train
                                       const struct image_window *window, float *rgb, float *weight)
 {
     const struct image_window whole = {0, 0, image->width, image->height}, w = window ? *window : whole;
-    const int64_t             rows = 3 * (int64_t)w.height;
+    const int64_t rows = 3 * (int64_t)w.height;
     (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t row = 0; row < rows; row++) {
-        const int64_t  plane = row / w.height, y = row % w.height + w.y;
-        const uint8_t *in  = image->rgb + (plane * image->height + y) * image->width + w.x;
-        float         *out = rgb + row * w.width;
+        const int64_t plane = row / w.height, y = row % w.height + w.y;
+        const uint8_t *in = image->rgb + (plane * image->height + y) * image->width + w.x;
+        float *out = rgb + row * w.width;
 #pragma omp simd
         for (int i = 0; i < w.width; i++) out[i] = (float)in[i] / 255.0f;
     }
     for (int y = 0; weight && y < w.height; y++)
         for (int x = 0; x < w.width; x++)
             weight[(size_t)y * (size_t)w.width + (size_t)x] =
-                !image->mask || image->mask[(size_t)(y + w.y) * (size_t)image->width + (size_t)(x + w.x)] ? 1.0f : 0.0f;
+                !image->mask || image->mask[(size_t)(y + w.y) * (size_t)image->width + (size_t)(x + w.x)]
+                    ? 1.0f
+                    : 0.0f;
 }
 
 /* In place: each pixel is written after its four source pixels are read. */
@@ -518,27 +549,31 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
 {
     const size_t w = (size_t)width, small_w = w / 2, small_h = (size_t)height / 2;
     for (size_t row = 0; row < 3 * small_h; row++) {
-        const float *in  = rgb + (row / small_h * (size_t)height + 2 * (row % small_h)) * w;
-        float       *out = rgb + row * small_w;
-        for (size_t x = 0; x < small_w; x++) out[x] = 0.25f * (in[2 * x] + in[2 * x + 1] + in[w + 2 * x] + in[w + 2 * x + 1]);
+        const float *in = rgb + (row / small_h * (size_t)height + 2 * (row % small_h)) * w;
+        float *out = rgb + row * small_w;
+        for (size_t x = 0; x < small_w; x++)
+            out[x] = 0.25f * (in[2 * x] + in[2 * x + 1] + in[w + 2 * x] + in[w + 2 * x + 1]);
     }
     for (size_t row = 0; weight && row < small_h; row++) {
-        const float *in  = weight + 2 * row * w;
-        float       *out = weight + row * small_w;
-        for (size_t x = 0; x < small_w; x++) out[x] = in[2 * x] * in[2 * x + 1] * in[w + 2 * x] * in[w + 2 * x + 1];
+        const float *in = weight + 2 * row * w;
+        float *out = weight + row * small_w;
+        for (size_t x = 0; x < small_w; x++)
+            out[x] = in[2 * x] * in[2 * x + 1] * in[w + 2 * x] * in[w + 2 * x + 1];
     }
 }
 
-/* ---------------------------------------------------------------- public functions */
+/* ---------------- public functions */
 
 oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out)
 {
     *out = (oxl_image){0};
     if (width < 1 || height < 1 || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "an image of %d x %d px, expected 1 to %d a side", width, height, IMAGE_SIDE_MAX);
+        return oxl_fail(ctx, OXL_ERR_USAGE, "an image of %d x %d px, expected 1 to %d a side", width, height,
+                        IMAGE_SIDE_MAX);
     out->rgb = oxl_calloc(ctx, (size_t)width * height, 3 * sizeof *out->rgb);
-    if (!out->rgb) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", width, height);
-    out->width  = width;
+    if (!out->rgb)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", width, height);
+    out->width = width;
     out->height = height;
     return OXL_OK;
 }
@@ -553,9 +588,9 @@ void oxl_image_free(oxl_context *ctx, oxl_image *image)
 oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out)
 {
     struct pixels pixels = {0};
-    oxl_result    rc;
+    oxl_result rc;
     *out = (oxl_image){0};
-    rc   = image_decode(ctx, path, 3, &pixels);
+    rc = image_decode(ctx, path, 3, &pixels);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, pixels.width, pixels.height, out);
     if (rc == OXL_OK) {
         const size_t count = (size_t)pixels.width * pixels.height;
@@ -566,7 +601,7 @@ oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out)
     return rc;
 }
 
-/* ---------------------------------------------------------------- stb's inflate, for spz.c */
+/* ---------------- stb's inflate, for spz.c */
 
 OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t data_size)
 {

@@ -4,50 +4,57 @@
 
 #include "sparse.h"
 
-/* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
+/* ---------------- image.c: decode, reduce, undistort, mask, cache */
 
 struct pixels { /* 8 bits, interleaved as stb gives them */
-    int      width, height;
+    int width, height;
     uint8_t *data;
 };
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
-OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* reads the header only */
+/* reads the header only */
+OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height);
 /* Fails unless the file's size is the camera's, reduced or enlarged: not cropped or rotated. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from);
-OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
+OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p);
 
 /* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 used, 0 masked). */
 struct training_image {
-    int      width, height;
+    int width, height;
     uint8_t *rgb;
     uint8_t *mask;
 };
-/* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike. mask_path may be NULL. */
+/* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike.
+ * mask_path may be NULL. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
-                                            const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
-OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
+                                            const struct colmap_camera *from, const oxl_camera *to,
+                                            struct training_image *out);
+OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image);
 struct image_window { /* a part of an image, px; width 0: nothing of it */
     int x, y, width, height;
 };
 /* rgb (3,h,w), weight (h,w) or NULL: of the window, or of the whole image with NULL. */
 OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image,
                                       const struct image_window *window, float *rgb, float *weight);
-/* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. */
+/* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd
+ * edges are dropped. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
-OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
-/* stb's codec: inflates raw deflate data to exactly `size` bytes, else 0; deflates with free bytes around (*out by oxl_alloc). */
-OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
-OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
-                                      unsigned char **out, size_t *deflated);
-OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
+OXL_INTERNAL void image_begin(void); /* sets stb's PNG parameters */
+/* stb's codec: inflates raw deflate data to exactly `size` bytes, else 0; deflates with free bytes around
+ * (*out by oxl_alloc). */
+OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t data_size);
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
+                                      size_t after, unsigned char **out, size_t *deflated);
+OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width,
+                                          int height);
 
-/* ---------------------------------------------------------------- image_cache.c: which images are in memory */
+/* ---------------- image_cache.c: which images are in memory */
 
-/* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of file_pixels. */
+/* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of
+ * file_pixels. */
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
 struct image_loader { /* of images that are not in memory */
@@ -56,27 +63,31 @@ struct image_loader { /* of images that are not in memory */
     const oxl_scene *scene;
 };
 struct image_cache {
-    struct image_loader    loader;
+    struct image_loader loader;
     struct training_image *image; /* (count) rgb is NULL if not in memory */
-    uint64_t              *used;  /* (count) time of the last request */
-    uint64_t               clock;
-    int                    count;
-    size_t                 held, limit; /* bytes in memory; bytes allowed */
+    uint64_t *used;               /* (count) time of the last request */
+    uint64_t clock;
+    int count;
+    size_t held, limit; /* bytes in memory; bytes allowed */
 };
 /* Empty, without a limit. */
-OXL_INTERNAL oxl_result                   image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
-                                                            struct image_cache *out);
-OXL_INTERNAL void                         image_cache_free(oxl_context *ctx, struct image_cache *cache);
+OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
+                                          struct image_cache *out);
+OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
 /* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache, int view);
-/* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is requested. */
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
+                                                          int view);
+/* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is
+ * requested. */
 OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
 
-/* ---------------------------------------------------------------- image_file.c: decoded images in files */
+/* ---------------- image_file.c: decoded images in files */
 
-OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to);
-OXL_INTERNAL int      image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
-                                      struct training_image *out); /* 1: it exists and is complete */
-OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image);
+OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from,
+                                     const oxl_camera *to);
+OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
+                                 struct training_image *out); /* 1: it exists and is complete */
+OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key,
+                                         const struct training_image *image);
 
 #endif

@@ -1,24 +1,29 @@
-/* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is full.
+/* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is
+ * full.
  *
- * They take no more memory than the limit, apart from the image requested last. Invariant: the state of the cache does not change results.
+ * They take no more memory than the limit, apart from the image requested last. Invariant: the state of the
+ * cache does not change results.
  */
 #include "image.h"
 
 enum {
-    IMAGE_CACHE_AHEAD = 4, /* limit of images loaded in parallel: memory for them is set aside on any number of threads */
-    IMAGE_CACHE_DECODE_BYTES =
-        6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
+    /* limit of images loaded in parallel: memory for them is set aside on any number of threads */
+    IMAGE_CACHE_AHEAD = 4,
+    /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
+    IMAGE_CACHE_DECODE_BYTES = 6
 };
 
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
                                           struct image_cache *out)
 {
     *out = (struct image_cache){.loader = *loader,
-                                .image  = oxl_calloc(ctx, count + 1, sizeof *out->image),
-                                .used   = oxl_calloc(ctx, count + 1, sizeof *out->used),
-                                .count  = (int)count,
-                                .limit  = SIZE_MAX};
-    return out->image && out->used ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu images", count);
+                                .image = oxl_calloc(ctx, count + 1, sizeof *out->image),
+                                .used = oxl_calloc(ctx, count + 1, sizeof *out->used),
+                                .count = (int)count,
+                                .limit = SIZE_MAX};
+    return out->image && out->used
+               ? OXL_OK
+               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu images", count);
 }
 
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache)
@@ -33,24 +38,27 @@ static size_t image_cache_size(const struct training_image *image)
     return (size_t)image->width * image->height * (image->mask ? 4 : 3);
 }
 
-/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new order, so the most
- * recent one is needed last: with memory for half of the images 50 % of the requests are hits; with LRU 15 %. */
+/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new
+ * order, so the most recent one is needed last: with memory for half of the images 50 % of the requests are
+ * hits; with LRU 15 %. */
 static void image_cache_make_room(oxl_context *ctx, struct image_cache *cache, int keep, size_t limit)
 {
     while (cache->held > limit) {
         int latest = -1;
         for (int i = 0; i < cache->count; i++)
-            if (i != keep && cache->image[i].rgb && (latest < 0 || cache->used[i] > cache->used[latest])) latest = i;
+            if (i != keep && cache->image[i].rgb && (latest < 0 || cache->used[i] > cache->used[latest]))
+                latest = i;
         if (latest < 0) return;
         cache->held -= image_cache_size(&cache->image[latest]);
         image_training_free(ctx, &cache->image[latest]);
     }
 }
 
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache, int view)
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
+                                                          int view)
 {
     struct training_image *image = &cache->image[view];
-    cache->used[view]            = ++cache->clock;
+    cache->used[view] = ++cache->clock;
     if (!image->rgb) {
         if (cache->loader.load(ctx, cache->loader.scene, view, image) != OXL_OK) return NULL;
         cache->held += image_cache_size(image);
@@ -61,19 +69,21 @@ OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, stru
 
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels)
 {
-    const double one = IMAGE_CACHE_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, IMAGE_CACHE_AHEAD * one);
+    const double one = IMAGE_CACHE_DECODE_BYTES * file_pixels,
+                 ahead = OXL_MIN(cache / 4, IMAGE_CACHE_AHEAD * one);
     return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
-/* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the cache at the size
- * of the files' pixels, which is *bytes. */
-static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_cache *cache, const int *view, int count,
-                                    int *chosen, size_t *bytes)
+/* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the
+ * cache at the size of the files' pixels, which is *bytes. */
+static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_cache *cache, const int *view,
+                                    int count, int *chosen, size_t *bytes)
 {
-    int n  = 0;
+    int n = 0;
     *bytes = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, IMAGE_CACHE_AHEAD); i++) {
-        const double more = IMAGE_CACHE_DECODE_BYTES * cache->loader.file_pixels(cache->loader.scene, view[i]);
+        const double more =
+            IMAGE_CACHE_DECODE_BYTES * cache->loader.file_pixels(cache->loader.scene, view[i]);
         if (cache->image[view[i]].rgb) continue;
         if ((double)*bytes + more > (double)(cache->limit / 4)) break;
         *bytes += (size_t)more;
@@ -85,9 +95,10 @@ static int image_cache_choose_ahead(const oxl_context *ctx, const struct image_c
 OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count)
 {
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
-    int                   chosen[IMAGE_CACHE_AHEAD], n;
-    size_t                bytes;
-    oxl_context           own = context_for_thread(ctx); /* errors are dropped here and reported when the image is requested */
+    int chosen[IMAGE_CACHE_AHEAD], n;
+    size_t bytes;
+    /* errors are dropped here and reported when the image is requested */
+    oxl_context own = context_for_thread(ctx);
     if (count < 1 || cache->image[view[0]].rgb) return;
     n = image_cache_choose_ahead(ctx, cache, view, count, chosen, &bytes);
     if (n < 2) return;
@@ -97,7 +108,7 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache,
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
         cache->image[chosen[i]] = read[i];
-        cache->used[chosen[i]]  = 0; /* needed soon: evicted last */
+        cache->used[chosen[i]] = 0; /* needed soon: evicted last */
         cache->held += image_cache_size(&read[i]);
     }
     image_cache_make_room(ctx, cache, -1, cache->limit);

@@ -1,8 +1,9 @@
-/* image_file.c - decoded images in files, so that each image is decoded once: reduced, undistorted, with its mask.
+/* image_file.c - decoded images in files, so that each image is decoded once: reduced, undistorted, with its
+ * mask.
  *
- * A file is one image: IMAGE_FILE_HEAD words, planes, checksum. Its key covers all that determines the image: the files'
- * modification times, the camera and the size. Files are not synced: one that is missing, damaged or has another key is written again
- * from the original.
+ * A file is one image: IMAGE_FILE_HEAD words, planes, checksum. Its key covers all that determines the image:
+ * the files' modification times, the camera and the size. Files are not synced: one that is missing, damaged
+ * or has another key is written again from the original.
  */
 #include "sparse.h"
 #include "image.h"
@@ -29,13 +30,15 @@ static size_t image_file_bytes(const struct training_image *image)
     return (size_t)image->width * (size_t)image->height;
 }
 
-OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to)
+OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from,
+                                     const oxl_camera *to)
 {
     const int64_t modified[2] = {os_modified(path), mask ? os_modified(mask) : 0};
-    const double  numbers[]   = {from->model, from->width, from->height, to->width, to->height, to->fx, to->fy, to->cx, to->cy};
-    uint64_t      sum         = image_file_hash(UINT64_C(14695981039346656037), path, strlen(path));
-    sum                       = image_file_hash(sum, modified, sizeof modified);
-    sum                       = image_file_hash(sum, numbers, sizeof numbers);
+    const double numbers[] = {from->model, from->width, from->height, to->width, to->height,
+                              to->fx,      to->fy,      to->cx,       to->cy};
+    uint64_t sum = image_file_hash(UINT64_C(14695981039346656037), path, strlen(path));
+    sum = image_file_hash(sum, modified, sizeof modified);
+    sum = image_file_hash(sum, numbers, sizeof numbers);
     return image_file_hash(sum, from->parameter, sizeof from->parameter);
 }
 
@@ -54,12 +57,13 @@ static int image_file_planes(FILE *file, struct training_image *image, int writi
 OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
                                  struct training_image *out)
 {
-    FILE    *file = os_open(path, "rb");
+    FILE *file = os_open(path, "rb");
     uint64_t head[IMAGE_FILE_HEAD], sum = key, stored = 0;
-    int      good;
+    int good;
     *out = (struct training_image){.width = to->width, .height = to->height};
     if (!file) return 0;
-    good = fread(head, sizeof *head, IMAGE_FILE_HEAD, file) == IMAGE_FILE_HEAD && head[0] == IMAGE_FILE_MAGIC && head[1] == key &&
+    good = fread(head, sizeof *head, IMAGE_FILE_HEAD, file) == IMAGE_FILE_HEAD &&
+           head[0] == IMAGE_FILE_MAGIC && head[1] == key &&
            head[2] == ((uint64_t)to->width << 32 | (uint64_t)to->height) && head[3] <= 1;
     if (good) out->rgb = oxl_alloc(ctx, 3 * image_file_bytes(out) + 1, 1);
     if (good && head[3]) out->mask = oxl_alloc(ctx, image_file_bytes(out) + 1, 1);
@@ -70,14 +74,15 @@ OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t ke
     return good;
 }
 
-OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image)
+OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key,
+                                         const struct training_image *image)
 {
-    const uint64_t        head[IMAGE_FILE_HEAD] = {IMAGE_FILE_MAGIC, key, (uint64_t)image->width << 32 | (uint64_t)image->height,
-                                                   image->mask != NULL};
-    struct training_image whole                 = *image;
-    struct os_writer      writer;
-    uint64_t              sum = key;
-    oxl_result            rc  = os_writer_open(ctx, path, &writer);
+    const uint64_t head[IMAGE_FILE_HEAD] = {
+        IMAGE_FILE_MAGIC, key, (uint64_t)image->width << 32 | (uint64_t)image->height, image->mask != NULL};
+    struct training_image whole = *image;
+    struct os_writer writer;
+    uint64_t sum = key;
+    oxl_result rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     writer.unsynced = 1;
     if (fwrite(head, sizeof *head, IMAGE_FILE_HEAD, writer.file) != IMAGE_FILE_HEAD ||

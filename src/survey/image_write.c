@@ -1,4 +1,5 @@
-/* image_write.c - writes PNG and JPEG, in memory by stb_image_write, then to a file at once. See image.c for stb's memory.
+/* image_write.c - writes PNG and JPEG, in memory by stb_image_write, then to a file at once. See image.c for
+ * stb's memory.
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.
  */
@@ -43,10 +44,12 @@ OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_imag
 {
     const size_t count = (size_t)image->width * image->height;
     for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
-    for (size_t i = 0; to->mask && i < count; i++) to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
+    for (size_t i = 0; to->mask && i < count; i++)
+        to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
-/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for the same size
+/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for
+ * the same size
  * (docs/log/SPEED.md). These are globals of stb, set once, so that threads that write PNGs only read them. */
 OXL_INTERNAL void image_begin(void)
 {
@@ -55,7 +58,7 @@ OXL_INTERNAL void image_begin(void)
 #pragma omp critical(image_begin)
 #endif
     if (stbi_write_force_png_filter != AVERAGE || stbi_write_png_compression_level != SEARCH) {
-        stbi_write_force_png_filter      = AVERAGE;
+        stbi_write_force_png_filter = AVERAGE;
         stbi_write_png_compression_level = SEARCH;
     }
 }
@@ -70,7 +73,8 @@ static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t coun
 }
 
 /* Frees both; encoded NULL: there was no memory. */
-static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_t *bytes, unsigned char *encoded, int size)
+static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_t *bytes,
+                                      unsigned char *encoded, int size)
 {
     const oxl_result rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size)
                                   : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode the image", path);
@@ -82,20 +86,23 @@ static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 static oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
 {
-    uint8_t       *bytes   = image_interleave(ctx, rgb, (size_t)width * height);
-    int            size    = 0;
+    uint8_t *bytes = image_interleave(ctx, rgb, (size_t)width * height);
+    int size = 0;
     unsigned char *encoded = bytes ? stbi_write_png_to_mem(bytes, 3 * width, width, height, 3, &size) : NULL;
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
-/* Encoded by stb as 8-bit grey with alpha, which has the same bytes per pixel; then the header is changed to 16-bit grey. */
-OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height)
+/* Encoded by stb as 8-bit grey with alpha, which has the same bytes per pixel; then the header is changed to
+ * 16-bit grey. */
+OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width,
+                                          int height)
 {
-    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 }; /* byte offsets in a PNG [RFC 2083] */
-    const size_t   count   = (size_t)width * (size_t)height;
-    uint8_t       *bytes   = oxl_alloc(ctx, count, 2);
+    /* byte offsets in a PNG [RFC 2083] */
+    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 };
+    const size_t count = (size_t)width * (size_t)height;
+    uint8_t *bytes = oxl_alloc(ctx, count, 2);
     unsigned char *encoded = NULL;
-    int            size    = 0;
+    int size = 0;
     for (size_t i = 0; bytes && i < count; i++)
         bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
     if (bytes) encoded = stbi_write_png_to_mem(bytes, 2 * width, width, height, 2, &size);
@@ -111,9 +118,9 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
 /* Callback of stb: receives the parts of a JPEG. */
 struct image_sink {
     oxl_context *ctx;
-    void        *data;
-    size_t       size, capacity;
-    oxl_result   rc;
+    void *data;
+    size_t size, capacity;
+    oxl_result rc;
 };
 
 static void image_sink_append(void *user, void *part, int size)
@@ -127,21 +134,23 @@ static void image_sink_append(void *user, void *part, int size)
 
 oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size)
 {
-    const size_t      count = (size_t)image->width * image->height;
-    struct image_sink sink  = {.ctx = ctx};
-    uint8_t          *bytes;
-    *out  = NULL;
+    const size_t count = (size_t)image->width * image->height;
+    struct image_sink sink = {.ctx = ctx};
+    uint8_t *bytes;
+    *out = NULL;
     *size = 0;
     if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
     bytes = image_interleave(ctx, image->rgb, count);
-    if (!bytes) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
-    stbi_write_jpg_to_func(image_sink_append, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
+    if (!bytes)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
+    stbi_write_jpg_to_func(image_sink_append, &sink, image->width, image->height, 3, bytes,
+                           OXL_MAX(1, OXL_MIN(quality, 100)));
     oxl_free(ctx, bytes);
     if (sink.rc != OXL_OK) {
         oxl_free(ctx, sink.data);
         return sink.rc;
     }
-    *out  = sink.data;
+    *out = sink.data;
     *size = sink.size;
     return OXL_OK;
 }
@@ -149,18 +158,20 @@ oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quali
 oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image)
 {
     if (!image->rgb || image->width < 1 || image->height < 1)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the image to write is empty\nfix: fill it, as oxl_render and oxl_image_read do",
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%s: the image to write is empty\nfix: fill it, as oxl_render and oxl_image_read do",
                         path);
     return image_write_png(ctx, path, image->rgb, image->width, image->height);
 }
 
-OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
-                                      unsigned char **out, size_t *deflated)
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
+                                      size_t after, unsigned char **out, size_t *deflated)
 {
     enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes of zlib's header and checksum */
-    int            length = 0;
-    unsigned char *zlib   = size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, &length, 8) : NULL;
-    *out                  = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
+    int length = 0;
+    unsigned char *zlib =
+        size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, &length, 8) : NULL;
+    *out = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
     if (*out) {
         *deflated = (size_t)length - ZLIB_HEAD - ZLIB_TAIL;
         memcpy(*out + before, zlib + ZLIB_HEAD, *deflated);

@@ -1,31 +1,33 @@
 /* imaging.c - exposure gains per view and channel, and the medium, between the model's colours and an image.
  *
- * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
- * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
- * stereo pair, interleaved by name, have gains of their own; the deviation of the other camera's gain at that moment from
- * the line between its own neighbours is added, times a factor from 0 to 1 measured on the known views: 1 if the cameras adapt together.
+ * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the
+ * training views of the same camera before and after it in file order, which is the order of time in most
+ * surveys: linear in the logarithm. The two cameras of a stereo pair, interleaved by name, have gains of
+ * their own; the deviation of the other camera's gain at that moment from the line between its own neighbours
+ * is added, times a factor from 0 to 1 measured on the known views: 1 if the cameras adapt together.
  *
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
  *
- * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered image.
+ * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered
+ * image.
  */
 #include "sparse.h"
 #include "imaging.h"
 #include "scene.h"
 #include "../core/vecmath.h"
 
-#define IMAGING_MEDIUM_MAX   1e6 /* of bD, bB (1/unit) and Binf in a file */
+#define IMAGING_MEDIUM_MAX 1e6   /* of bD, bB (1/unit) and Binf in a file */
 #define IMAGING_DISTANCE_MAX 1e9 /* units */
 #define IMAGING_CAMERA_VIEWS 4   /* that a camera must have in the mean */
 
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
 {
-    *out          = (struct imaging){.views = views};
+    *out = (struct imaging){.views = views};
     out->log_gain = oxl_calloc(ctx, 3 * (size_t)views + 1, sizeof *out->log_gain);
-    out->known    = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->known);
-    out->camera   = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->camera);
-    out->partner  = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->partner);
+    out->known = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->known);
+    out->camera = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->camera);
+    out->partner = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->partner);
     for (int i = 0; out->partner && i < views; i++) out->partner[i] = -1;
     if (out->log_gain && out->known && out->camera && out->partner) return OXL_OK;
     imaging_free(ctx, out);
@@ -39,7 +41,7 @@ OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
     memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
     memcpy(to->camera, from->camera, (size_t)from->views * sizeof *to->camera);
     memcpy(to->partner, from->partner, (size_t)from->views * sizeof *to->partner);
-    to->on     = from->on;
+    to->on = from->on;
     to->medium = from->medium;
 }
 
@@ -49,22 +51,23 @@ OXL_INTERNAL void imaging_clear(struct imaging *m)
     memset(m->known, 0, (size_t)m->views * sizeof *m->known);
 }
 
-/* ---------------------------------------------------------------- cameras */
+/* ---------------- cameras */
 
 static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
 {
     return (hash ^ byte) * UINT64_C(1099511628211);
 }
 
-/* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera, L/0012.png and R/0012.png are
- * not. */
+/* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera,
+ * L/0012.png and R/0012.png are not. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
-    const struct colmap *from    = scene_colmap(scene);
-    const int            has_ids = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
-    const char          *name = oxl_scene_view(scene, view)->name, *base = path_base_name(name);
-    const uint64_t       id   = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
-    uint64_t             hash = UINT64_C(14695981039346656037);
+    const struct colmap *from = scene_colmap(scene);
+    const int has_ids =
+        from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
+    const char *name = oxl_scene_view(scene, view)->name, *base = path_base_name(name);
+    const uint64_t id = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
+    uint64_t hash = UINT64_C(14695981039346656037);
     for (int k = 0; k < 8; k++) hash = imaging_hash(hash, (unsigned char)(id >> 8 * k & 255));
     for (const char *c = name; *c; c++)
         if (c < base || *c < '0' || *c > '9') hash = imaging_hash(hash, (unsigned char)*c);
@@ -75,8 +78,8 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 static uint64_t imaging_timestamp(const char *name)
 {
     const char *base = path_base_name(name), *best = NULL;
-    int         most = 0, length;
-    uint64_t    hash = UINT64_C(14695981039346656037);
+    int most = 0, length;
+    uint64_t hash = UINT64_C(14695981039346656037);
     for (const char *c = base; *c; c += OXL_MAX(length, 1)) {
         for (length = 0; c[length] >= '0' && c[length] <= '9';) length++;
         if (length >= OXL_MAX(most, 1)) best = c, most = length;
@@ -95,13 +98,13 @@ static int imaging_compare_keys(const void *a, const void *b)
 
 struct imaging_timestamp {
     uint64_t of;
-    int      view;
+    int view;
 };
 
 static int imaging_compare_moments(const void *a, const void *b)
 {
     const struct imaging_timestamp *x = a, *y = b;
-    const int                       order = imaging_compare_keys(&x->of, &y->of);
+    const int order = imaging_compare_keys(&x->of, &y->of);
     return order ? order : (x->view > y->view) - (x->view < y->view);
 }
 
@@ -115,20 +118,23 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_moments);
     for (int first = 0, end; first < m->views; first = end) {
         for (end = first + 1; end < m->views && sorted[end].of == sorted[first].of;) end++;
-        if (end - first != 2 || !sorted[first].of || m->camera[sorted[first].view] == m->camera[sorted[first + 1].view]) continue;
-        m->partner[sorted[first].view]     = sorted[first + 1].view;
+        if (end - first != 2 || !sorted[first].of ||
+            m->camera[sorted[first].view] == m->camera[sorted[first + 1].view])
+            continue;
+        m->partner[sorted[first].view] = sorted[first + 1].view;
         m->partner[sorted[first + 1].view] = sorted[first].view;
     }
     oxl_free(ctx, sorted);
     return OXL_OK;
 }
 
-/* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or names are random, the keys
+/* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or
+ * names are random, the keys
  * have no meaning: all views count as one camera's. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
-    uint64_t *sorted  = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
-    int       cameras = 0;
+    uint64_t *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
+    int cameras = 0;
     if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the cameras of %d views", m->views);
     for (int i = 0; i < m->views; i++) sorted[i] = m->camera[i] = imaging_camera(scene, i);
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_keys);
@@ -138,7 +144,7 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
     return imaging_set_partners(ctx, scene, m);
 }
 
-/* ---------------------------------------------------------------- gains */
+/* ---------------- gains */
 
 /* The nearest view of known gain after `view`, in steps of `way`, of the same camera or of any; -1: none. */
 static int imaging_neighbour(const struct imaging *m, int view, int step, int any)
@@ -151,11 +157,14 @@ static int imaging_neighbour(const struct imaging *m, int view, int step, int an
 OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float out[3])
 {
     int before = imaging_neighbour(m, view, -1, 0), after = imaging_neighbour(m, view, 1, 0);
-    if (before < 0 && after < 0) before = imaging_neighbour(m, view, -1, 1), after = imaging_neighbour(m, view, 1, 1);
+    if (before < 0 && after < 0)
+        before = imaging_neighbour(m, view, -1, 1), after = imaging_neighbour(m, view, 1, 1);
     for (int c = 0; c < 3; c++) {
-        const float a = before >= 0 ? m->log_gain[3 * before + c] : 0, b = after >= 0 ? m->log_gain[3 * after + c] : 0;
-        const float t = before >= 0 && after >= 0 ? (float)(view - before) / (float)(after - before) : after >= 0;
-        out[c]        = a + t * (b - a);
+        const float a = before >= 0 ? m->log_gain[3 * before + c] : 0,
+                    b = after >= 0 ? m->log_gain[3 * after + c] : 0;
+        const float t =
+            before >= 0 && after >= 0 ? (float)(view - before) / (float)(after - before) : after >= 0;
+        out[c] = a + t * (b - a);
     }
 }
 
@@ -179,7 +188,7 @@ static double imaging_fraction(const struct imaging *m)
     double xx = 0, xy = 0;
     for (int i = 0; i < m->views; i++) {
         const int j = m->known[i] ? imaging_partner(m, i) : -1;
-        double    own[3], other[3];
+        double own[3], other[3];
         if (j < 0) continue;
         imaging_deviation(m, i, own), imaging_deviation(m, j, other);
         for (int c = 0; c < 3; c++) xx += other[c] * other[c], xy += own[c] * other[c];
@@ -189,9 +198,9 @@ static double imaging_fraction(const struct imaging *m)
 
 OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float out[3])
 {
-    const int    partner  = imaging_partner(m, view);
+    const int partner = imaging_partner(m, view);
     const double fraction = partner >= 0 ? imaging_fraction(m) : 0;
-    double       other[3];
+    double other[3];
     imaging_interpolate(m, view, out);
     if (partner < 0) return;
     imaging_deviation(m, partner, other);
@@ -208,7 +217,7 @@ OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float out[3])
 OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
-    float        gain[3];
+    float gain[3];
     if (!m->on) return;
     imaging_gain(m, view, gain);
     for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i / plane];
@@ -216,8 +225,8 @@ OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *im
 
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel)
 {
-    double sum   = 0;
-    int    count = 0;
+    double sum = 0;
+    int count = 0;
     for (int i = 0; i < m->views; i++)
         if (m->known[i]) sum += m->log_gain[3 * i + channel], count++;
     return count ? sum / count : 0;
@@ -232,7 +241,7 @@ OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
     }
 }
 
-/* ---------------------------------------------------------------- the lamp */
+/* ---------------- the lamp */
 
 /* Degrees of term k: in y, in x. The mean of Legendre polynomials over -1..1 is 0, but for the constant. */
 static const int lamp_terms[LAMP_TERMS][2] = {{0, 1}, {0, 2}, {0, 3}, {0, 4}, {1, 0}, {1, 1}, {1, 2},
@@ -259,23 +268,26 @@ OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS])
 
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y)
 {
-    float  term[LAMP_TERMS];
+    float term[LAMP_TERMS];
     double sum = 0;
     lamp_terms_at(x, y, term);
     for (int t = 0; t < LAMP_TERMS; t++) sum += shape[t] * term[t];
     return sum;
 }
 
-OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y, float a[LAMP_DEGREE + 1])
+OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y,
+                           float a[LAMP_DEGREE + 1])
 {
     float py[LAMP_DEGREE + 1];
     lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
     memset(a, 0, (LAMP_DEGREE + 1) * sizeof *a);
     for (int t = 0; t < LAMP_TERMS; t++)
-        for (int k = 0; k <= LAMP_DEGREE; k++) a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
+        for (int k = 0; k <= LAMP_DEGREE; k++)
+            a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
 }
 
-OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1], double sum[LAMP_TERMS])
+OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1],
+                               double sum[LAMP_TERMS])
 {
     float py[LAMP_DEGREE + 1];
     lamp_evaluate(lamp_coordinate(area->y + (float)y, area->full_height), py);
@@ -297,11 +309,12 @@ OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_are
     }
 }
 
-/* 1: the view is the first of its camera, which has enough of the training views for a lamp of its own, but not all. */
+/* 1: the view is the first of its camera, which has enough of the training views for a lamp of its own, but
+ * not all. */
 static int lamp_is_separate(const oxl_scene *scene, int view)
 {
     const uint64_t camera = imaging_camera(scene, view);
-    int            count = 0, others = 0;
+    int count = 0, others = 0;
     for (int i = 0; i < view; i++)
         if (imaging_camera(scene, i) == camera) return 0;
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
@@ -316,7 +329,7 @@ static int lamp_is_separate(const oxl_scene *scene, int view)
 OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX])
 {
     int count = 1;
-    lamp[0]   = (struct lamp){.view = -1};
+    lamp[0] = (struct lamp){.view = -1};
     for (int i = 0; i < oxl_scene_view_count(scene) && count < LAMP_MAX; i++)
         if (lamp_is_separate(scene, i)) lamp[count++] = (struct lamp){.view = i};
     return count;
@@ -325,7 +338,7 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
 OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view)
 {
     const uint64_t camera = lamps > 1 || (lamps == 1 && lamp->view >= 0) ? imaging_camera(scene, view) : 0;
-    int            others = -1;
+    int others = -1;
     for (int i = 0; i < lamps; i++) {
         if (lamp[i].view < 0) others = i;
         else if (imaging_camera(scene, lamp[i].view) == camera) return i;
@@ -339,25 +352,29 @@ OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_
     return which < 0 ? NULL : &m->lamp[which];
 }
 
-OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
-                                           oxl_image *image)
+OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
+                                           int view, oxl_image *image)
 {
-    const struct lamp *lamp  = imaging_lamp(m, scene, view);
-    const size_t       plane = (size_t)image->width * (size_t)image->height;
-    float             *gain;
+    const struct lamp *lamp = imaging_lamp(m, scene, view);
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    float *gain;
     if (!lamp) return OXL_OK;
     gain = oxl_alloc(ctx, plane, sizeof *gain);
-    if (!gain) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the lamp on %d x %d px", image->width, image->height);
-    lamp_gain(lamp->shape, &(struct lamp_area){image->width, image->height, image->width, image->height, 0, 0}, gain);
+    if (!gain)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the lamp on %d x %d px", image->width,
+                        image->height);
+    lamp_gain(lamp->shape,
+              &(struct lamp_area){image->width, image->height, image->width, image->height, 0, 0}, gain);
     for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i % plane];
     oxl_free(ctx, gain);
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- as text */
+/* ---------------- as text */
 
 /* A line of the file: a word, `count` numbers, and the name of an image or NULL. */
-static void imaging_write_line(struct text *t, const char *word, const float *values, int count, const char *name)
+static void imaging_write_line(struct text *t, const char *word, const float *values, int count,
+                               const char *name)
 {
     text_add(t, "%s", word);
     for (int k = 0; k < count; k++) {
@@ -371,7 +388,9 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
 {
     const float falloff[2] = {m->falloff, m->reference};
     if (m->on) {
-        text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
+        text_add(
+            t,
+            "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
         imaging_write_line(t, "bD", m->attenuation, 3, NULL);
         imaging_write_line(t, "bB", m->backscatter, 3, NULL);
         imaging_write_line(t, "Binf", m->veiling_light, 3, NULL);
@@ -394,7 +413,8 @@ static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const st
                            m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
 }
 
-static int imaging_read_values(const char **at, const char *end, double lowest, double highest, float *values, int count)
+static int imaging_read_values(const char **at, const char *end, double lowest, double highest, float *values,
+                               int count)
 {
     for (int k = 0; k < count; k++) {
         double value;
@@ -407,7 +427,8 @@ static int imaging_read_values(const char **at, const char *end, double lowest, 
 }
 
 /* 1: `count` numbers from lowest to highest, and no more. */
-static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values, int count)
+static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values,
+                                int count)
 {
     return imaging_read_values(&at, end, lowest, highest, values, count) && (at == end || *at == '\r');
 }
@@ -416,9 +437,9 @@ static int imaging_read_numbers(const char *at, const char *end, double lowest, 
 static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
 {
     for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
-        const int   middle = low + (high - low) / 2;
-        const char *at     = oxl_scene_view(scene, middle)->name;
-        int         order  = strncmp(at, name, length);
+        const int middle = low + (high - low) / 2;
+        const char *at = oxl_scene_view(scene, middle)->name;
+        int order = strncmp(at, name, length);
         if (order == 0 && at[length]) order = 1;
         if (order == 0) return middle;
         if (order < 0) low = middle + 1;
@@ -445,23 +466,25 @@ static int imaging_skip_word(const char **at, const char *end, const char *word)
 /* 1: the line was of the medium and whole. */
 static int imaging_read_medium(const char *at, const char *end, struct medium *m)
 {
-    static const char *const names[3]  = {"bD", "bB", "Binf"};
-    float *const             values[3] = {m->attenuation, m->backscatter, m->veiling_light};
-    float                    falloff[2];
+    static const char *const names[3] = {"bD", "bB", "Binf"};
+    float *const values[3] = {m->attenuation, m->backscatter, m->veiling_light};
+    float falloff[2];
     for (int k = 0; k < 3; k++)
         if (imaging_skip_word(&at, end, names[k]))
             return m->on = imaging_read_numbers(at, end, 0, IMAGING_MEDIUM_MAX, values[k], 3);
-    if (!imaging_skip_word(&at, end, "falloff") || !imaging_read_numbers(at, end, 0, IMAGING_DISTANCE_MAX, falloff, 2)) return 0;
-    m->falloff            = OXL_MIN(falloff[0], LAMP_FALLOFF_MAX);
-    m->reference          = falloff[1];
+    if (!imaging_skip_word(&at, end, "falloff") ||
+        !imaging_read_numbers(at, end, 0, IMAGING_DISTANCE_MAX, falloff, 2))
+        return 0;
+    m->falloff = OXL_MIN(falloff[0], LAMP_FALLOFF_MAX);
+    m->reference = falloff[1];
     return m->has_falloff = falloff[1] > 0;
 }
 
 /* 1: the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
 static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
-    struct lamp lamp  = {.view = -1};
-    int         which = 0;
+    struct lamp lamp = {.view = -1};
+    int which = 0;
     if (!imaging_skip_word(&at, end, "lamp")) return 0;
     if (imaging_skip_word(&at, end, "all")) {
         if (!imaging_read_numbers(at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
@@ -472,7 +495,7 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
     }
     while (which < m->lamps && m->lamp[which].view != lamp.view) which++;
     if (which == LAMP_MAX) return 0;
-    m->lamps       = OXL_MAX(m->lamps, which + 1);
+    m->lamps = OXL_MAX(m->lamps, which + 1);
     m->lamp[which] = lamp;
     return 1;
 }
@@ -487,11 +510,13 @@ OXL_INTERNAL int imaging_alters_colours(const struct imaging *m)
     return m->medium.on || m->medium.has_falloff;
 }
 
-OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                      const struct imaging *m)
 {
     struct text t = {.ctx = ctx};
-    oxl_result  rc;
-    text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/IMAGING.md\n"
+    oxl_result rc;
+    text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION
+                 ", docs/IMAGING.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
     imaging_write_medium(&t, &m->medium);
     imaging_write_lamps(&t, scene, m);
@@ -510,11 +535,11 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
 }
 
 /* A line "gain R G B NAME" of the file. */
-static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at, const char *end,
-                                    const oxl_scene *scene, struct imaging *out)
+static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at,
+                                    const char *end, const oxl_scene *scene, struct imaging *out)
 {
     double gain[3];
-    int    view;
+    int view;
     for (int c = 0; c < 3; c++) {
         while (at < end && *at == ' ') at++;
         if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_MIN && gain[c] <= 1 / EXPOSURE_MIN))
@@ -527,24 +552,26 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
     view = imaging_find_name(scene, at, end);
     if (view < 0) return OXL_OK; /* of another part of the survey */
     out->known[view] = 1;
-    out->on          = 1;
+    out->on = 1;
     for (int c = 0; c < 3; c++) out->log_gain[3 * view + c] = (float)vecmath_log(gain[c]);
     return OXL_OK;
 }
 
 /* Names that are not in the scene are skipped. */
-OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out)
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                     struct imaging *out)
 {
-    struct os_file_map map  = {0};
-    oxl_result         rc   = imaging_create(ctx, oxl_scene_view_count(scene), out);
-    int                line = 0;
+    struct os_file_map map = {0};
+    oxl_result rc = imaging_create(ctx, oxl_scene_view_count(scene), out);
+    int line = 0;
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, out);
     if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
     for (const char *at = map.data, *end = map.data + map.size; rc == OXL_OK && at < end;) {
         const char *stop = memchr(at, '\n', (size_t)(end - at));
         if (!stop) stop = end;
         line++;
-        if (stop - at > 5 && strncmp(at, "gain ", 5) == 0) rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
+        if (stop - at > 5 && strncmp(at, "gain ", 5) == 0)
+            rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
         else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
                  !imaging_read_lamp(at, stop, scene, out))
             rc = oxl_fail(
@@ -560,10 +587,10 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 
 oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
 {
-    const char    *name = path_base_name(model_path);
-    const char    *path = PATH("", "%.*simaging.txt", (int)(name - model_path), model_path);
+    const char *name = path_base_name(model_path);
+    const char *path = PATH("", "%.*simaging.txt", (int)(name - model_path), model_path);
     struct imaging read = {0};
-    oxl_result     rc   = OXL_OK;
+    oxl_result rc = OXL_OK;
     if (os_is_file(path)) {
         rc = imaging_read(ctx, path, scene, &read);
         imaging_free(ctx, &scene->imaging);
@@ -574,9 +601,10 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
     return rc;
 }
 
-/* ---------------------------------------------------------------- of blocks */
+/* ---------------- of blocks */
 
-/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view so far. */
+/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view
+ * so far. */
 OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
 {
     for (int i = 0; i < all->views; i++) {
@@ -585,7 +613,7 @@ OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct im
         count[i]++;
         for (int c = 0; c < 3; c++) {
             float *a = &all->log_gain[3 * i + c];
-            *a       = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
+            *a = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
         }
     }
     all->on |= block->on;

@@ -5,42 +5,49 @@
 #include "../core/core.h"
 
 #define EXPOSURE_MIN 0.05 /* gains lie between this and its inverse */
-/* c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)), r the range; in the falloff at least
- * LAMP_RANGE_MIN x reference. imaging.txt and the evidence name attenuation bD, backscatter bB and veiling light Binf. */
-#define LAMP_RANGE_MIN   0.125f
+/* c' = J (reference / r)^falloff exp(-attenuation r) + veiling_light (1 - exp(-backscatter r)), r the range;
+ * in the falloff at least LAMP_RANGE_MIN x reference. imaging.txt and the evidence name attenuation bD,
+ * backscatter bB and veiling light Binf. */
+#define LAMP_RANGE_MIN 0.125f
 #define LAMP_FALLOFF_MAX 2
-#define LAMP_SHAPE_MAX   4 /* log units, of a coefficient */
+#define LAMP_SHAPE_MAX 4 /* log units, of a coefficient */
 struct medium {
-    int   on;                                               /* 0: none */
-    int   has_falloff;                                      /* 0: no falloff */
-    float attenuation[3], backscatter[3], veiling_light[3]; /* per unit of the scene, per unit, 0..1; 0 without a medium */
-    float falloff, reference;                               /* 0..2, units of the scene */
-    float training_range;                                   /* in training: J is as seen through this range; 0 elsewhere */
+    int on;          /* 0: none */
+    int has_falloff; /* 0: no falloff */
+    /* per unit of the scene, per unit, 0..1; 0 without a medium */
+    float attenuation[3], backscatter[3], veiling_light[3];
+    float falloff, reference; /* 0..2, units of the scene */
+    /* in training: J is as seen through this range; 0 elsewhere */
+    float training_range;
 };
 enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MAX = 8, LAMP_VIEWS = 8 };
-/* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
- * Legendre polynomials in x and y, each -1..1 across the image, so that the mean over the image is 0: by degree in y, then in x. */
+/* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its
+ * constant. Its terms are products of Legendre polynomials in x and y, each -1..1 across the image, so that
+ * the mean over the image is 0: by degree in y, then in x. */
 struct lamp {
-    int   view; /* the first of the camera's; -1: of all cameras that have none of their own */
+    int view; /* the first of the camera's; -1: of all cameras that have none of their own */
     float shape[LAMP_TERMS];
 };
 struct imaging {
     struct medium medium;
-    int           lamps; /* 0: none */
-    struct lamp   lamp[LAMP_MAX];
-    int           on;       /* 0: gains are 1 */
-    int           views;    /* of the scene */
-    float        *log_gain; /* (views,3) */
-    uint8_t      *known;    /* (views) 1: trained; others are interpolated */
-    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called, as below */
-    int          *partner;  /* (views) the image of another camera at the same moment; -1: none or several */
+    int lamps; /* 0: none */
+    struct lamp lamp[LAMP_MAX];
+    int on;          /* 0: gains are 1 */
+    int views;       /* of the scene */
+    float *log_gain; /* (views,3) */
+    uint8_t *known;  /* (views) 1: trained; others are interpolated */
+    /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called, as below */
+    uint64_t *camera;
+    int *partner; /* (views) the image of another camera at the same moment; -1: none or several */
 };
-OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
-/* A key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name without digits. */
-OXL_INTERNAL uint64_t   imaging_camera(const oxl_scene *scene, int view);
+/* off, none known */
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out);
+/* A key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name without
+ * digits. */
+OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 /* Sets m->camera and m->partner. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
-static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
+static inline void imaging_free(oxl_context *ctx, struct imaging *m)
 {
     oxl_free(ctx, m->log_gain);
     oxl_free(ctx, m->known);
@@ -48,21 +55,22 @@ static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
     oxl_free(ctx, m->partner);
     *m = (struct imaging){0};
 }
-OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
-OXL_INTERNAL void   imaging_clear(struct imaging *m);
-OXL_INTERNAL void   imaging_interpolate(const struct imaging *m, int view,
-                                        float log_gain[3]); /* from its neighbours, even if the view is known */
-OXL_INTERNAL void   imaging_predict(const struct imaging *m, int view, float log_gain[3]);
-OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
-OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
-OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
-                                  oxl_image *image); /* multiplies an image rendered at mean exposure */
+OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to);
+OXL_INTERNAL void imaging_clear(struct imaging *m);
+OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view,
+                                      float log_gain[3]); /* from its neighbours, even if the view is known */
+OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float log_gain[3]);
+OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float gain[3]);
+/* log gain, of the known views */
+OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel);
+/* multiplies an image rendered at mean exposure */
+OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image);
 /* The polynomial at (x, y); both run from -1 to 1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
-OXL_INTERNAL void   lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
+OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
 /* The pixels from (x, y), width x height, of an image of full_width x full_height. */
 struct lamp_area {
-    int   width, height, full_width, full_height;
+    int width, height, full_width, full_height;
     float x, y;
 };
 /* -1..1 over `count` pixels. */
@@ -73,25 +81,36 @@ static inline float lamp_coordinate(float at, int count)
 /* gain (H,W): exp of the polynomial. */
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
 /* Row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */
-OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y, float a[LAMP_DEGREE + 1]);
+OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y,
+                           float a[LAMP_DEGREE + 1]);
 /* sum (14): adds each term x values of row y, by power[k], the sum of the values times x^k. */
-OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1], double sum[LAMP_TERMS]);
-/* Sets flat lamps: the first for all cameras with fewer than LAMP_VIEWS training views, then one per other camera. Returns their
- * number. */
-OXL_INTERNAL int  imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
+OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1],
+                               double sum[LAMP_TERMS]);
+/* Sets flat lamps: the first for all cameras with fewer than LAMP_VIEWS training views, then one per other
+ * camera. Returns their number. */
+OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
 /* Index of the view's lamp; -1: none. */
-OXL_INTERNAL int  imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
-OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
-OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
-                                                   oxl_image *image); /* multiplies a rendered image; before the gain */
-OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* gives the known views this mean */
-OXL_INTERNAL int                imaging_is_needed(const struct imaging *m); /* 1: images are not the scene's colours */
-OXL_INTERNAL int                imaging_alters_colours(
-                   const struct imaging *m); /* 1: a medium, or light that falls off with range: viewers need a separate model */
-OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
+OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
+/* NULL: none */
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view);
+OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
+                                           int view,
+                                           /* multiplies a rendered image; before the gain */
+                                           oxl_image *image);
+/* gives the known views this mean */
+OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
+/* 1: images are not the scene's colours */
+OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
+OXL_INTERNAL int imaging_alters_colours(
+    /* 1: a medium, or light that falls off with range: viewers need a separate model */
+    const struct imaging *m);
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                      const struct imaging *m);
 /* Images that are not in the scene are ignored. */
-OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
-/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added so far. */
-OXL_INTERNAL void       imaging_merge(struct imaging *all, int *count, const struct imaging *block);
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                     struct imaging *out);
+/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added
+ * so far. */
+OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
 #endif

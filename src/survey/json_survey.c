@@ -1,14 +1,17 @@
-/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, read into the struct of
- * COLMAP's files.
+/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, read into
+ * the struct of COLMAP's files.
  *
- * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera exists. There are no
+ * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera
+ * exists. There are no
  * 2D points and no tracks, so such a survey is one block.
  */
 #include "json_survey.h"
 
-OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted)
+OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
+                                         const char *wanted)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: found %s for %s, expected %s\nfix: export the survey again", r->path,
+    return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                    "%s: record %d: found %s for %s, expected %s\nfix: export the survey again", r->path,
                     r->line, seen, what, wanted);
 }
 
@@ -21,9 +24,10 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     if (r->rc != OXL_OK) return r->rc;
     fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (!fault) return OXL_OK;
-    return r->rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
-                            "%s: byte %zu: the JSON text ends too early, or something follows it\nfix: export the survey again",
-                            path, (size_t)(fault - map->data));
+    return r->rc = oxl_fail(
+               r->ctx, OXL_ERR_INPUT,
+               "%s: byte %zu: the JSON text ends too early, or something follows it\nfix: export the survey again",
+               path, (size_t)(fault - map->data));
 }
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)
@@ -31,7 +35,7 @@ OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)
     const char *at = array && *array == '[' ? oxl_json_first(array) : NULL;
     for (int i = 0; i < count; i++) {
         const char *number = at;
-        out[i]             = number ? oxl_json_number_at(&number) : NAN;
+        out[i] = number ? oxl_json_number_at(&number) : NAN;
         if (!(fabs(out[i]) <= DBL_MAX)) return 0;
         at = oxl_json_next(at);
     }
@@ -40,51 +44,59 @@ OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out)
 
 OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
 {
-    struct colmap             *out = r->out;
-    const struct camera_model *m   = camera_model_at(camera->model);
-    oxl_result                 rc = oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
+    struct colmap *out = r->out;
+    const struct camera_model *m = camera_model_at(camera->model);
+    oxl_result rc =
+        oxl_reserve(r->ctx, &out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
     if (rc != OXL_OK) return rc;
-    if (camera->width < 1 || camera->height < 1) return json_survey_fail(r, "width and height", "none", "1 px or more of each");
+    if (camera->width < 1 || camera->height < 1)
+        return json_survey_fail(r, "width and height", "none", "1 px or more of each");
     for (int i = 0; i < m->parameter_count; i++)
         if (!(fabs(camera->parameter[i]) <= DBL_MAX) || (i < m->focal_count && !(camera->parameter[i] > 0)))
-            return json_survey_fail(r, "the camera", "a parameter that is missing or not finite, or a focal length of 0 or less",
-                                    "focal lengths and distortion as numbers");
-    out->camera[out->camera_count]                 = *camera;
-    out->camera[out->camera_count].id              = (int64_t)out->camera_count;
-    out->camera[out->camera_count].line            = r->line;
-    out->camera[out->camera_count].file            = out->images_file;
+            return json_survey_fail(
+                r, "the camera", "a parameter that is missing or not finite, or a focal length of 0 or less",
+                "focal lengths and distortion as numbers");
+    out->camera[out->camera_count] = *camera;
+    out->camera[out->camera_count].id = (int64_t)out->camera_count;
+    out->camera[out->camera_count].line = r->line;
+    out->camera[out->camera_count].file = out->images_file;
     out->camera[out->camera_count].parameter_count = m->parameter_count;
     out->camera_count++;
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end, int64_t camera,
-                                              const double rotation[4], const double translation[3])
+OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
+                                              int64_t camera, const double rotation[4],
+                                              const double translation[3])
 {
-    struct colmap      *out   = r->out;
+    struct colmap *out = r->out;
     struct colmap_image image = {.id = (int64_t)out->image_count, .camera_id = camera, .line = r->line};
-    oxl_result          rc    = colmap_check_rotation(r, rotation);
+    oxl_result rc = colmap_check_rotation(r, rotation);
     memcpy(image.rotation, rotation, sizeof image.rotation);
     memcpy(image.translation, translation, sizeof image.translation);
     r->cursor = name;
-    r->end    = end;
-    if (rc == OXL_OK && (memchr(name, '\n', (size_t)(end - name)) || memchr(name, '\r', (size_t)(end - name))))
+    r->end = end;
+    if (rc == OXL_OK &&
+        (memchr(name, '\n', (size_t)(end - name)) || memchr(name, '\r', (size_t)(end - name))))
         rc = json_survey_fail(r, "an image's name", "a line end", "a name of one line");
     if (rc == OXL_OK) rc = colmap_read_name(r, &image.name);
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(r->ctx, &out->image, &r->image_capacity, out->image_count + 1, sizeof image);
     if (rc == OXL_OK) out->image[out->image_count++] = image;
     return rc;
 }
 
-OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3], const double rgb[3])
+OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],
+                                              const double rgb[3])
 {
-    struct colmap      *out   = r->out;
+    struct colmap *out = r->out;
     struct colmap_point point = {.id = (int64_t)out->point_count, .error = -1};
-    const oxl_result    rc    = oxl_reserve(r->ctx, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
+    const oxl_result rc =
+        oxl_reserve(r->ctx, &out->point, &r->point_capacity, out->point_count + 1, sizeof point);
     if (rc != OXL_OK) return rc;
     for (int i = 0; i < 3; i++) {
         point.position[i] = position[i];
-        point.rgb[i]      = (uint8_t)(OXL_CLAMP(rgb[i], 0, 255) + 0.5);
+        point.rgb[i] = (uint8_t)(OXL_CLAMP(rgb[i], 0, 255) + 0.5);
     }
     out->point[out->point_count++] = point;
     return OXL_OK;

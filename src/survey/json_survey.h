@@ -6,15 +6,19 @@
 #include "colmap.h"
 #include "sparse.h"
 
-/* json_survey.c. The file in memory, with all brackets closed; r->path and r->line (the record) are for messages. */
+/* json_survey.c. The file in memory, with all brackets closed; r->path and r->line (the record) are for
+ * messages. */
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map);
-OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted);
+OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen,
+                                         const char *wanted);
 
 /* Rows. The camera's numbers are checked; its id is its row. `name` ends at `end`. */
 OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
-OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end, int64_t camera,
-                                              const double rotation[4], const double translation[3]);
-OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3], const double rgb[3]);
+OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end,
+                                              int64_t camera, const double rotation[4],
+                                              const double translation[3]);
+OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],
+                                              const double rgb[3]);
 
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: missing */
 

@@ -5,13 +5,15 @@
 #include "../core/core.h"
 #include "../../oceanxl_job.h"
 
-/* ---------------------------------------------------------------- lint.c: contradictions between readable files */
+/* ---------------- lint.c: contradictions between readable files */
 
-#define LINT_MISSED_SURVEY 0.1 /* fraction of observations outside their image from which the whole survey is reported */
+/* fraction of observations outside their image from which the whole survey is reported */
+#define LINT_MISSED_SURVEY 0.1
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
-OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* compares sizes, from the files' headers */
+/* compares sizes, from the files' headers */
+OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene);
 /* quality.c. Decodes every image; logs and counts blurred and badly exposed ones. */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
 

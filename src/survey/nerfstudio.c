@@ -1,8 +1,10 @@
-/* nerfstudio.c - transforms.json of nerfstudio and instant-ngp, with the points of a PLY file if it names one.
+/* nerfstudio.c - transforms.json of nerfstudio and instant-ngp, with the points of a PLY file if it names
+ * one.
  *
- * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w h; k1 k2 k3 p1 p2,
- * or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x). transform_matrix is camera to world with x
- * right, y up, z back; file_path starts from the file's folder; ply_file_path too, in the same world.
+ * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w
+ * h; k1 k2 k3 p1 p2, or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x).
+ * transform_matrix is camera to world with x right, y up, z back; file_path starts from the file's folder;
+ * ply_file_path too, in the same world.
  *
  * Masks of frames are not read: those in SCENE/masks are.
  */
@@ -21,9 +23,10 @@ static double nerfstudio_number(const char *json, const char *frame, const char 
     return isnan(value) ? otherwise : value;
 }
 
-static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, const char *frame, int distorted, const char **out)
+static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, const char *frame,
+                                   int distorted, const char **out)
 {
-    char        name[40];
+    char name[40];
     const char *value = oxl_json_member(frame, "camera_model");
     if (!value) value = oxl_json_member(json, "camera_model");
     oxl_json_text(value, name, sizeof name);
@@ -31,19 +34,22 @@ static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, co
     if (!strcmp(name, "OPENCV_FISHEYE")) *out = name[0] ? "OPENCV_FISHEYE" : *out;
     else if (!strcmp(name, "EQUIRECTANGULAR")) *out = "EQUIRECTANGULAR";
     else if (value && strcmp(name, "OPENCV") && strcmp(name, "PINHOLE") && strcmp(name, "SIMPLE_PINHOLE"))
-        return json_survey_fail(r, "camera_model", name[0] ? name : "something", "OPENCV, OPENCV_FISHEYE or PINHOLE");
+        return json_survey_fail(r, "camera_model", name[0] ? name : "something",
+                                "OPENCV, OPENCV_FISHEYE or PINHOLE");
     return OXL_OK;
 }
 
-static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, const char *frame, struct colmap_camera *c)
+static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, const char *frame,
+                                    struct colmap_camera *c)
 {
-    static const char *const names[2][8] = {{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"}, {"k1", "k2", "k3", "k4"}};
-    const double             w = nerfstudio_number(json, frame, "w", 0), h = nerfstudio_number(json, frame, "h", 0);
-    const double             angle = nerfstudio_number(json, frame, "camera_angle_x", NAN);
-    double                   fx    = nerfstudio_number(json, frame, "fl_x", NAN), k[8];
-    const char              *model;
-    int                      distorted = 0;
-    oxl_result               rc;
+    static const char *const names[2][8] = {{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"},
+                                            {"k1", "k2", "k3", "k4"}};
+    const double w = nerfstudio_number(json, frame, "w", 0), h = nerfstudio_number(json, frame, "h", 0);
+    const double angle = nerfstudio_number(json, frame, "camera_angle_x", NAN);
+    double fx = nerfstudio_number(json, frame, "fl_x", NAN), k[8];
+    const char *model;
+    int distorted = 0;
+    oxl_result rc;
     if (isnan(fx) && angle > 0 && angle < 3.1)
         fx = 0.5 * w * vecmath_sin(angle / 2 + 1.5707963267948966) / vecmath_sin(angle / 2);
     for (int i = 0; i < 8; i++) distorted |= (k[i] = nerfstudio_number(json, frame, names[0][i], 0)) != 0;
@@ -51,7 +57,8 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     if (rc != OXL_OK) return rc;
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
         return json_survey_fail(r, "w and h", "none", "the images' width and height");
-    *c              = (struct colmap_camera){.model = camera_model_find(model, strlen(model)), .width = (int)w, .height = (int)h};
+    *c = (struct colmap_camera){
+        .model = camera_model_find(model, strlen(model)), .width = (int)w, .height = (int)h};
     c->parameter[0] = fx;
     c->parameter[1] = nerfstudio_number(json, frame, "fl_y", fx);
     c->parameter[2] = nerfstudio_number(json, frame, "cx", w / 2);
@@ -59,7 +66,8 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     if (!strcmp(model, "OPENCV_FISHEYE"))
         for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_number(json, frame, names[1][i], 0);
     if (!strcmp(model, "FULL_OPENCV")) {
-        if (k[5] != 0) return json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
+        if (k[5] != 0)
+            return json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
         memcpy(c->parameter + 4, k, 5 * sizeof *k);
     }
     return OXL_OK;
@@ -75,22 +83,26 @@ static int nerfstudio_same_camera(const struct colmap_camera *a, const struct co
 static void nerfstudio_quaternion(const double m[9], double q[4])
 {
     const double trace[4] = {m[0] + m[4] + m[8], m[0] - m[4] - m[8], m[4] - m[0] - m[8], m[8] - m[0] - m[4]};
-    int          largest  = 0;
-    double       s;
+    int largest = 0;
+    double s;
     for (int i = 1; i < 4; i++)
         if (trace[i] > trace[largest]) largest = i;
     s = 0.5 / sqrt(1 + trace[largest]);
-    if (largest == 0) q[0] = 0.25 / s, q[1] = s * (m[7] - m[5]), q[2] = s * (m[2] - m[6]), q[3] = s * (m[3] - m[1]);
-    if (largest == 1) q[1] = 0.25 / s, q[0] = s * (m[7] - m[5]), q[2] = s * (m[1] + m[3]), q[3] = s * (m[2] + m[6]);
-    if (largest == 2) q[2] = 0.25 / s, q[0] = s * (m[2] - m[6]), q[1] = s * (m[1] + m[3]), q[3] = s * (m[5] + m[7]);
-    if (largest == 3) q[3] = 0.25 / s, q[0] = s * (m[3] - m[1]), q[1] = s * (m[2] + m[6]), q[2] = s * (m[5] + m[7]);
+    if (largest == 0)
+        q[0] = 0.25 / s, q[1] = s * (m[7] - m[5]), q[2] = s * (m[2] - m[6]), q[3] = s * (m[3] - m[1]);
+    if (largest == 1)
+        q[1] = 0.25 / s, q[0] = s * (m[7] - m[5]), q[2] = s * (m[1] + m[3]), q[3] = s * (m[2] + m[6]);
+    if (largest == 2)
+        q[2] = 0.25 / s, q[0] = s * (m[2] - m[6]), q[1] = s * (m[1] + m[3]), q[3] = s * (m[5] + m[7]);
+    if (largest == 3)
+        q[3] = 0.25 / s, q[0] = s * (m[3] - m[1]), q[1] = s * (m[2] + m[6]), q[2] = s * (m[5] + m[7]);
 }
 
 /* Camera to world, y up, into world to camera, y down: R = diag(1,-1,-1) M^T, t = -R c. */
 static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, double q[4], double t[3])
 {
     const char *row = oxl_json_first(oxl_json_member(frame, "transform_matrix"));
-    double      m[3][4], rotation[9];
+    double m[3][4], rotation[9];
     for (int i = 0; i < 3; i++, row = oxl_json_next(row))
         if (!row || !json_survey_numbers(row, 4, m[i]))
             return json_survey_fail(r, "transform_matrix", "too little", "4 x 4 numbers");
@@ -98,7 +110,8 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
         for (int k = 0; k < 3; k++) {
             const double dot = m[0][i] * m[0][k] + m[1][i] * m[1][k] + m[2][i] * m[2][k];
             if (!(fabs(dot - (i == k)) < NERFSTUDIO_UNIT_ERROR))
-                return json_survey_fail(r, "transform_matrix", "no rotation", "columns of length 1 at right angles");
+                return json_survey_fail(r, "transform_matrix", "no rotation",
+                                        "columns of length 1 at right angles");
             rotation[3 * i + k] = i ? -m[k][i] : m[k][i];
         }
     for (int i = 0; i < 3; i++)
@@ -110,7 +123,8 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
 /* "images/" at the start of all of them is the image folder; else names start from the file's folder. */
 static int nerfstudio_beside(const char *json)
 {
-    for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame; frame = oxl_json_next(frame)) {
+    for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame;
+         frame = oxl_json_next(frame)) {
         const char *path = oxl_json_member(frame, "file_path");
         if (path && (strncmp(path, "\"images/", 8) && strncmp(path, "\"./images/", 10))) return 1;
     }
@@ -119,46 +133,55 @@ static int nerfstudio_beside(const char *json)
 
 static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, const char *frame)
 {
-    char                 path[1024];
+    char path[1024];
     struct colmap_camera camera;
-    double               q[4], t[3];
-    size_t      length = oxl_json_text(oxl_json_member(frame, "file_path"), path, sizeof path - 4), row = r->out->camera_count;
+    double q[4], t[3];
+    size_t length = oxl_json_text(oxl_json_member(frame, "file_path"), path, sizeof path - 4),
+           row = r->out->camera_count;
     const char *name = path;
-    oxl_result  rc   = nerfstudio_camera(r, json, frame, &camera);
+    oxl_result rc = nerfstudio_camera(r, json, frame, &camera);
     if (rc == OXL_OK && length == 0) rc = json_survey_fail(r, "file_path", "none", "the image's path");
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
-    if (!strchr(path_base_name(path), '.')) memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
+    if (!strchr(path_base_name(path), '.'))
+        memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
     if (!strncmp(name, "./", 2)) name += 2;
     if (!r->out->images_beside) name += strlen("images/");
-    if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera)) rc = json_survey_add_camera(r, &camera);
-    return rc == OXL_OK ? json_survey_add_image(r, name, path + length, (int64_t)r->out->camera_count - 1, q, t) : rc;
+    if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera))
+        rc = json_survey_add_camera(r, &camera);
+    return rc == OXL_OK
+               ? json_survey_add_image(r, name, path + length, (int64_t)r->out->camera_count - 1, q, t)
+               : rc;
 }
 
-/* ---------------------------------------------------------------- points */
+/* ---------------- points */
 
 static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct ply *ply)
 {
     static const char *const names[6] = {"x", "y", "z", "red", "green", "blue"};
-    const int                vertex   = ply_find_element(ply, "vertex");
-    const size_t             rows     = vertex < 0 ? 0 : (size_t)ply->element[vertex].rows;
-    struct ply_target       *target   = NULL;
-    double                  *value    = oxl_alloc(r->ctx, 6 * rows + 1, sizeof *value);
-    oxl_result               rc = value ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for its points", ply->path);
-    if (rc == OXL_OK && vertex >= 0) target = oxl_calloc(r->ctx, (size_t)ply->element[vertex].properties + 1, sizeof *target);
+    const int vertex = ply_find_element(ply, "vertex");
+    const size_t rows = vertex < 0 ? 0 : (size_t)ply->element[vertex].rows;
+    struct ply_target *target = NULL;
+    double *value = oxl_alloc(r->ctx, 6 * rows + 1, sizeof *value);
+    oxl_result rc =
+        value ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for its points", ply->path);
+    if (rc == OXL_OK && vertex >= 0)
+        target = oxl_calloc(r->ctx, (size_t)ply->element[vertex].properties + 1, sizeof *target);
     for (int i = 0; target && i < 6 && rc == OXL_OK; i++) {
         const int p = ply_find_property(&ply->element[vertex], names[i]);
         if (p >= 0) target[p].as_double = value + (size_t)i * rows;
         else if (i < 3)
-            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %s of its points\nfix: export them again", ply->path, names[i]);
+            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %s of its points\nfix: export them again",
+                          ply->path, names[i]);
         else
             for (size_t k = 0; k < rows; k++) value[(size_t)i * rows + k] = 0;
     }
     if (rc == OXL_OK && target) rc = ply_read(r->ctx, ply, vertex, target);
     for (size_t k = 0; target && k < rows && rc == OXL_OK; k++) {
         const double position[3] = {value[k], value[rows + k], value[2 * rows + k]};
-        const double rgb[3]      = {value[3 * rows + k], value[4 * rows + k], value[5 * rows + k]};
-        if (fabs(position[0]) + fabs(position[1]) + fabs(position[2]) <= DBL_MAX) rc = json_survey_add_point(r, position, rgb);
+        const double rgb[3] = {value[3 * rows + k], value[4 * rows + k], value[5 * rows + k]};
+        if (fabs(position[0]) + fabs(position[1]) + fabs(position[2]) <= DBL_MAX)
+            rc = json_survey_add_point(r, position, rgb);
     }
     OXL_FREE(r->ctx, value, target);
     return rc;
@@ -166,14 +189,15 @@ static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct p
 
 static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
 {
-    char       name[512], *folder = oxl_strdup(r->ctx, r->path), *path, *slash = folder ? strrchr(folder, '/') : NULL;
+    char name[512], *folder = oxl_strdup(r->ctx, r->path), *path,
+                    *slash = folder ? strrchr(folder, '/') : NULL;
     struct ply ply = {0};
     oxl_result rc;
     if (slash) *slash = 0;
     path = folder && oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name)
                ? oxl_path_join(r->ctx, folder, name)
                : NULL;
-    rc   = path ? ply_open(r->ctx, path, &ply) : OXL_OK;
+    rc = path ? ply_open(r->ctx, path, &ply) : OXL_OK;
     if (path && rc == OXL_OK) rc = nerfstudio_copy_points(r, &ply);
     if (path && rc == OXL_OK) ply_close(r->ctx, &ply);
     OXL_FREE(r->ctx, path, folder);
@@ -182,10 +206,10 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
 
 OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json)
 {
-    oxl_result rc         = OXL_OK;
+    oxl_result rc = OXL_OK;
     r->out->images_beside = nerfstudio_beside(json);
     for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && rc == OXL_OK;
-         frame             = oxl_json_next(frame)) {
+         frame = oxl_json_next(frame)) {
         r->line++;
         rc = nerfstudio_frame(r, json, frame);
     }

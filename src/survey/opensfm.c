@@ -1,8 +1,8 @@
 /* opensfm.c - reconstruction.json of OpenSfM and OpenDroneMap: the reconstruction with most shots in it.
  *
- * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has its origin in the
- * middle and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are world to camera, as an angle times an
- * axis. Models:
+ * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has
+ * its origin in the middle and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are
+ * world to camera, as an angle times an axis. Models:
  *
  *     perspective    focal k1 k2                         RADIAL
  *     simple_radial, radial   focal_x focal_y c_x c_y k1 k2        OPENCV
@@ -17,13 +17,17 @@
 
 static const struct opensfm_model {
     const char *name, *colmap;
-    int         focals;        /* 1: focal, and the axis in the middle; 2: focal_x, focal_y, c_x, c_y */
+    int focals;                /* 1: focal, and the axis in the middle; 2: focal_x, focal_y, c_x, c_y */
     const char *distortion[5]; /* in COLMAP's order */
 } opensfm_models[] = {
-    {"perspective", "RADIAL", 1, {"k1", "k2"}},     {"simple_radial", "OPENCV", 2, {"k1"}},
-    {"radial", "OPENCV", 2, {"k1", "k2"}},          {"brown", "FULL_OPENCV", 2, {"k1", "k2", "p1", "p2", "k3"}},
-    {"fisheye", "RADIAL_FISHEYE", 1, {"k1", "k2"}}, {"fisheye_opencv", "OPENCV_FISHEYE", 2, {"k1", "k2", "k3", "k4"}},
-    {"spherical", "EQUIRECTANGULAR", 0, {NULL}},    {"equirectangular", "EQUIRECTANGULAR", 0, {NULL}},
+    {"perspective", "RADIAL", 1, {"k1", "k2"}},
+    {"simple_radial", "OPENCV", 2, {"k1"}},
+    {"radial", "OPENCV", 2, {"k1", "k2"}},
+    {"brown", "FULL_OPENCV", 2, {"k1", "k2", "p1", "p2", "k3"}},
+    {"fisheye", "RADIAL_FISHEYE", 1, {"k1", "k2"}},
+    {"fisheye_opencv", "OPENCV_FISHEYE", 2, {"k1", "k2", "k3", "k4"}},
+    {"spherical", "EQUIRECTANGULAR", 0, {NULL}},
+    {"equirectangular", "EQUIRECTANGULAR", 0, {NULL}},
 };
 
 static double opensfm_number(const char *object, const char *name)
@@ -35,7 +39,7 @@ static double opensfm_number(const char *object, const char *name)
 static void opensfm_parameters(const char *camera, const struct opensfm_model *m, struct colmap_camera *c)
 {
     const double size = OXL_MAX(c->width, c->height);
-    double      *p    = c->parameter;
+    double *p = c->parameter;
     if (m->focals == 0) p[0] = c->width, p[1] = c->height;
     if (m->focals == 0) return;
     if (m->focals == 1) *p++ = size * opensfm_number(camera, "focal");
@@ -47,16 +51,16 @@ static void opensfm_parameters(const char *camera, const struct opensfm_model *m
 
 static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
 {
-    char                 name[40];
-    const double         w = oxl_json_number(camera, "width"), h = oxl_json_number(camera, "height");
+    char name[40];
+    const double w = oxl_json_number(camera, "width"), h = oxl_json_number(camera, "height");
     struct colmap_camera c = {0};
     oxl_json_text(oxl_json_member(camera, "projection_type"), name, sizeof name);
     for (size_t i = 0; i < OXL_COUNT(opensfm_models); i++) {
         if (strcmp(opensfm_models[i].name, name)) continue;
         if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
             return json_survey_fail(r, "width and height", "none", "1 px or more");
-        c.model  = camera_model_find(opensfm_models[i].colmap, strlen(opensfm_models[i].colmap));
-        c.width  = (int)w;
+        c.model = camera_model_find(opensfm_models[i].colmap, strlen(opensfm_models[i].colmap));
+        c.width = (int)w;
         c.height = (int)h;
         opensfm_parameters(camera, &opensfm_models[i], &c);
         return json_survey_add_camera(r, &c);
@@ -69,8 +73,9 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
 static int64_t opensfm_camera_row(const char *cameras, const char *value)
 {
     const size_t length = oxl_json_room(value);
-    int64_t      row    = 0;
-    for (const char *key = oxl_json_first(cameras); key && length; key = oxl_json_next(oxl_json_value(key)), row++)
+    int64_t row = 0;
+    for (const char *key = oxl_json_first(cameras); key && length;
+         key = oxl_json_next(oxl_json_value(key)), row++)
         if (oxl_json_room(key) == length && memcmp(key, value, length - 4) == 0) return row;
     return -1;
 }
@@ -82,21 +87,25 @@ static void opensfm_quaternion(const double v[3], double q[4])
 {
     const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), half = angle / 2;
     const double scale = half < OPENSFM_SMALL ? 0.5 : vecmath_sin(half) / angle;
-    q[0]               = vecmath_sin(half + 1.5707963267948966);
+    q[0] = vecmath_sin(half + 1.5707963267948966);
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }
 
-static oxl_result opensfm_shot(struct colmap_reader *r, const char *cameras, const char *key, const char *shot)
+static oxl_result opensfm_shot(struct colmap_reader *r, const char *cameras, const char *key,
+                               const char *shot)
 {
-    char         name[1024];
+    char name[1024];
     const size_t length = oxl_json_text(key, name, sizeof name);
-    double       v[3], t[3], q[4];
-    int64_t      camera = opensfm_camera_row(cameras, oxl_json_member(shot, "camera"));
+    double v[3], t[3], q[4];
+    int64_t camera = opensfm_camera_row(cameras, oxl_json_member(shot, "camera"));
     if (length == 0) return json_survey_fail(r, "a shot's name", "none", "a file of the image folder");
-    if (camera < 0) return json_survey_fail(r, "camera of a shot", "a name that is not among the cameras", "one of them");
+    if (camera < 0)
+        return json_survey_fail(r, "camera of a shot", "a name that is not among the cameras", "one of them");
     if (!json_survey_numbers(oxl_json_member(shot, "rotation"), 3, v) ||
-        !json_survey_numbers(oxl_json_member(shot, "translation"), 3, t) || !(fabs(v[0]) + fabs(v[1]) + fabs(v[2]) < 100))
-        return json_survey_fail(r, "rotation and translation of a shot", "too little", "3 finite numbers each");
+        !json_survey_numbers(oxl_json_member(shot, "translation"), 3, t) ||
+        !(fabs(v[0]) + fabs(v[1]) + fabs(v[2]) < 100))
+        return json_survey_fail(r, "rotation and translation of a shot", "too little",
+                                "3 finite numbers each");
     opensfm_quaternion(v, q);
     return json_survey_add_image(r, name, name + length, camera, q, t);
 }
@@ -106,12 +115,12 @@ static oxl_result opensfm_points(struct colmap_reader *r, const char *points)
     oxl_result rc = OXL_OK;
     for (const char *key = oxl_json_first(points); key && rc == OXL_OK;) {
         const char *point = oxl_json_value(key);
-        double      position[3], rgb[3] = {0, 0, 0};
+        double position[3], rgb[3] = {0, 0, 0};
         r->line++;
         if (!json_survey_numbers(oxl_json_member(point, "coordinates"), 3, position))
             return json_survey_fail(r, "coordinates of a point", "too little", "3 finite numbers");
         if (!json_survey_numbers(oxl_json_member(point, "color"), 3, rgb)) memset(rgb, 0, sizeof rgb);
-        rc  = json_survey_add_point(r, position, rgb);
+        rc = json_survey_add_point(r, position, rgb);
         key = oxl_json_next(point);
     }
     return rc;
@@ -129,25 +138,27 @@ static size_t opensfm_count(const char *object)
 
 OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
 {
-    const char *best  = NULL, *cameras;
-    size_t      shots = 0, found = 0;
-    oxl_result  rc = OXL_OK;
+    const char *best = NULL, *cameras;
+    size_t shots = 0, found = 0;
+    oxl_result rc = OXL_OK;
     for (const char *one = oxl_json_first(json); one && *json == '['; one = oxl_json_next(one), found++) {
         const size_t count = opensfm_count(oxl_json_member(one, "shots"));
         if (count > shots) best = one, shots = count;
     }
     if (found > 1)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s holds %zu reconstructions; the one with most shots (%zu) is used", r->path, found,
-                shots);
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s holds %zu reconstructions; the one with most shots (%zu) is used", r->path, found, shots);
     cameras = oxl_json_member(best, "cameras");
-    for (const char *key = oxl_json_first(cameras); key && rc == OXL_OK; key = oxl_json_next(oxl_json_value(key))) {
+    for (const char *key = oxl_json_first(cameras); key && rc == OXL_OK;
+         key = oxl_json_next(oxl_json_value(key))) {
         r->line++;
-        if (!oxl_json_value(key)) return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
+        if (!oxl_json_value(key))
+            return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
         rc = opensfm_camera(r, oxl_json_value(key));
     }
     r->line = 0;
     for (const char *key = oxl_json_first(oxl_json_member(best, "shots")); key && rc == OXL_OK;
-         key             = oxl_json_next(oxl_json_value(key))) {
+         key = oxl_json_next(oxl_json_value(key))) {
         r->line++;
         if (!oxl_json_value(key)) return json_survey_fail(r, "shots", "no JSON object", "names and shots");
         rc = opensfm_shot(r, cameras, key, oxl_json_value(key));

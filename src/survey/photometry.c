@@ -1,11 +1,14 @@
-/* photometry.c - exposure, lamp and medium from the colours that tracks have in several images, before any training.
+/* photometry.c - exposure, lamp and medium from the colours that tracks have in several images, before any
+ * training.
  *
  * A point seen from several ranges r identifies attenuation and backscatter without a model of the scene:
  *     I = exp(a + s(x, y)) (J exp(-bD r) + Binf (1 - exp(-bB r)))          (Akkaynak & Treibitz 2018)
- * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of the camera's lamp or
- * vignetting. J is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and Binf, by their logarithms, s and a are found by
- * damped Gauss-Newton steps on squared residuals with Huber's weights. On a straight path a drift of gains, and on flat ground s, do what
- * attenuation does: priors of zero mean on a and s decide then. A lamp's falloff with range counts as attenuation.
+ * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of
+ * the camera's lamp or vignetting. J is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and
+ * Binf, by their logarithms, s and a are found by damped Gauss-Newton steps on squared residuals with Huber's
+ * weights. On a straight path a drift of gains, and on flat ground s, do what
+ * attenuation does: priors of zero mean on a and s decide then. A lamp's falloff with range counts as
+ * attenuation.
  *
  * Each part is left out once: how much larger the residuals are then is the evidence for it.
  *
@@ -20,81 +23,86 @@
 #include "../core/vecmath.h"
 
 enum {
-    PHOTOMETRY_VIEWS      = 128,  /* limit of images */
-    PHOTOMETRY_SAMPLE     = 8000, /* limit of observations */
-    PHOTOMETRY_TRACK      = 32,   /* observations of a point, at most; */
-    PHOTOMETRY_FEWEST     = 3,    /* and at least */
-    PHOTOMETRY_ENOUGH     = 500,  /* observations */
-    PHOTOMETRY_STEPS      = 12,   /* of Gauss-Newton, at most */
+    PHOTOMETRY_VIEWS = 128,   /* limit of images */
+    PHOTOMETRY_SAMPLE = 8000, /* limit of observations */
+    PHOTOMETRY_TRACK = 32,    /* observations of a point, at most; */
+    PHOTOMETRY_FEWEST = 3,    /* and at least */
+    PHOTOMETRY_ENOUGH = 500,  /* observations */
+    PHOTOMETRY_STEPS = 12,    /* of Gauss-Newton, at most */
     PHOTOMETRY_PARAMETERS = 9 + LAMP_MAX * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
 };
-#define PHOTOMETRY_DARK   0.02 /* of white: darker and brighter patches are left out */
+#define PHOTOMETRY_DARK 0.02 /* of white: darker and brighter patches are left out */
 #define PHOTOMETRY_BRIGHT 0.98
-#define PHOTOMETRY_START \
-    0.2 /* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
-#define PHOTOMETRY_VEIL        -1.2 /* log of Binf that it begins with */
-#define PHOTOMETRY_CENTRE      1e3  /* weight of a channel's sum of log gains, squared: their mean is 0 */
-#define PHOTOMETRY_HUBER       1.5  /* times sigma */
-#define PHOTOMETRY_NORMAL      1.48 /* standard deviation of a normal distribution over the median of absolute values */
-#define PHOTOMETRY_SIGMA_MIN   1e-4 /* log units: of tracks that are exact, as synthetic ones may be */
-#define PHOTOMETRY_DAMPING     1e-3 /* Levenberg-Marquardt: fraction added to the diagonal, at the start, */
+/* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
+#define PHOTOMETRY_START 0.2
+#define PHOTOMETRY_VEIL -1.2  /* log of Binf that it begins with */
+#define PHOTOMETRY_CENTRE 1e3 /* weight of a channel's sum of log gains, squared: their mean is 0 */
+#define PHOTOMETRY_HUBER 1.5  /* times sigma */
+/* standard deviation of a normal distribution over the median of absolute values */
+#define PHOTOMETRY_NORMAL 1.48
+#define PHOTOMETRY_SIGMA_MIN 1e-4   /* log units: of tracks that are exact, as synthetic ones may be */
+#define PHOTOMETRY_DAMPING 1e-3     /* Levenberg-Marquardt: fraction added to the diagonal, at the start, */
 #define PHOTOMETRY_DAMPING_MIN 1e-6 /* at least, */
 #define PHOTOMETRY_DAMPING_MAX 1e4  /* and where the search ends; */
-#define PHOTOMETRY_HARDER      10   /* its factor after a step that does not lower the cost, */
-#define PHOTOMETRY_EASIER      0.2  /* and after one that does */
-#define PHOTOMETRY_GAIN_MIN    1e-4 /* of the cost: a step that gains less is the last */
-#define PHOTOMETRY_RADIUS      1.0  /* px: half the side of a patch in the point's farthest view; */
-#define PHOTOMETRY_WIDE        5.0  /* nearer ones up to this */
-/* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains; the lamps' common shape, and
- * how far a camera's is off it. Where water is clear the tracks hardly hold bB, and a wrong one costs 2 dB (docs/log/IMAGING.md). */
+#define PHOTOMETRY_HARDER 10        /* its factor after a step that does not lower the cost, */
+#define PHOTOMETRY_EASIER 0.2       /* and after one that does */
+#define PHOTOMETRY_GAIN_MIN 1e-4    /* of the cost: a step that gains less is the last */
+#define PHOTOMETRY_RADIUS 1.0       /* px: half the side of a patch in the point's farthest view; */
+#define PHOTOMETRY_WIDE 5.0         /* nearer ones up to this */
+/* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; gains;
+ * the lamps' common shape, and how far a camera's is off it. Where water is clear the tracks hardly hold bB,
+ * and a wrong one costs 2 dB (docs/log/IMAGING.md). */
 static const double photometry_prior[6] = {1.5, 0.2, 1.5, 0.2, 0.3, 0.1};
-/* By how much larger residuals must be without the medium, lamp, gains. In surveys with a medium they are 2 to 4 times as large, in
- * those without 1.01 times (docs/log/IMAGING.md). */
+/* By how much larger residuals must be without the medium, lamp, gains. In surveys with a medium they are 2
+ * to 4 times as large, in those without 1.01 times (docs/log/IMAGING.md). */
 static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
-/* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill determined. */
+/* The same without a lamp's shape of each camera: where points cover a part of the images, these are ill
+ * determined. */
 #define PHOTOMETRY_SEPARATE 0.1
 
 struct photometry_sample { /* a point in an image */
     size_t point;
-    int    view, valid; /* view: index in `chosen` */
-    int    lamp;        /* of the view's camera */
-    float  x, y, size;  /* px; half the patch's side */
-    double range, z;    /* range: in medians; z: over the focal length */
-    float  value[3], weight[3];
-    float  term[LAMP_TERMS];
+    int view, valid;  /* view: index in `chosen` */
+    int lamp;         /* of the view's camera */
+    float x, y, size; /* px; half the patch's side */
+    double range, z;  /* range: in medians; z: over the focal length */
+    float value[3], weight[3];
+    float term[LAMP_TERMS];
 };
 struct photometry_work {
-    int                      *view, *chosen;                    /* as in contrast.c */
-    int                       views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
+    int *view, *chosen;                   /* as in contrast.c */
+    int views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
     struct photometry_sample *sample;
-    size_t                    samples;
-    double                   *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
-    double                   *scratch; /* (3 PHOTOMETRY_SAMPLE) */
-    double                    right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
-    struct lamp               lamp[LAMP_MAX];
-    int                       lamps, gains;     /* the first parameter that is a gain */
-    int                       apart;            /* 1: cameras have shapes of their own */
-    int                       parameters, free; /* parts */
+    size_t samples;
+    double *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
+    double *scratch; /* (3 PHOTOMETRY_SAMPLE) */
+    double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
+    struct lamp lamp[LAMP_MAX];
+    int lamps, gains;     /* the first parameter that is a gain */
+    int apart;            /* 1: cameras have shapes of their own */
+    int parameters, free; /* parts */
 };
 
-/* ---------------------------------------------------------------- which points in which images */
+/* ---------------- which points in which images */
 
-/* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo pair. */
+/* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo
+ * pair. */
 static void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w)
 {
-    const int views          = oxl_scene_view_count(scene);
-    int       train          = 0;
-    int64_t   seen[LAMP_MAX] = {0};
+    const int views = oxl_scene_view_count(scene);
+    int train = 0;
+    int64_t seen[LAMP_MAX] = {0};
     for (int i = 0; i < views; i++) train += !oxl_scene_view(scene, i)->is_test;
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
     for (int i = 0; i < views; i++) {
-        const int lamp = imaging_find_lamp(scene, w->lamp, w->lamps, i), most = OXL_MAX(train, PHOTOMETRY_VIEWS);
+        const int lamp = imaging_find_lamp(scene, w->lamp, w->lamps, i),
+                  most = OXL_MAX(train, PHOTOMETRY_VIEWS);
         if (oxl_scene_view(scene, i)->is_test) continue;
         seen[lamp]++;
         if ((seen[lamp] - 1) * PHOTOMETRY_VIEWS / most == seen[lamp] * PHOTOMETRY_VIEWS / most) continue;
         w->view[scene_source_image(scene, i) - c->image] = w->views;
-        w->lamp_of[w->views]                             = lamp;
-        w->chosen[w->views++]                            = i;
+        w->lamp_of[w->views] = lamp;
+        w->chosen[w->views++] = i;
     }
 }
 
@@ -102,31 +110,31 @@ static void photometry_project(const oxl_scene *scene, const struct photometry_w
                                struct photometry_sample *s)
 {
     const oxl_camera *c = &oxl_scene_view(scene, w->chosen[s->view])->camera;
-    double            x[3], pixel[2];
+    double x[3], pixel[2];
     s->valid = scene_project_point(scene, w->chosen[s->view], s->point, x, pixel);
     if (!s->valid) return;
-    s->z     = x[2] / c->fx;
+    s->z = x[2] / c->fx;
     s->range = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / median;
-    s->x     = (float)pixel[0];
-    s->y     = (float)pixel[1];
+    s->x = (float)pixel[0];
+    s->y = (float)pixel[1];
     lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, s->term);
 }
 
 /* Points with all their chosen views; every k-th point if there are too many. */
 static void photometry_choose_samples(const oxl_scene *scene, double median, struct photometry_work *w)
 {
-    const struct colmap *c      = scene_colmap(scene);
-    const double        *origin = oxl_scene_origin(scene);
-    size_t               all    = 0, step;
+    const struct colmap *c = scene_colmap(scene);
+    const double *origin = oxl_scene_origin(scene);
+    size_t all = 0, step;
     for (size_t i = 0; i < c->track_count; i++) all += w->view[c->track[i].image_row] >= 0;
     step = all / PHOTOMETRY_SAMPLE + 1;
     for (size_t i = 0; i < c->point_count; i += step) {
-        const size_t first    = w->samples;
-        double       farthest = 0;
+        const size_t first = w->samples;
+        double farthest = 0;
         if (!scene_accepts_point(&c->point[i], origin)) continue;
         for (uint32_t k = 0; k < c->point[i].track_count && w->samples < PHOTOMETRY_SAMPLE; k++) {
-            struct photometry_sample *s    = &w->sample[w->samples];
-            const int                 view = w->view[c->track[c->point[i].first_track + k].image_row];
+            struct photometry_sample *s = &w->sample[w->samples];
+            const int view = w->view[c->track[c->point[i].first_track + k].image_row];
             if (view < 0 || w->samples - first == PHOTOMETRY_TRACK) continue;
             *s = (struct photometry_sample){.point = i, .view = view, .lamp = w->lamp_of[view]};
             photometry_project(scene, w, median, s);
@@ -134,7 +142,8 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
         }
         if (w->samples - first < PHOTOMETRY_FEWEST) w->samples = first;
         for (size_t k = first; k < w->samples; k++)
-            w->sample[k].size = (float)OXL_MIN(PHOTOMETRY_RADIUS * farthest / w->sample[k].z, PHOTOMETRY_WIDE);
+            w->sample[k].size =
+                (float)OXL_MIN(PHOTOMETRY_RADIUS * farthest / w->sample[k].z, PHOTOMETRY_WIDE);
     }
 }
 
@@ -142,10 +151,11 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
 static void photometry_sample_colour(const struct training_image *image, struct photometry_sample *s)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
-    const int    x0 = (int)(s->x - s->size), x1 = (int)(s->x + s->size), y0 = (int)(s->y - s->size), y1 = (int)(s->y + s->size);
-    double       sum[3] = {0, 0, 0};
-    const double n      = (double)(x1 - x0 + 1) * (y1 - y0 + 1) * 255;
-    s->valid            = s->x >= s->size && s->y >= s->size && x1 < image->width && y1 < image->height;
+    const int x0 = (int)(s->x - s->size), x1 = (int)(s->x + s->size), y0 = (int)(s->y - s->size),
+              y1 = (int)(s->y + s->size);
+    double sum[3] = {0, 0, 0};
+    const double n = (double)(x1 - x0 + 1) * (y1 - y0 + 1) * 255;
+    s->valid = s->x >= s->size && s->y >= s->size && x1 < image->width && y1 < image->height;
     for (int y = y0; y <= y1 && s->valid; y++)
         for (int x = x0; x <= x1; x++) {
             const size_t i = (size_t)y * (size_t)image->width + (size_t)x;
@@ -153,7 +163,7 @@ static void photometry_sample_colour(const struct training_image *image, struct 
             for (int c = 0; c < 3; c++) sum[c] += image->rgb[i + (size_t)c * plane];
         }
     for (int c = 0; c < 3 && s->valid; c++) {
-        s->value[c]  = (float)(sum[c] / n);
+        s->value[c] = (float)(sum[c] / n);
         s->weight[c] = s->value[c] >= PHOTOMETRY_DARK && s->value[c] <= PHOTOMETRY_BRIGHT;
     }
 }
@@ -162,7 +172,7 @@ static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, 
 {
     for (int v = 0; v < w->views; v++) {
         const struct training_image *image;
-        const oxl_result             rc = context_stopped(ctx);
+        const oxl_result rc = context_stopped(ctx);
         if (rc != OXL_OK) return rc;
         scene_images_ahead(ctx, scene, w->chosen + v, w->views - v);
         image = scene_image(ctx, scene, w->chosen[v]);
@@ -189,36 +199,36 @@ static void photometry_compact(struct photometry_work *w)
     w->samples = kept;
 }
 
-/* ---------------------------------------------------------------- the model of a point in one channel */
+/* ---------------- the model of a point in one channel */
 
 struct photometry_point {
-    int    count;
+    int count;
     double a[PHOTOMETRY_TRACK], b[PHOTOMETRY_TRACK]; /* I = a J + b */
-    double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK],
-        near[PHOTOMETRY_TRACK]; /* dI/d(log bD) / J, dI/d(log Binf), dI/d(log bB) */
+    /* dI/d(log bD) / J, dI/d(log Binf), dI/d(log bB) */
+    double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK], near[PHOTOMETRY_TRACK];
     double rest[PHOTOMETRY_TRACK], weight[PHOTOMETRY_TRACK];
     double j, aa;
 };
 
-static void photometry_evaluate(const struct photometry_work *w, const double *at, const struct photometry_sample *s, int c,
-                                struct photometry_point *p)
+static void photometry_evaluate(const struct photometry_work *w, const double *at,
+                                const struct photometry_sample *s, int c, struct photometry_point *p)
 {
-    const int    medium = w->free & PHOTOMETRY_MEDIUM;
+    const int medium = w->free & PHOTOMETRY_MEDIUM;
     const double direct = medium ? vecmath_exp(at[c]) : 0, scatter = medium ? vecmath_exp(at[3 + c]) : 0;
     const double far_off = medium ? vecmath_exp(at[6 + c]) : 0;
-    double       ab      = 0;
-    p->aa                = 0;
+    double ab = 0;
+    p->aa = 0;
     for (int k = 0; k < p->count; k++) {
         double gain = at[w->gains + 3 * s[k].view + c], left;
         for (int t = 0; t < LAMP_TERMS; t++)
             gain += (at[9 + t] + (s[k].lamp ? at[9 + LAMP_TERMS * s[k].lamp + t] : 0)) * (double)s[k].term[t];
-        gain          = vecmath_exp(OXL_CLAMP(gain, -5, 5));
-        left          = vecmath_exp(-scatter * s[k].range);
-        p->a[k]       = gain * vecmath_exp(-direct * s[k].range);
-        p->b[k]       = gain * far_off * (1 - left);
+        gain = vecmath_exp(OXL_CLAMP(gain, -5, 5));
+        left = vecmath_exp(-scatter * s[k].range);
+        p->a[k] = gain * vecmath_exp(-direct * s[k].range);
+        p->b[k] = gain * far_off * (1 - left);
         p->through[k] = -p->a[k] * direct * s[k].range;
-        p->near[k]    = gain * far_off * scatter * s[k].range * left;
-        p->weight[k]  = s[k].weight[c];
+        p->near[k] = gain * far_off * scatter * s[k].range * left;
+        p->weight[k] = s[k].weight[c];
         p->aa += p->weight[k] * p->a[k] * p->a[k];
         ab += p->weight[k] * p->a[k] * (s[k].value[c] - p->b[k]);
     }
@@ -237,14 +247,14 @@ static int photometry_track(const struct photometry_work *w, size_t first)
 static double photometry_cost(struct photometry_work *w, const double *at, int reweigh)
 {
     struct photometry_point p;
-    double                  sum = 0;
+    double sum = 0;
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
         for (int c = 0; c < 3; c++) {
             photometry_evaluate(w, at, &w->sample[first], c, &p);
             for (int k = 0; k < p.count; k++) {
                 struct photometry_sample *s = &w->sample[first + (size_t)k];
-                const double              e = fabs(p.rest[k]) / w->sigma;
+                const double e = fabs(p.rest[k]) / w->sigma;
                 if (s->weight[c] <= 0) continue;
                 sum += e <= PHOTOMETRY_HUBER ? e * e : PHOTOMETRY_HUBER * (2 * e - PHOTOMETRY_HUBER);
                 if (reweigh) s->weight[c] = (float)(e <= PHOTOMETRY_HUBER ? 1 : PHOTOMETRY_HUBER / e);
@@ -258,7 +268,7 @@ static double photometry_cost(struct photometry_work *w, const double *at, int r
 static double photometry_sigma(struct photometry_work *w, const double *at, double *scratch)
 {
     struct photometry_point p;
-    size_t                  n = 0;
+    size_t n = 0;
     for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
         p.count = photometry_track(w, first);
         for (int c = 0; c < 3; c++) {
@@ -270,7 +280,7 @@ static double photometry_sigma(struct photometry_work *w, const double *at, doub
     return OXL_MAX(n ? PHOTOMETRY_NORMAL * stats_select(scratch, n, 0.5) : 1, PHOTOMETRY_SIGMA_MIN);
 }
 
-/* ---------------------------------------------------------------- normal equations */
+/* ---------------- normal equations */
 
 static void photometry_add(struct photometry_work *w, int row, int column, double value)
 {
@@ -283,14 +293,14 @@ static double *photometry_row(struct photometry_work *w, int row)
     return w->normal + (size_t)row * PHOTOMETRY_PARAMETERS;
 }
 
-/* Derivatives of an observation or point by a channel's three parameters of the medium, and by lamp terms from 3 on, in the order of the
- * parameters from 9 on. */
+/* Derivatives of an observation or point by a channel's three parameters of the medium, and by lamp terms
+ * from 3 on, in the order of the parameters from 9 on. */
 enum { PHOTOMETRY_SHARED = 3 + LAMP_MAX * LAMP_TERMS };
 
 /* A row of the normal equations: adds by x v, of `terms` lamp terms from `first` on. */
 static void photometry_add_terms(double *row, int first, int terms, double by, const double *v)
 {
-    double       *to   = row + 9 + first;
+    double *to = row + 9 + first;
     const double *from = v + 3 + first;
     for (int t = 0; t < terms; t++) to[t] += by * from[t];
 }
@@ -304,36 +314,39 @@ static void photometry_subtract(double *row, int c, int count, double by, const 
 }
 
 static void photometry_eliminate(struct photometry_work *w, const struct photometry_sample *s, int c,
-                                 const struct photometry_point *p, const double *u, const double *gains, int shared)
+                                 const struct photometry_point *p, const double *u, const double *gains,
+                                 int shared)
 {
-    for (int i = 0; i < shared; i++) photometry_subtract(photometry_row(w, i < 3 ? 3 * i + c : 6 + i), c, i + 1, u[i], u, p->aa);
+    for (int i = 0; i < shared; i++)
+        photometry_subtract(photometry_row(w, i < 3 ? 3 * i + c : 6 + i), c, i + 1, u[i], u, p->aa);
     for (int k = 0; k < p->count; k++) {
         const int own = w->gains + 3 * s[k].view + c;
         photometry_subtract(photometry_row(w, own), c, shared, gains[k], u, p->aa);
-        for (int l = 0; l <= k; l++) photometry_add(w, own, w->gains + 3 * s[l].view + c, -gains[k] * gains[l] / p->aa);
+        for (int l = 0; l <= k; l++)
+            photometry_add(w, own, w->gains + 3 * s[l].view + c, -gains[k] * gains[l] / p->aa);
     }
 }
 
 static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
                                  const struct photometry_point *p)
 {
-    const int terms                = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0; /* those that are fixed need no equations */
-    const int shared               = 3 + terms * (w->apart ? w->lamps : 1);
-    double    u[PHOTOMETRY_SHARED] = {0}, gains[PHOTOMETRY_TRACK];
+    const int terms = w->free & PHOTOMETRY_LAMP ? LAMP_TERMS : 0; /* those that are fixed need no equations */
+    const int shared = 3 + terms * (w->apart ? w->lamps : 1);
+    double u[PHOTOMETRY_SHARED] = {0}, gains[PHOTOMETRY_TRACK];
     if (!(p->aa > 0)) return;
     for (int k = 0; k < p->count; k++) {
         const double seen = p->a[k] * p->j + p->b[k], weight = p->weight[k];
-        const int    own = w->gains + 3 * s[k].view + c, lamp = w->apart ? LAMP_TERMS * s[k].lamp : 0;
-        double       d[PHOTOMETRY_SHARED], *gain              = photometry_row(w, own);
+        const int own = w->gains + 3 * s[k].view + c, lamp = w->apart ? LAMP_TERMS * s[k].lamp : 0;
+        double d[PHOTOMETRY_SHARED], *gain = photometry_row(w, own);
         d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
         for (int t = 0; t < terms; t++) d[3 + t] = d[3 + lamp + t] = seen * (double)s[k].term[t];
         gains[k] = weight * p->a[k] * seen;
         for (int part = 0; part < 3; part++) { /* medium; the common shape; the camera's own */
             const int first = part == 0 ? 0 : part == 1 ? 3 : 3 + lamp, end = part == 0 ? 3 : first + terms;
             for (int i = first; i < end && (part < 2 || lamp > 0); i++) {
-                const double by  = weight * d[i];
-                const int    at  = i < 3 ? 3 * i + c : 6 + i;
-                double      *row = photometry_row(w, at);
+                const double by = weight * d[i];
+                const int at = i < 3 ? 3 * i + c : 6 + i;
+                double *row = photometry_row(w, at);
                 for (int j = 0; j < 3 && j <= i; j++) row[3 * j + c] += by * d[j];
                 if (part > 0) photometry_add_terms(row, 0, part == 1 ? i - 2 : terms, by, d);
                 if (part > 1) photometry_add_terms(row, lamp, i - first + 1, by, d);
@@ -362,7 +375,8 @@ static double photometry_prior_sigma(const struct photometry_work *w, int index)
 /* Mean of the prior; that of bB is bD. */
 static double photometry_prior_mean(const double *at, int index)
 {
-    return index < 3 ? -0.7 : index < 6 ? at[index - 3] : index < 9 ? -1.2 : 0; /* 0.5 over the median range; 0.3 of white */
+    /* 0.5 over the median range; 0.3 of white */
+    return index < 3 ? -0.7 : index < 6 ? at[index - 3] : index < 9 ? -1.2 : 0;
 }
 
 static double photometry_prior_cost(const struct photometry_work *w, const double *at)
@@ -389,7 +403,7 @@ static void photometry_normal_equations(struct photometry_work *w)
     }
     for (int i = 0; i < w->parameters; i++) {
         const double of = w->sigma * w->sigma / (photometry_prior_sigma(w, i) * photometry_prior_sigma(w, i));
-        const double e  = photometry_prior_mean(w->at, i) - w->at[i];
+        const double e = photometry_prior_mean(w->at, i) - w->at[i];
         photometry_add(w, i, i, of);
         w->right[i] += of * e;
         if (i < 3 || i >= 6) continue;
@@ -399,7 +413,8 @@ static void photometry_normal_equations(struct photometry_work *w)
     }
     for (int v = 0; v < w->views; v++) /* the gains' mean is 0 */
         for (int k = 0; k <= v; k++)
-            for (int c = 0; c < 3; c++) photometry_add(w, w->gains + 3 * v + c, w->gains + 3 * k + c, PHOTOMETRY_CENTRE);
+            for (int c = 0; c < 3; c++)
+                photometry_add(w, w->gains + 3 * v + c, w->gains + 3 * k + c, PHOTOMETRY_CENTRE);
     for (int i = 0; i < w->parameters; i++) { /* fixed */
         if (photometry_is_free(w, i)) continue;
         for (int k = 0; k < w->parameters; k++)
@@ -415,7 +430,7 @@ static int photometry_factor(double *m, int n)
         double *row = m + (size_t)i * PHOTOMETRY_PARAMETERS;
         for (int j = 0; j <= i; j++) {
             const double *other = m + (size_t)j * PHOTOMETRY_PARAMETERS;
-            double        sum   = row[j];
+            double sum = row[j];
             for (int k = 0; k < j; k++) sum -= row[k] * other[k];
             if (i == j && !(sum > 0)) return 0;
             row[j] = i == j ? sqrt(sum) : sum / other[j];
@@ -440,12 +455,13 @@ static void photometry_solve(const double *m, int n, double *x)
 static double photometry_descend(struct photometry_work *w, double *scratch)
 {
     double damping = PHOTOMETRY_DAMPING, cost;
-    w->sigma       = photometry_sigma(w, w->at, scratch);
-    cost           = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+    w->sigma = photometry_sigma(w, w->at, scratch);
+    cost = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
     for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
         double to[PHOTOMETRY_PARAMETERS], x[PHOTOMETRY_PARAMETERS], better;
         photometry_normal_equations(w);
-        for (int i = 0; i < w->parameters; i++) w->normal[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
+        for (int i = 0; i < w->parameters; i++)
+            w->normal[(size_t)i * (PHOTOMETRY_PARAMETERS + 1)] *= 1 + damping;
         memcpy(x, w->right, sizeof x);
         if (!photometry_factor(w->normal, w->parameters)) break;
         photometry_solve(w->normal, w->parameters, x);
@@ -460,12 +476,13 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
         memcpy(w->at, to, sizeof w->at);
         if (cost - better < PHOTOMETRY_GAIN_MIN * better) break;
         w->sigma = photometry_sigma(w, w->at, scratch);
-        cost     = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+        cost = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
     }
     return cost;
 }
 
-/* Standard errors of the nine logs; residuals of a point may be alike, so each point counts as one observation. */
+/* Standard errors of the nine logs; residuals of a point may be alike, so each point counts as one
+ * observation. */
 static void photometry_errors(struct photometry_work *w, struct photometry *out)
 {
     const double alike = sqrt((double)w->samples / (double)OXL_MAX(out->points, 1));
@@ -473,7 +490,7 @@ static void photometry_errors(struct photometry_work *w, struct photometry *out)
     if (!photometry_factor(w->normal, w->parameters)) return;
     for (int i = 0; i < 9; i++) {
         double x[PHOTOMETRY_PARAMETERS] = {0};
-        x[i]                            = 1;
+        x[i] = 1;
         photometry_solve(w->normal, w->parameters, x);
         out->error[i] = alike * w->sigma * sqrt(OXL_MAX(x[i], 0));
     }
@@ -490,26 +507,28 @@ static double photometry_fit(struct photometry_work *w, int parts, double *scrat
 }
 
 /* Whether the cameras' lamps differ, from the fit of one. */
-static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, double *scratch, struct photometry *out)
+static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, double *scratch,
+                                          struct photometry *out)
 {
     double one[PHOTOMETRY_PARAMETERS], apart;
     if (w->lamps == 1 || !(requested & PHOTOMETRY_LAMP)) return;
     memcpy(one, w->at, sizeof one);
     w->apart = 1;
-    apart    = photometry_fit(w, requested, scratch);
+    apart = photometry_fit(w, requested, scratch);
     w->apart = out->residual > (1 + PHOTOMETRY_SEPARATE) * apart;
     if (w->apart) out->residual = apart;
     else memcpy(w->at, one, sizeof one);
 }
 
 /* All parts, then each left out, then those that the residuals are evidence for. */
-static void photometry_choose_parts(struct photometry_work *w, int requested, double *scratch, struct photometry *out)
+static void photometry_choose_parts(struct photometry_work *w, int requested, double *scratch,
+                                    struct photometry *out)
 {
     double all[PHOTOMETRY_PARAMETERS];
     w->parameters = w->gains + 3 * w->views;
     memset(w->at, 0, sizeof w->at);
     for (int i = 0; i < 9; i++) w->at[i] = i < 6 ? PHOTOMETRY_START : PHOTOMETRY_VEIL;
-    out->parts    = requested;
+    out->parts = requested;
     out->residual = photometry_fit(w, requested, scratch);
     photometry_fit_separate_lamps(w, requested, scratch, out);
     memcpy(all, w->at, sizeof all);
@@ -527,8 +546,9 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, do
 static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
 {
     double x[PHOTOMETRY_VIEWS] = {0}, y[PHOTOMETRY_VIEWS], mean[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
-    int    count[PHOTOMETRY_VIEWS] = {0}, views = 0;
-    for (size_t i = 0; i < w->samples; i++) x[w->sample[i].view] += w->sample[i].range, count[w->sample[i].view]++;
+    int count[PHOTOMETRY_VIEWS] = {0}, views = 0;
+    for (size_t i = 0; i < w->samples; i++)
+        x[w->sample[i].view] += w->sample[i].range, count[w->sample[i].view]++;
     for (int v = 0; v < w->views; v++) {
         const float *gain = p->log_gain + 3 * w->chosen[v];
         if (count[v] == 0) continue;
@@ -536,13 +556,15 @@ static double photometry_drift(const struct photometry_work *w, const struct pho
         mean[0] += x[v], mean[1] += y[v], views++;
     }
     for (int v = 0; v < w->views; v++) {
-        const double dx = x[v] - mean[0] / OXL_MAX(views, 1), dy = count[v] ? y[v] - mean[1] / OXL_MAX(views, 1) : 0;
+        const double dx = x[v] - mean[0] / OXL_MAX(views, 1),
+                     dy = count[v] ? y[v] - mean[1] / OXL_MAX(views, 1) : 0;
         if (count[v]) xx += dx * dx, xy += dx * dy, yy += dy * dy;
     }
     return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
 }
 
-static void photometry_compare_colours(const struct colmap *c, const struct photometry_work *w, struct photometry *out)
+static void photometry_compare_colours(const struct colmap *c, const struct photometry_work *w,
+                                       struct photometry *out)
 {
     for (int k = 0; k < 3; k++) {
         double seen = 0, own = 0;
@@ -554,19 +576,22 @@ static void photometry_compare_colours(const struct colmap *c, const struct phot
     }
 }
 
-static void photometry_report(struct photometry_work *w, double median, int requested, double *scratch, struct photometry *out)
+static void photometry_report(struct photometry_work *w, double median, int requested, double *scratch,
+                              struct photometry *out)
 {
     out->observations = w->samples;
-    for (size_t i = 0; i < w->samples; i++) out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
+    for (size_t i = 0; i < w->samples; i++)
+        out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
     photometry_choose_parts(w, requested, scratch, out);
     if (out->parts & PHOTOMETRY_MEDIUM) photometry_errors(w, out);
     for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_MEDIUM); c++) {
-        out->attenuation[c]   = vecmath_exp(w->at[c]) / median;
-        out->backscatter[c]   = vecmath_exp(w->at[3 + c]) / median;
+        out->attenuation[c] = vecmath_exp(w->at[c]) / median;
+        out->backscatter[c] = vecmath_exp(w->at[3 + c]) / median;
         out->veiling_light[c] = vecmath_exp(w->at[6 + c]);
     }
     for (int t = 0; t < LAMP_TERMS * w->lamps; t++)
-        out->shape[t / LAMP_TERMS][t % LAMP_TERMS] = (float)(w->at[9 + t % LAMP_TERMS] + (t < LAMP_TERMS ? 0 : w->at[9 + t]));
+        out->shape[t / LAMP_TERMS][t % LAMP_TERMS] =
+            (float)(w->at[9 + t % LAMP_TERMS] + (t < LAMP_TERMS ? 0 : w->at[9 + t]));
     for (int v = 0; v < w->views; v++) {
         out->known[w->chosen[v]] = 1;
         for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[w->gains + 3 * v + c];
@@ -574,16 +599,17 @@ static void photometry_report(struct photometry_work *w, double median, int requ
     out->drift = photometry_drift(w, out);
 }
 
-static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w, struct photometry *out)
+static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,
+                                   struct photometry *out)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene);
-    w->view            = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
-    w->chosen          = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
-    w->sample          = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
-    w->normal          = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->normal);
-    w->scratch         = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
-    out->log_gain      = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
-    out->known         = oxl_calloc(ctx, views + 1, sizeof *out->known);
+    w->view = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
+    w->chosen = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
+    w->sample = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
+    w->normal = oxl_alloc(ctx, (size_t)PHOTOMETRY_PARAMETERS * PHOTOMETRY_PARAMETERS, sizeof *w->normal);
+    w->scratch = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
+    out->log_gain = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
+    out->known = oxl_calloc(ctx, views + 1, sizeof *out->known);
     return w->view && w->chosen && w->sample && w->normal && w->scratch && out->log_gain && out->known
                ? OXL_OK
                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");
@@ -594,15 +620,16 @@ static void photometry_end(oxl_context *ctx, struct photometry_work *w)
     OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->scratch);
 }
 
-OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out)
+OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
+                                           struct photometry *out)
 {
-    const struct colmap   *c      = scene_colmap(scene);
-    const double           median = scene_depth_quantile(scene, 0.5);
-    struct photometry_work w      = {0};
-    oxl_result             rc;
+    const struct colmap *c = scene_colmap(scene);
+    const double median = scene_depth_quantile(scene, 0.5);
+    struct photometry_work w = {0};
+    oxl_result rc;
     *out = (struct photometry){0};
     if (!parts || !c || c->track_count == 0 || !(median > 0)) return OXL_OK;
-    rc      = photometry_begin(ctx, scene, &w, out);
+    rc = photometry_begin(ctx, scene, &w, out);
     w.lamps = imaging_set_lamps(scene, w.lamp);
     w.gains = 9 + w.lamps * LAMP_TERMS;
     if (rc == OXL_OK) photometry_choose_views(scene, c, &w);

@@ -1,14 +1,15 @@
 /* ply.c - a small PLY reader: any property order and type, lists, ascii and both byte orders.
  *
- * Source: Turk, "The PLY Polygon File Format" (1994), and common extensions: int8..float64 as type names, CR LF, `obj_info`.
+ * Source: Turk, "The PLY Polygon File Format" (1994), and common extensions: int8..float64 as type names, CR
+ * LF, `obj_info`.
  * Usage: ply_open reads the header, ply_read the columns of one element, ply_close.
- * Invariant: ply_open compares the header with the size of the file, so memory allocated by `rows` is at most a multiple of
- * the file size.
+ * Invariant: ply_open compares the header with the size of the file, so memory allocated by `rows` is at most
+ * a multiple of the file size.
  */
 #include "ply.h"
 
 static const struct ply_type_name {
-    const char   *name;
+    const char *name;
     enum ply_type type;
 } ply_type_names[] = {
     {"char", PLY_INT8},     {"int8", PLY_INT8},       {"uchar", PLY_UINT8},    {"uint8", PLY_UINT8},
@@ -23,17 +24,17 @@ static size_t ply_size(enum ply_type type)
     return size[type];
 }
 
-/* ---------------------------------------------------------------- the header */
+/* ---------------- the header */
 
 struct ply_header {
     oxl_context *ctx;
-    struct ply  *ply;
-    const char  *cursor, *end; /* the rest of the file */
-    const char  *line_start, *line_end;
-    int          line;
-    const char  *word[6]; /* of the line; only the first six are read */
-    size_t       length[6];
-    int          words;
+    struct ply *ply;
+    const char *cursor, *end; /* the rest of the file */
+    const char *line_start, *line_end;
+    int line;
+    const char *word[6]; /* of the line; only the first six are read */
+    size_t length[6];
+    int words;
 };
 
 static int ply_blank(char c)
@@ -43,7 +44,8 @@ static int ply_blank(char c)
 
 static int ply_is(const struct ply_header *h, int word, const char *text)
 {
-    return word < h->words && strlen(text) == h->length[word] && !memcmp(text, h->word[word], h->length[word]);
+    return word < h->words && strlen(text) == h->length[word] &&
+           !memcmp(text, h->word[word], h->length[word]);
 }
 
 /* Bytes of a file, printable in a message. */
@@ -61,7 +63,8 @@ static const char *ply_printable(const char *from, const char *end, char out[48]
 static oxl_result ply_header_fail(const struct ply_header *h, const char *wanted)
 {
     char seen[48];
-    return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
+    return oxl_fail(h->ctx, OXL_ERR_INPUT,
+                    "%s:%d: found '%s', expected %s\nfix: correct the header or export the file again",
                     h->ply->path, h->line, ply_printable(h->line_start, h->line_end, seen), wanted);
 }
 
@@ -70,8 +73,8 @@ static oxl_result ply_next_line(struct ply_header *h)
     const char *newline = memchr(h->cursor, '\n', (size_t)(h->end - h->cursor)), *c = h->cursor;
     h->line++;
     h->line_start = h->cursor;
-    h->line_end   = newline ? newline : h->end;
-    h->words      = 0;
+    h->line_end = newline ? newline : h->end;
+    h->words = 0;
     if (!newline) return ply_header_fail(h, "more lines: the header has no end_header");
     while (h->words < 6) {
         while (c < newline && ply_blank(*c)) c++;
@@ -105,18 +108,19 @@ static oxl_result ply_header_name(const struct ply_header *h, int word, char nam
 
 static oxl_result ply_header_element(struct ply_header *h)
 {
-    struct ply        *ply     = h->ply;
+    struct ply *ply = h->ply;
     struct ply_element element = {.name = ""};
-    const char        *digits  = h->words > 2 ? h->word[2] : NULL, *end;
-    int64_t            rows;
-    oxl_result         rc = ply_header_name(h, 1, element.name);
+    const char *digits = h->words > 2 ? h->word[2] : NULL, *end;
+    int64_t rows;
+    oxl_result rc = ply_header_name(h, 1, element.name);
     if (rc != OXL_OK) return rc;
     if (!digits) return ply_header_fail(h, "element NAME COUNT");
     end = digits + h->length[2];
     if (!parse_int64(&digits, end, &rows) || digits != end || rows < 0)
         return ply_header_fail(h, "a count of rows, 0 to 9223372036854775807");
     element.rows = (uint64_t)rows;
-    rc           = oxl_reserve(h->ctx, &ply->element, &ply->element_capacity, (size_t)ply->elements + 1, sizeof element);
+    rc =
+        oxl_reserve(h->ctx, &ply->element, &ply->element_capacity, (size_t)ply->elements + 1, sizeof element);
     if (rc == OXL_OK) ply->element[ply->elements++] = element;
     return rc;
 }
@@ -133,15 +137,17 @@ static oxl_result ply_header_type(const struct ply_header *h, int word, enum ply
 
 static oxl_result ply_header_property(struct ply_header *h)
 {
-    struct ply_element *element  = h->ply->elements ? &h->ply->element[h->ply->elements - 1] : NULL;
+    struct ply_element *element = h->ply->elements ? &h->ply->element[h->ply->elements - 1] : NULL;
     struct ply_property property = {.is_list = ply_is(h, 1, "list")};
-    oxl_result          rc;
+    oxl_result rc;
     if (!element) return ply_header_fail(h, "an element before its properties");
     if (property.is_list && (rc = ply_header_type(h, 2, &property.count_type)) != OXL_OK) return rc;
-    if (property.is_list && property.count_type >= PLY_FLOAT32) return ply_header_fail(h, "a whole number to count the list");
+    if (property.is_list && property.count_type >= PLY_FLOAT32)
+        return ply_header_fail(h, "a whole number to count the list");
     if ((rc = ply_header_type(h, property.is_list ? 3 : 1, &property.type)) != OXL_OK) return rc;
     if ((rc = ply_header_name(h, property.is_list ? 4 : 2, property.name)) != OXL_OK) return rc;
-    rc = oxl_reserve(h->ctx, &element->property, &element->capacity, (size_t)element->properties + 1, sizeof property);
+    rc = oxl_reserve(h->ctx, &element->property, &element->capacity, (size_t)element->properties + 1,
+                     sizeof property);
     if (rc != OXL_OK) return rc;
     element->property[element->properties++] = property;
     element->has_list |= property.is_list;
@@ -151,17 +157,18 @@ static oxl_result ply_header_property(struct ply_header *h)
 
 static oxl_result ply_header_comment(struct ply_header *h)
 {
-    struct ply *ply  = h->ply;
+    struct ply *ply = h->ply;
     const char *from = h->word[0] + h->length[0], *end = h->line_end;
-    char       *copy;
-    oxl_result  rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1, sizeof *ply->comment);
+    char *copy;
+    oxl_result rc = oxl_reserve(h->ctx, &ply->comment, &ply->comment_capacity, (size_t)ply->comments + 1,
+                                sizeof *ply->comment);
     if (rc != OXL_OK) return rc;
     while (from < end && ply_blank(*from)) from++;
     while (end > from && ply_blank(end[-1])) end--;
     copy = oxl_alloc(h->ctx, (size_t)(end - from) + 1, 1);
     if (!copy) return oxl_fail(h->ctx, OXL_ERR_MEMORY, "no memory for a comment of %s", ply->path);
     memcpy(copy, from, (size_t)(end - from));
-    copy[end - from]              = 0;
+    copy[end - from] = 0;
     ply->comment[ply->comments++] = copy;
     return OXL_OK;
 }
@@ -178,12 +185,14 @@ static oxl_result ply_header_line(struct ply_header *h)
 
 static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
 {
-    struct ply_header h = {.ctx = ctx, .ply = ply, .cursor = ply->file.data, .end = ply->file.data + ply->file.size};
-    oxl_result        rc;
-    if (ply->file.size < 4 || memcmp(ply->file.data, "ply", 3) || (!ply_blank(ply->file.data[3]) && ply->file.data[3] != '\n')) {
-        h.line       = 1;
+    struct ply_header h = {
+        .ctx = ctx, .ply = ply, .cursor = ply->file.data, .end = ply->file.data + ply->file.size};
+    oxl_result rc;
+    if (ply->file.size < 4 || memcmp(ply->file.data, "ply", 3) ||
+        (!ply_blank(ply->file.data[3]) && ply->file.data[3] != '\n')) {
+        h.line = 1;
         h.line_start = h.cursor;
-        h.line_end   = h.end;
+        h.line_end = h.end;
         return ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
     }
     rc = ply_next_line(&h);
@@ -193,30 +202,32 @@ static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
     }
     if (rc == OXL_OK && ply->format == PLY_NO_FORMAT) rc = ply_header_fail(&h, "a format line before it");
     ply->data_line = h.line + 1;
-    ply->data      = (size_t)(h.cursor - ply->file.data);
+    ply->data = (size_t)(h.cursor - ply->file.data);
     return rc;
 }
 
-/* Compares the header with the size of the file; in double, which does not overflow and is exact below 2^53. */
+/* Compares the header with the size of the file; in double, which does not overflow and is exact below
+ * 2^53. */
 static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
 {
     const double there = (double)(ply->file.size - ply->data);
-    double       need  = 0;
+    double need = 0;
     for (int e = 0; e < ply->elements; e++) {
         const struct ply_element *element = &ply->element[e];
-        const double              row =
-            ply->format == PLY_ASCII ? 2.0 * element->properties /* one digit and one blank */ : (double)element->row_bytes;
+        const double row = ply->format == PLY_ASCII ? 2.0 * element->properties /* one digit and one blank */
+                                                    : (double)element->row_bytes;
         need += (double)element->rows * row;
         if (need > there + (ply->format == PLY_ASCII)) /* the last line may have no newline */
-            return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s: element %s announces %llu rows, with which the data need at least %.0f bytes; there are %.0f\n"
-                            "fix: the file was cut short or its header is wrong; copy or export it again",
-                            ply->path, element->name, (unsigned long long)element->rows, need, there);
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element %s announces %llu rows, with which the data need at least %.0f bytes; there are %.0f\n"
+                "fix: the file was cut short or its header is wrong; copy or export it again",
+                ply->path, element->name, (unsigned long long)element->rows, need, there);
     }
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- the data */
+/* ---------------- the data */
 
 static inline uint64_t ply_bits(const unsigned char *p, size_t size, int big_endian)
 {
@@ -228,7 +239,7 @@ static inline uint64_t ply_bits(const unsigned char *p, size_t size, int big_end
 static inline float ply_float(const unsigned char *p, int big_endian)
 {
     const uint32_t bits = (uint32_t)ply_bits(p, 4, big_endian);
-    float          value;
+    float value;
     memcpy(&value, &bits, sizeof value);
     return value;
 }
@@ -236,7 +247,7 @@ static inline float ply_float(const unsigned char *p, int big_endian)
 static double ply_value(const unsigned char *p, enum ply_type type, int big_endian)
 {
     const uint64_t bits = ply_bits(p, ply_size(type), big_endian);
-    double         d;
+    double d;
     switch (type) {
     case PLY_INT8: return (double)bits - (bits >> 7 ? 256 : 0);
     case PLY_INT16: return (double)bits - (bits >> 15 ? 65536 : 0);
@@ -256,43 +267,47 @@ static void ply_store(const struct ply_target *target, size_t row, double value)
     if (target->as_double) target->as_double[row] = value;
 }
 
-/* State of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to skip the element. */
+/* State of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to skip the
+ * element. */
 struct ply_rows {
-    oxl_context              *ctx;
-    const struct ply         *ply;
+    oxl_context *ctx;
+    const struct ply *ply;
     const struct ply_element *element;
-    const struct ply_target  *target;
-    const char               *cursor, *end;
+    const struct ply_target *target;
+    const char *cursor, *end;
 };
 
 static oxl_result ply_cut_short(const struct ply_rows *r, uint64_t row)
 {
-    return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again", r->ply->path,
-                    (size_t)(r->cursor - r->ply->file.data), (unsigned long long)row, (unsigned long long)r->element->rows,
-                    r->element->name);
+    return oxl_fail(
+        r->ctx, OXL_ERR_INPUT,
+        "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again",
+        r->ply->path, (size_t)(r->cursor - r->ply->file.data), (unsigned long long)row,
+        (unsigned long long)r->element->rows, r->element->name);
 }
 
 /* Rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
 static oxl_result ply_read_fixed(struct ply_rows *r)
 {
     enum { TILE = 64 };
-    const struct ply_element *element    = r->element;
-    const size_t              rows       = (size_t)element->rows; /* fits: ply_check_size */
-    const int                 big_endian = r->ply->format == PLY_BIG;
-    if ((size_t)(r->end - r->cursor) / element->row_bytes < rows)
-        return ply_cut_short(r, 0); /* lists of earlier elements used the bytes */
+    const struct ply_element *element = r->element;
+    const size_t rows = (size_t)element->rows; /* fits: ply_check_size */
+    const int big_endian = r->ply->format == PLY_BIG;
+    /* lists of earlier elements used the bytes */
+    if ((size_t)(r->end - r->cursor) / element->row_bytes < rows) return ply_cut_short(r, 0);
     for (size_t first = 0; r->target && first < rows; first += TILE) {
-        const size_t         last = OXL_MIN(first + TILE, rows);
+        const size_t last = OXL_MIN(first + TILE, rows);
         const unsigned char *tile = (const unsigned char *)r->cursor + first * element->row_bytes;
         for (int c = 0; c < element->properties; c++) {
-            const enum ply_type     type   = element->property[c].type;
+            const enum ply_type type = element->property[c].type;
             const struct ply_target target = r->target[c];
-            const unsigned char    *value  = tile;
+            const unsigned char *value = tile;
             tile += ply_size(type);
             if (!target.as_float && !target.as_double) continue;
-            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) { /* the common case, several times as fast */
-                for (size_t i = first; i < last; i++, value += element->row_bytes) target.as_float[i] = ply_float(value, 0);
+            /* the common case, several times as fast */
+            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) {
+                for (size_t i = first; i < last; i++, value += element->row_bytes)
+                    target.as_float[i] = ply_float(value, 0);
                 continue;
             }
             for (size_t i = first; i < last; i++, value += element->row_bytes)
@@ -309,10 +324,10 @@ static oxl_result ply_read_lists(struct ply_rows *r)
     const int big_endian = r->ply->format == PLY_BIG;
     for (uint64_t row = 0; row < r->element->rows; row++) {
         for (int c = 0; c < r->element->properties; c++) {
-            const struct ply_property *p     = &r->element->property[c];
-            const enum ply_type        type  = p->is_list ? p->count_type : p->type;
-            const size_t               size  = ply_size(type);
-            double                     value = 0;
+            const struct ply_property *p = &r->element->property[c];
+            const enum ply_type type = p->is_list ? p->count_type : p->type;
+            const size_t size = ply_size(type);
+            double value = 0;
             if ((size_t)(r->end - r->cursor) < size) return ply_cut_short(r, row);
             value = ply_value((const unsigned char *)r->cursor, type, big_endian);
             r->cursor += size;
@@ -320,7 +335,8 @@ static oxl_result ply_read_lists(struct ply_rows *r)
                 if (r->target) ply_store(&r->target[c], (size_t)row, value);
                 continue;
             }
-            if (value < 0 || value * (double)ply_size(p->type) > (double)(r->end - r->cursor)) return ply_cut_short(r, row);
+            if (value < 0 || value * (double)ply_size(p->type) > (double)(r->end - r->cursor))
+                return ply_cut_short(r, row);
             r->cursor += (size_t)value * ply_size(p->type);
         }
     }
@@ -330,18 +346,20 @@ static oxl_result ply_read_lists(struct ply_rows *r)
 static oxl_result ply_ascii_fail(const struct ply_rows *r, uint64_t row, const char *wanted)
 {
     char seen[48];
-    int  line = r->ply->data_line;
+    int line = r->ply->data_line;
     for (const char *c = r->ply->file.data + r->ply->data; c < r->cursor; c++) line += *c == '\n';
-    return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s:%d: row %llu of element %s: found '%s', expected %s\nfix: correct the line or export the file again",
-                    r->ply->path, line, (unsigned long long)row, r->element->name, ply_printable(r->cursor, r->end, seen),
-                    wanted);
+    return oxl_fail(
+        r->ctx, OXL_ERR_INPUT,
+        "%s:%d: row %llu of element %s: found '%s', expected %s\nfix: correct the line or export the file again",
+        r->ply->path, line, (unsigned long long)row, r->element->name, ply_printable(r->cursor, r->end, seen),
+        wanted);
 }
 
 static int ply_ascii_number(struct ply_rows *r, double *out)
 {
     while (r->cursor < r->end && ply_blank(*r->cursor)) r->cursor++;
-    return parse_double(&r->cursor, r->end, out) && (r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n');
+    return parse_double(&r->cursor, r->end, out) &&
+           (r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n');
 }
 
 /* One row per line, as the format requires, so an error names the row with a missing value. */
@@ -359,7 +377,8 @@ static oxl_result ply_read_ascii(struct ply_rows *r)
             if (!(value >= 0 && value <= (double)(r->end - r->cursor)))
                 return ply_ascii_fail(r, row, "a list that fits the file");
             for (size_t left = (size_t)value; left > 0; left--)
-                if (!ply_ascii_number(r, &value)) return ply_ascii_fail(r, row, "as many numbers as the list announces");
+                if (!ply_ascii_number(r, &value))
+                    return ply_ascii_fail(r, row, "as many numbers as the list announces");
         }
         while (r->cursor < r->end && ply_blank(*r->cursor)) r->cursor++;
         if (r->cursor < r->end && *r->cursor != '\n') return ply_ascii_fail(r, row, "the end of the line");
@@ -375,12 +394,12 @@ static oxl_result ply_rows(struct ply_rows *r)
     return ply_read_fixed(r);
 }
 
-/* ---------------------------------------------------------------- public functions */
+/* ---------------- public functions */
 
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out)
 {
     oxl_result rc;
-    *out      = (struct ply){0};
+    *out = (struct ply){0};
     out->path = oxl_strdup(ctx, path);
     if (!out->path) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
@@ -397,9 +416,9 @@ done:
 OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out)
 {
     struct os_reader file = {0};
-    char            *data = oxl_calloc(ctx, most + 1, 1);
-    oxl_result       rc   = data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
-    *out                  = (struct ply){.path = oxl_strdup(ctx, path), .file = {.data = data}};
+    char *data = oxl_calloc(ctx, most + 1, 1);
+    oxl_result rc = data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
+    *out = (struct ply){.path = oxl_strdup(ctx, path), .file = {.data = data}};
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     if (rc == OXL_OK) rc = os_reader_read(ctx, &file, data, most, &out->file.size);
     os_reader_close(&file);
@@ -408,14 +427,16 @@ OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size
     return rc;
 }
 
-OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target)
+OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
+                                 const struct ply_target *target)
 {
-    struct ply_rows w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
+    struct ply_rows w = {
+        .ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
     for (int e = 0; e <= element; e++) {
         oxl_result rc;
         w.element = &ply->element[e];
-        w.target  = e == element ? target : NULL;
-        rc        = ply_rows(&w);
+        w.target = e == element ? target : NULL;
+        rc = ply_rows(&w);
         if (rc != OXL_OK) return rc;
     }
     return OXL_OK;

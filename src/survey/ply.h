@@ -9,44 +9,47 @@ enum ply_type { PLY_INT8, PLY_UINT8, PLY_INT16, PLY_UINT16, PLY_INT32, PLY_UINT3
 enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
 
 struct ply_property {
-    char          name[PLY_NAME];
+    char name[PLY_NAME];
     enum ply_type type;
     enum ply_type count_type; /* of a list */
-    int           is_list;
+    int is_list;
 };
 struct ply_element {
-    char                 name[PLY_NAME];
-    uint64_t             rows; /* the file is checked to hold at least this many rows */
+    char name[PLY_NAME];
+    uint64_t rows; /* the file is checked to hold at least this many rows */
     struct ply_property *property;
-    int                  properties, has_list;
-    size_t               capacity;
-    size_t               row_bytes; /* in binary files; the minimum if there are lists */
+    int properties, has_list;
+    size_t capacity;
+    size_t row_bytes; /* in binary files; the minimum if there are lists */
 };
 struct ply {
-    char               *path;
-    struct os_file_map  file;
-    enum ply_format     format;
-    size_t              data; /* offset of the first byte after the header */
-    int                 data_line;
+    char *path;
+    struct os_file_map file;
+    enum ply_format format;
+    size_t data; /* offset of the first byte after the header */
+    int data_line;
     struct ply_element *element;
-    int                 elements;
-    size_t              element_capacity;
-    char              **comment; /* without the word "comment" */
-    int                 comments;
-    size_t              comment_capacity;
+    int elements;
+    size_t element_capacity;
+    char **comment; /* without the word "comment" */
+    int comments;
+    size_t comment_capacity;
 };
 /* Destination of a property's values (rows), converted; both NULL: skipped. Lists are always skipped. */
 struct ply_target {
-    float  *as_float;
+    float *as_float;
     double *as_double;
 };
-OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
-OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most,
-                                        struct ply *out); /* no data; not checked */
+/* reads and checks the header */
+OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out);
+/* no data; not checked */
+OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out);
 /* target: (properties of the element). */
-OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
-OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
-OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: none */
-OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: none, or a list */
+OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
+                                 const struct ply_target *target);
+OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply);
+OXL_INTERNAL int ply_find_element(const struct ply *ply, const char *name); /* -1: none */
+/* -1: none, or a list */
+OXL_INTERNAL int ply_find_property(const struct ply_element *element, const char *name);
 
 #endif

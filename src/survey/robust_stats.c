@@ -1,8 +1,8 @@
 /* robust_stats.c - robust statistics of a survey: bounds, radius of the cameras, depths.
  *
- * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust. Depths are used for the near plane and the depth bands
- * of UCD (paper eq. 2), which is defined on SfM points in the views that observe them: on the pool survey the median depth by
- * tracks is 6.1, and 10.7 over all points in front of a camera.
+ * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust. Depths are used for the near plane
+ * and the depth bands of UCD (paper eq. 2), which is defined on SfM points in the views that observe them: on
+ * the pool survey the median depth by tracks is 6.1, and 10.7 over all points in front of a camera.
  *
  * Invariant: large surveys are sampled at a fixed stride, so the statistics depend on the survey alone.
  */
@@ -11,13 +11,15 @@
 
 enum {
     STATS_SAMPLE = 1 << 16, /* limit of values for a quantile */
-    STATS_VIEWS  = 64,      /* without tracks: views and points that depths are sampled from; their product is the sample */
+    /* without tracks: views and points that depths are sampled from; their product is the sample */
+    STATS_VIEWS = 64,
     STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-#define STATS_NORMAL  1.4826 /* standard deviation of a normal distribution over its median absolute deviation */
-#define STATS_OUTLIER 5.0    /* cameras beyond this multiple of the median distance are ignored */
+/* standard deviation of a normal distribution over its median absolute deviation */
+#define STATS_NORMAL 1.4826
+#define STATS_OUTLIER 5.0 /* cameras beyond this multiple of the median distance are ignored */
 
-/* ---------------------------------------------------------------- quantiles */
+/* ---------------- quantiles */
 
 static int stats_compare(const void *a, const void *b)
 {
@@ -38,11 +40,12 @@ OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double
 /* Hoare 1961. Equal values stop both scans, so that many duplicates do not degrade the run time. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile)
 {
-    const size_t nth   = count ? stats_rank(count, quantile) : 0;
-    size_t       first = 0, end = count;
+    const size_t nth = count ? stats_rank(count, quantile) : 0;
+    size_t first = 0, end = count;
     while (end - first > 1) {
-        const double pivot = value[first + (end - first - 1) / 2]; /* not the last value, so both parts are smaller */
-        size_t       i = first, j = end - 1;
+        /* not the last value, so both parts are smaller */
+        const double pivot = value[first + (end - first - 1) / 2];
+        size_t i = first, j = end - 1;
         for (;;) {
             while (value[i] < pivot) i++;
             while (value[j] > pivot) j--;
@@ -64,11 +67,11 @@ OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work
     return STATS_NORMAL * stats_select(work, count, 0.5);
 }
 
-OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
-                                     double middle[3], double high[3])
+OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,
+                                     double low[3], double middle[3], double high[3])
 {
-    const size_t step   = n / STATS_SAMPLE + 1;
-    double      *values = oxl_alloc(ctx, n / step + 1, sizeof *values);
+    const size_t step = n / STATS_SAMPLE + 1;
+    double *values = oxl_alloc(ctx, n / step + 1, sizeof *values);
     if (!values) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the bounds of %zu positions", n);
     for (int axis = 0; axis < 3; axis++) {
         size_t count = 0;
@@ -76,19 +79,20 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
             const double value = ((const double *)((const char *)position + i * stride))[axis];
             if (fabs(value) <= DBL_MAX) values[count++] = value;
         }
-        low[axis]    = stats_select(values, count, 0.01);
+        low[axis] = stats_select(values, count, 0.01);
         middle[axis] = stats_select(values, count, 0.5);
-        high[axis]   = stats_select(values, count, 0.99);
+        high[axis] = stats_select(values, count, 0.99);
     }
     oxl_free(ctx, values);
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- cameras */
+/* ---------------- cameras */
 
 static double stats_distance(const double a[3], const double b[3])
 {
-    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                (a[2] - b[2]) * (a[2] - b[2]));
 }
 
 /* Moves the centres within the limit to the front; returns their number. */
@@ -96,7 +100,8 @@ static size_t stats_drop_outliers(double *centre, size_t n, const double middle[
 {
     size_t kept = 0;
     for (size_t i = 0; i < n; i++)
-        if (stats_distance(centre + 3 * i, middle) <= limit) memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
+        if (stats_distance(centre + 3 * i, middle) <= limit)
+            memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
     return kept;
 }
 
@@ -110,34 +115,36 @@ static double stats_radius(const double *centre, size_t n)
     return radius;
 }
 
-OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius)
+OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count,
+                                            double *radius)
 {
-    double    *centre   = oxl_alloc(ctx, count + 1, 3 * sizeof *centre);
-    double    *distance = oxl_alloc(ctx, count + 1, sizeof *distance);
-    double     low[3], middle[3], high[3];
-    size_t     kept;
+    double *centre = oxl_alloc(ctx, count + 1, 3 * sizeof *centre);
+    double *distance = oxl_alloc(ctx, count + 1, sizeof *distance);
+    double low[3], middle[3], high[3];
+    size_t kept;
     oxl_result rc = OXL_OK;
-    *radius       = 0;
+    *radius = 0;
     if (!centre || !distance) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu camera centres", count);
     if (rc != OXL_OK || count == 0) goto done;
     for (size_t i = 0; i < count; i++) camera_position(views[i].camera, centre + 3 * i);
     rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
-    kept    = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_select(distance, count, 0.5));
+    kept = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_select(distance, count, 0.5));
     *radius = stats_radius(centre, kept);
     if (kept < count)
-        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent", count - kept);
+        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent",
+                count - kept);
 done:
     OXL_FREE(ctx, centre, distance);
     return rc;
 }
 
-/* ---------------------------------------------------------------- depths */
+/* ---------------- depths */
 
 struct stats_depths {
     double *z; /* (STATS_SAMPLE) */
-    size_t  count;
+    size_t count;
 };
 
 static void stats_add_depth(struct stats_depths *d, const oxl_camera *c, const double p[3])
@@ -154,15 +161,17 @@ static int stats_compare_views(const void *a, const void *b)
 }
 
 /* Every k-th entry of all tracks. */
-static void stats_by_tracks(const struct stats_view *views, size_t count, const struct colmap *c, const double origin[3],
-                            struct stats_depths *d)
+static void stats_by_tracks(const struct stats_view *views, size_t count, const struct colmap *c,
+                            const double origin[3], struct stats_depths *d)
 {
     const size_t step = c->track_count / STATS_SAMPLE + 1;
-    size_t       seen = 0;
+    size_t seen = 0;
     for (size_t i = 0; i < c->point_count; i++) {
-        const double *p = c->point[i].position, local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+        const double *p = c->point[i].position,
+                     local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-            const struct stats_view *view, wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
+            const struct stats_view *view,
+                wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
             if (seen++ % step != 0) continue;
             view = bsearch(&wanted, views, count, sizeof *views, stats_compare_views);
             if (view) stats_add_depth(d, view->camera, local); /* NULL: a test view or a missing image */
@@ -188,12 +197,12 @@ static void stats_by_image(const struct stats_view *views, size_t count, const s
         }
 }
 
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const struct stats_points *points,
-                                     double **out, size_t *out_count)
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count,
+                                     const struct stats_points *points, double **out, size_t *out_count)
 {
     struct stats_depths d = {.z = oxl_alloc(ctx, STATS_SAMPLE, sizeof *d.z)};
-    *out                  = d.z;
-    *out_count            = 0;
+    *out = d.z;
+    *out_count = 0;
     if (!d.z) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
     if (count) qsort(views, count, sizeof *views, stats_compare_views);
     stats_by_tracks(views, count, points->colmap, points->origin, &d);

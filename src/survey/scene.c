@@ -3,12 +3,13 @@
 #include "scene.h"
 #include "survey.h"
 
-#define SCENE_STEPS          1000 /* from a pixel to its direction, */
-#define SCENE_PIXEL_ERROR    1e-3 /* px, and how near they must come */
-#define SCENE_NEAR           0.2  /* x the 1 % quantile of the depths */
+#define SCENE_STEPS 1000          /* from a pixel to its direction, */
+#define SCENE_PIXEL_ERROR 1e-3    /* px, and how near they must come */
+#define SCENE_NEAR 0.2            /* x the 1 % quantile of the depths */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
 
-OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2])
+OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
+                                     double pixel[2])
 {
     return camera_project(&oxl_scene_view(scene, view)->camera, scene_colmap(scene)->point[point].position,
                           oxl_scene_origin(scene), x, pixel) &&
@@ -29,23 +30,25 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
 
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
 {
-    return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01) : SCENE_NEAR_POINTLESS * scene->extent;
+    return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01)
+                              : SCENE_NEAR_POINTLESS * scene->extent;
 }
 
 /* Each in the direction of a random pixel of a random view, at a depth between half and three extents. */
-OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out)
+OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
+                                            oxl_point **out)
 {
     oxl_point *points = oxl_alloc(ctx, count + 1, sizeof *points);
-    *out              = points;
+    *out = points;
     if (!points) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu random points", count);
     for (size_t i = 0; i < count; i++) {
-        const uint64_t    seed     = ctx->options.seed;
-        const int         view     = (int)(random_unit(random_bits(seed, i, 0)) * scene->view_count);
-        const oxl_camera *c        = &scene->view[view].camera;
-        const double      z        = scene->extent * (0.5 + 2.5 * random_unit(random_bits(seed, i, 1)));
-        const double      pixel[2] = {random_unit(random_bits(seed, i, 2)) * c->width,
-                                      random_unit(random_bits(seed, i, 3)) * c->height};
-        points[i]                  = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
+        const uint64_t seed = ctx->options.seed;
+        const int view = (int)(random_unit(random_bits(seed, i, 0)) * scene->view_count);
+        const oxl_camera *c = &scene->view[view].camera;
+        const double z = scene->extent * (0.5 + 2.5 * random_unit(random_bits(seed, i, 1)));
+        const double pixel[2] = {random_unit(random_bits(seed, i, 2)) * c->width,
+                                 random_unit(random_bits(seed, i, 3)) * c->height};
+        points[i] = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
         camera_unproject(c, pixel, z, NULL, points[i].position);
     }
     return OXL_OK;
@@ -60,14 +63,15 @@ OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *vi
 {
     int count = 0;
     for (int i = 0; i < scene->view_count; i++)
-        if (split == OXL_SPLIT_ALL || (scene->view[i].is_test != 0) == (split == OXL_SPLIT_TEST)) view[count++] = i;
+        if (split == OXL_SPLIT_ALL || (scene->view[i].is_test != 0) == (split == OXL_SPLIT_TEST))
+            view[count++] = i;
     return count;
 }
 
 OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split)
 {
-    const struct colmap *c    = &scene->colmap;
-    int                 *view = oxl_alloc(ctx, c->image_count + 1, sizeof *view);
+    const struct colmap *c = &scene->colmap;
+    int *view = oxl_alloc(ctx, c->image_count + 1, sizeof *view);
     if (!view) oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu images", c->image_count);
     for (size_t i = 0; view && i < c->image_count; i++) view[i] = -1;
     for (int i = 0; view && i < scene->view_count; i++)
@@ -116,17 +120,19 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
 }
 
 /* By fixed-point iteration, which converges because distortion is smaller than the distance from the axis. */
-oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
-                         double direction[3])
+oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
+                         double start[3], double direction[3])
 {
-    const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
-    const oxl_camera           *c      = &scene->view[view].camera;
-    double                      k[4]   = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
-    const double                width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
+    const struct colmap_camera *camera =
+        scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
+    const oxl_camera *c = &scene->view[view].camera;
+    double k[4] = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
+    const double width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
     if (!(x >= 0 && x <= width && y >= 0 && y <= height))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: pixel %g, %g lies outside of its %g x %g px\nfix: check the coordinates of the pixel",
-                        scene->view[view].name, x, y, width, height);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: pixel %g, %g lies outside of its %g x %g px\nfix: check the coordinates of the pixel",
+            scene->view[view].name, x, y, width, height);
     if (camera) camera_intrinsics(camera, k);
     d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
     for (int i = 0; i < SCENE_STEPS && camera; i++) {
@@ -140,6 +146,7 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
             scene->view[view].name, x, y);
     camera_position(c, start);
     length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
-    for (int i = 0; i < 3; i++) direction[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;
+    for (int i = 0; i < 3; i++)
+        direction[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;
     return OXL_OK;
 }

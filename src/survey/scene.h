@@ -1,4 +1,5 @@
-/* scene.h - views, points and images of a scene: filled by scene_load.c, scene_views.c, scene_images.c, scene_file.c, imaging.c. */
+/* scene.h - views, points and images of a scene: filled by scene_load.c, scene_views.c, scene_images.c,
+ * scene_file.c, imaging.c. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -9,7 +10,7 @@ enum { SCENE_GREY = 128 };  /* of points without colour */
 #define SCENE_FARTHEST 1e15 /* farther points are dropped, farther cameras an error */
 
 struct scene_stats { /* for `check` and the first message */
-    int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
+    int images_listed, images_missing, views, test_views, distorted_cameras, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
@@ -21,67 +22,86 @@ struct scene_source { /* indices in colmap.image, colmap.camera */
 
 struct oxl_scene {
     oxl_view *view; /* (view_count) */
-    int       view_count;
-    double    origin[3], extent;
+    int view_count;
+    double origin[3], extent;
 
     oxl_point *point;
-    size_t     point_count;
-    double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
-    size_t     depth_count;
+    size_t point_count;
+    double *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
+    size_t depth_count;
 
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
 
-    struct scene_stats   stats;
-    int                  from_files;
-    struct colmap        colmap;         /* from files: for the partition; holds the views' names */
-    struct scene_source *source;         /* from files: (view_count) */
-    double              *on_disk;        /* from files: (cameras) px of an image's side for one in cameras.txt */
-    char                *images, *masks; /* from files: folders; masks NULL: none */
-    char                *decoded;        /* folder of decoded images, or NULL */
-    struct os_file_map   map;            /* of scene_file_map: it holds all arrays but views and cameras; or no data */
+    struct scene_stats stats;
+    int from_files;
+    struct colmap colmap;        /* from files: for the partition; holds the views' names */
+    struct scene_source *source; /* from files: (view_count) */
+    double *on_disk;             /* from files: (cameras) px of an image's side for one in cameras.txt */
+    char *images, *masks;        /* from files: folders; masks NULL: none */
+    char *decoded;               /* folder of decoded images, or NULL */
+    /* of scene_file_map: it holds all arrays but views and cameras; or no data */
+    struct os_file_map map;
 };
 
 struct scene_order { /* images by name; equal names by file order */
     const char *name;
-    size_t      image;
+    size_t image;
 };
-OXL_INTERNAL int        scene_compare_order(const void *a, const void *b);
+OXL_INTERNAL int scene_compare_order(const void *a, const void *b);
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count);
 /* From scene->colmap. */
-OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
-OXL_INTERNAL void       scene_mark_test_views(oxl_scene *scene, int test_every);
+OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
+                                          const oxl_scene_options *options);
+OXL_INTERNAL void scene_mark_test_views(oxl_scene *scene, int test_every);
 
-/* ---------------------------------------------------------------- scene.c, scene_load.c, scene_images.c: views, points, images */
+/* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
-OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
+OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
+                                     double pixel[2]);
 /* The row of `colmap` that a view comes from; scenes from files only. */
-OXL_INTERNAL const struct colmap_camera  *scene_source_camera(const oxl_scene *scene, int view);
-OXL_INTERNAL const struct colmap_image   *scene_source_image(const oxl_scene *scene, int view);
-/* A view's image from the cache, loaded if it is not there: borrowed until the next request of another view; NULL: error set. */
+OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
+OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
+/* A view's image from the cache, loaded if it is not there: borrowed until the next request of another view;
+ * NULL: error set. */
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view);
-OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count); /* image_cache_ahead */
+/* image_cache_ahead */
+OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
 /* The same from its file, undistorted, reduced and masked (image_training_free). */
-OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
-OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
-OXL_INTERNAL int        scene_accepts_point(const struct colmap_point *point, const double origin[3]); /* 0: too far away */
-/* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with oxl_free. */
-OXL_INTERNAL int       *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);
-OXL_INTERNAL int  scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
-OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);           /* of decoded images; scenes from arrays keep all */
-OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
-OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile); /* camera z of points in training views */
-OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the depths, since COLMAP's scale is arbitrary */
-/* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL: off. */
+OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
+                                         struct training_image *out);
+/* NULL: none */
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name,
+                                        char **out);
+/* 0: too far away */
+OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3]);
+/* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with
+ * oxl_free. */
+OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);
+/* view (all views); returns their number */
+OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view);
+/* of decoded images; scenes from arrays keep all */
+OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);
+/* of its camera's first image; 0: from arrays */
+OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view);
+/* camera z of points in training views */
+OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile);
+/* from the depths, since COLMAP's scale is arbitrary */
+OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
+/* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:
+ * off. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
 /* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
-OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
-/* scene_file.c: writes the scene to a file and maps it again; *out is NULL if the file has another key or does not exist. */
-OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const char *key);
+OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
+                                            oxl_point **out);
+/* scene_file.c: writes the scene to a file and maps it again; *out is NULL if the file has another key or
+ * does not exist. */
+OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                         const char *key);
 OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
 
 #endif

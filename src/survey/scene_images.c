@@ -1,13 +1,15 @@
-/* scene_images.c - images and masks of a scene: found, decoded, kept in memory (image_cache.c) or in files (image_file.c). */
+/* scene_images.c - images and masks of a scene: found, decoded, kept in memory (image_cache.c) or in files
+ * (image_file.c). */
 #include "sparse.h"
 #include "image.h"
 #include "scene.h"
 
 /* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
-OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name,
+                                        char **out)
 {
     const char *base = path_base_name(name), *dot = strrchr(base, '.');
-    const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
+    const int whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
     for (int i = 0; i < 2 && scene->masks; i++) {
         struct text t = {.ctx = ctx};
         text_add(&t, "%s/%.*s.png", scene->masks, i == 0 ? whole : bare, name);
@@ -23,19 +25,20 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, co
 {
     oxl_free(ctx, scene->decoded);
     scene->decoded = folder ? oxl_strdup(ctx, folder) : NULL;
-    return scene->decoded || !folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
+    return scene->decoded || !folder ? OXL_OK
+                                     : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
 }
 
-/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file that cannot be
- * written is not needed. */
-static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path, const char *mask,
-                               struct training_image *out)
+/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file
+ * that cannot be written is not needed. */
+static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path,
+                               const char *mask, struct training_image *out)
 {
-    const oxl_camera           *to   = &scene->view[view].camera;
+    const oxl_camera *to = &scene->view[view].camera;
     const struct colmap_camera *from = &scene->colmap.camera[scene->source[view].camera];
-    struct text                 name = {.ctx = ctx};
-    uint64_t                    key;
-    oxl_result                  rc = OXL_OK;
+    struct text name = {.ctx = ctx};
+    uint64_t key;
+    oxl_result rc = OXL_OK;
     if (!scene->decoded) return image_load_training(ctx, path, mask, from, to, out);
     key = image_file_key(path, mask, from, to);
     text_add(&name, "%s/%016llx", scene->decoded, (unsigned long long)key);
@@ -47,11 +50,13 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
     return rc;
 }
 
-OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out)
+OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
+                                         struct training_image *out)
 {
-    char      *mask = NULL;
-    oxl_result rc   = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
-    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
+    char *mask = NULL;
+    oxl_result rc = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
+    if (rc == OXL_OK)
+        rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
     oxl_free(ctx, mask);
     return rc;
 }
@@ -59,7 +64,7 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
 {
     const struct colmap_camera *camera = scene->from_files ? scene_source_camera(scene, view) : NULL;
-    const double                side   = camera ? scene->on_disk[scene->source[view].camera] : 0;
+    const double side = camera ? scene->on_disk[scene->source[view].camera] : 0;
     return camera ? side * camera->width * side * camera->height : 0;
 }
 
@@ -87,7 +92,7 @@ OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const i
 oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
 {
     const struct training_image *image;
-    oxl_result                   rc;
+    oxl_result rc;
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
@@ -96,7 +101,8 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     rc = oxl_image_create(ctx, image->width, image->height, out);
     if (rc == OXL_OK && image->mask) {
         out->weight = oxl_alloc(ctx, (size_t)image->width * image->height, sizeof *out->weight);
-        if (!out->weight) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
+        if (!out->weight)
+            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
     }
     if (rc == OXL_OK) image_from_training(ctx, image, NULL, out->rgb, out->weight);
     else oxl_image_free(ctx, out);

@@ -1,4 +1,5 @@
-/* scene_views.c - the views of a survey: COLMAP's images that exist on disk, with undistorted, reduced cameras.
+/* scene_views.c - the views of a survey: COLMAP's images that exist on disk, with undistorted, reduced
+ * cameras.
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
@@ -9,46 +10,52 @@
 
 enum {
     SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */
-    SCENE_HEADERS       = 16  /* limit of cameras whose first image's size is read: some surveys have one camera per image */
+    /* limit of cameras whose first image's size is read: some surveys have one camera per image */
+    SCENE_HEADERS = 16
 };
 
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
 {
-    scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
+    scene->view = oxl_calloc(ctx, count + 1, sizeof *scene->view);
     scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
     if (scene->view && scene->source) return scene_begin_cache(ctx, scene, count);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
 }
 
-/* ---------------------------------------------------------------- missing images */
+/* ---------------- missing images */
 
-static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double fraction)
+static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first,
+                                     double fraction)
 {
     char like[256];
     if (!os_is_folder(scene->images))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: there is no such folder, but the images should be there\nfix: --images names their folder",
-                        scene->images);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: there is no such folder, but the images should be there\nfix: --images names their folder",
+            scene->images);
     survey_find_like(ctx, scene->images, first, like, sizeof like);
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
-                    "fix: %s%s%s",
-                    scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images, first,
-                    100 * fraction,
-                    scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
-                                           : "put them there, or take them out of the model: colmap image_deleter",
-                    like[0] ? "; very like it is " : "", like);
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
+        "fix: %s%s%s",
+        scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images,
+        first, 100 * fraction,
+        scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
+                               : "put them there, or take them out of the model: colmap image_deleter",
+        like[0] ? "; very like it is " : "", like);
 }
 
-/* ---------------------------------------------------------------- views */
+/* ---------------- views */
 
-/* Reduced until the longer side is at most max_side, and to the size on disk when the images were made smaller. */
+/* Reduced until the longer side is at most max_side, and to the size on disk when the images were made
+ * smaller. */
 static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_disk)
 {
-    oxl_camera   c       = *ideal;
-    const int    side    = OXL_MAX(c.width, c.height);
-    const double limited = max_side > 0 && max_side < side ? (double)max_side / side : 1, scale = OXL_MIN(limited, on_disk);
-    c.width  = OXL_MAX(1, (int)(ideal->width * scale + 0.5));
+    oxl_camera c = *ideal;
+    const int side = OXL_MAX(c.width, c.height);
+    const double limited = max_side > 0 && max_side < side ? (double)max_side / side : 1,
+                 scale = OXL_MIN(limited, on_disk);
+    c.width = OXL_MAX(1, (int)(ideal->width * scale + 0.5));
     c.height = OXL_MAX(1, (int)(ideal->height * scale + 0.5));
     c.fx *= (double)c.width / ideal->width;
     c.cx *= (double)c.width / ideal->width;
@@ -68,15 +75,15 @@ static double scene_size_on_disk(oxl_context *ctx, const char *path, const struc
 OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
 {
     const struct scene_order *x = a, *y = b;
-    const int                 c = strcmp(x->name, y->name);
+    const int c = strcmp(x->name, y->name);
     return c ? c : (x->image > y->image) - (x->image < y->image);
 }
 
 struct scene_build { /* working data of scene construction */
     const oxl_scene_options *options;
-    struct scene_order      *order; /* (images) */
-    oxl_camera              *ideal; /* (cameras) undistorted and reduced; width 0: not yet */
-    int                      headers;
+    struct scene_order *order; /* (images) */
+    oxl_camera *ideal;         /* (cameras) undistorted and reduced; width 0: not yet */
+    int headers;
 };
 
 /* Prefixes an error about a line of the survey's files with the folder. */
@@ -87,16 +94,17 @@ static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, 
     return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
 }
 
-static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b, size_t camera,
-                                     const char *path)
+static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b,
+                                     size_t camera, const char *path)
 {
     const struct colmap_camera *from = &scene->colmap.camera[camera];
-    oxl_result                  rc;
+    oxl_result rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
     if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
-    scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
-    b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
+    scene->on_disk[camera] =
+        b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
+    b->ideal[camera] = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
 }
 
@@ -108,21 +116,23 @@ static int scene_is_finite_pose(const struct colmap_image *image)
     return size <= SCENE_FARTHEST;
 }
 
-static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b, const struct scene_order *o,
-                                 int *missing)
+static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b,
+                                 const struct scene_order *o, int *missing)
 {
-    const struct colmap_image  *image  = &scene->colmap.image[o->image];
-    const struct colmap_camera *from   = colmap_find_camera(&scene->colmap, image->camera_id);
-    const size_t                camera = from ? (size_t)(from - scene->colmap.camera) : 0;
-    const char                 *path   = PATH(scene->images, "%s", o->name);
-    oxl_view                   *view   = &scene->view[scene->view_count];
-    oxl_result                  rc     = OXL_OK;
+    const struct colmap_image *image = &scene->colmap.image[o->image];
+    const struct colmap_camera *from = colmap_find_camera(&scene->colmap, image->camera_id);
+    const size_t camera = from ? (size_t)(from - scene->colmap.camera) : 0;
+    const char *path = PATH(scene->images, "%s", o->name);
+    oxl_view *view = &scene->view[scene->view_count];
+    oxl_result rc = OXL_OK;
     if (!from)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
-                      scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
+            scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
     else if (b->options->read_images && !os_is_file(path)) {
-        if (++*missing <= SCENE_NAMED_MISSING) oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
+        if (++*missing <= SCENE_NAMED_MISSING)
+            oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
     } else if (!scene_is_finite_pose(image)) {
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
@@ -153,11 +163,12 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
 
 static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
 {
-    const struct colmap *c       = &scene->colmap;
-    const char          *first   = NULL;
-    int                  missing = 0;
-    oxl_result           rc      = OXL_OK;
-    for (size_t i = 0; i < c->image_count; i++) b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
+    const struct colmap *c = &scene->colmap;
+    const char *first = NULL;
+    int missing = 0;
+    oxl_result rc = OXL_OK;
+    for (size_t i = 0; i < c->image_count; i++)
+        b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
     qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
     rc = scene_check_names(ctx, scene, b->order);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
@@ -167,25 +178,27 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     if (rc != OXL_OK) return rc;
     scene->stats.images_missing = missing;
     if (missing > SCENE_NAMED_MISSING)
-        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu images are missing in all", missing - SCENE_NAMED_MISSING,
-                missing, c->image_count);
+        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu images are missing in all",
+                missing - SCENE_NAMED_MISSING, missing, c->image_count);
     if (missing && (scene->view_count == 0 || missing > b->options->missing_images * (double)c->image_count))
         return scene_fail_missing(ctx, scene, first, b->options->missing_images);
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options)
+OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
+                                          const oxl_scene_options *options)
 {
     const struct colmap *c = &scene->colmap;
-    struct scene_build   b = {.options = options};
-    oxl_result           rc;
+    struct scene_build b = {.options = options};
+    oxl_result rc;
     if (c->image_count == 0 || c->image_count > INT_MAX / 2)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse", c->images_file,
-                        c->image_count);
-    b.order        = oxl_alloc(ctx, c->image_count, sizeof *b.order);
-    b.ideal        = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
-    rc             = scene_alloc_views(ctx, scene, c->image_count);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse",
+            c->images_file, c->image_count);
+    b.order = oxl_alloc(ctx, c->image_count, sizeof *b.order);
+    b.ideal = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
+    rc = scene_alloc_views(ctx, scene, c->image_count);
     scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
     if (rc == OXL_OK && !(b.order && b.ideal && scene->on_disk))
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", c->image_count);

@@ -4,29 +4,29 @@
 
 #include "../core/core.h"
 
-/* ---------------------------------------------------------------- colmap.c: the files of a COLMAP model, as they are */
+/* ---------------- colmap.c: the files of a COLMAP model, as they are */
 
 enum { CAMERA_PARAMETERS = 16 }; /* of the camera model with the most */
 
 struct colmap_camera {
-    int64_t     id;
-    int         model; /* index in camera.c's table */
-    int         width, height;
-    int         parameter_count;
-    double      parameter[CAMERA_PARAMETERS];
+    int64_t id;
+    int model; /* index in camera.c's table */
+    int width, height;
+    int parameter_count;
+    double parameter[CAMERA_PARAMETERS];
     const char *file; /* source for messages: file without folder; line, or record of a binary file */
-    int         line;
+    int line;
 };
 
 struct colmap_image {
-    int64_t  id;
-    double   rotation[4]; /* w x y z as read */
-    double   translation[3];
-    int64_t  camera_id;
-    size_t   name;        /* offset in colmap.names */
-    uint64_t points_at;   /* offset of its 2D points in the file of images, text or binary; exports copy them */
-    size_t   points_size; /* bytes; 0: none */
-    int      line;
+    int64_t id;
+    double rotation[4]; /* w x y z as read */
+    double translation[3];
+    int64_t camera_id;
+    size_t name;        /* offset in colmap.names */
+    uint64_t points_at; /* offset of its 2D points in the file of images, text or binary; exports copy them */
+    size_t points_size; /* bytes; 0: none */
+    int line;
 };
 
 struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); compact: a large survey has 10^8 */
@@ -35,12 +35,12 @@ struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); compact: a large survey 
 };
 
 struct colmap_point {
-    int64_t  id;
-    double   position[3]; /* world */
-    double   error;       /* px; -1: unknown */
-    uint8_t  rgb[3];
+    int64_t id;
+    double position[3]; /* world */
+    double error;       /* px; -1: unknown */
+    uint8_t rgb[3];
     uint32_t track_count;
-    size_t   first_track; /* in colmap.track */
+    size_t first_track; /* in colmap.track */
 };
 
 enum colmap_format {
@@ -51,37 +51,41 @@ enum colmap_format {
 
 struct colmap {
     struct colmap_camera *camera;
-    size_t                camera_count;
-    struct colmap_image  *image; /* in the file's order */
-    size_t                image_count;
-    struct colmap_point  *point; /* by id */
-    size_t                point_count;
-    struct colmap_track  *track;
-    size_t                track_count;
-    char                 *folder;
-    char                 *names; /* zero-terminated, one after the other */
-    size_t                names_size;
-    size_t                warnings;      /* deviations that were logged and corrected */
-    int                   is_truncated;  /* a file has fewer rows than its header states */
-    int                   images_beside; /* names are relative to `folder`, not to the image folder */
-    enum colmap_format    format;
-    const char           *images_file; /* "images.txt", without the folder: for messages, and for exports */
+    size_t camera_count;
+    struct colmap_image *image; /* in the file's order */
+    size_t image_count;
+    struct colmap_point *point; /* by id */
+    size_t point_count;
+    struct colmap_track *track;
+    size_t track_count;
+    char *folder;
+    char *names; /* zero-terminated, one after the other */
+    size_t names_size;
+    size_t warnings;   /* deviations that were logged and corrected */
+    int is_truncated;  /* a file has fewer rows than its header states */
+    int images_beside; /* names are relative to `folder`, not to the image folder */
+    enum colmap_format format;
+    const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
 /* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
 /* The same with another buffer size in bytes, for tests. */
-OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer, struct colmap *out);
-/* colmap_order.c: colmap_order sorts cameras and images by id, and renumbers the images of the tracks. colmap_order_points sorts points;
+OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
+                                             struct colmap *out);
+/* colmap_order.c: colmap_order sorts cameras and images by id, and renumbers the images of the tracks.
+ * colmap_order_points sorts points;
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id); /* in order; NULL: none */
-OXL_INTERNAL oxl_result                  colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
-OXL_INTERNAL void                        colmap_free(oxl_context *ctx, struct colmap *c);
+/* in order; NULL: none */
+OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
+OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
+OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c);
 /* survey_files.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
+                                         struct colmap *out);
 
-/* ---------------------------------------------------------------- camera.c: camera models, undistortion */
+/* ---------------- camera.c: camera models, undistortion */
 
 enum camera_kind {
     CAMERA_IDEAL,
@@ -98,38 +102,43 @@ enum camera_kind {
 };
 
 struct camera_model {
-    const char      *name;
-    int              parameter_count; /* focal lengths, cx, cy, then the distortion */
-    int              focal_count;     /* 1: f; 2: fx, fy */
+    const char *name;
+    int parameter_count; /* focal lengths, cx, cy, then the distortion */
+    int focal_count;     /* 1: f; 2: fx, fy */
     enum camera_kind kind;
 };
 OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* -1: unknown; else COLMAP's MODEL_ID */
 OXL_INTERNAL int camera_model_count(void);
 OXL_INTERNAL const struct camera_model *camera_model_at(int index);
-OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
+OXL_INTERNAL const char *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
 /* fx, fy, cx, cy in px, for any model. */
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
 
 /* Forward model: a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
-OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2]);
-OXL_INTERNAL int  camera_is_distorted(const struct colmap_camera *camera);
+OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
+                                 double pixel[2]);
+OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera);
 
-/* The pinhole camera inside the field of view of the real one (no blank pixels), same focal length, before --max-side. */
-OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out);
+/* The pinhole camera inside the field of view of the real one (no blank pixels), same focal length, before
+ * --max-side. */
+OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera,
+                                           oxl_camera *out);
 
 /* The same view at half the sides, rounded down. */
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
-/* A point of the world in the camera's axes, x (3). origin: of the scene's frame; NULL: the point is in that frame. */
-OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3], double x[3]);
+/* A point of the world in the camera's axes, x (3). origin: of the scene's frame; NULL: the point is in that
+ * frame. */
+OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3],
+                                   double x[3]);
 /* The same, and in px of the image; 0: it is behind the camera. */
-OXL_INTERNAL int  camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
-                                 double pixel[2]);
+OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3],
+                                double x[3], double pixel[2]);
 /* The point of the world that a pixel shows at camera z. */
-OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z, const double origin[3],
-                                   double world[3]);
+OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z,
+                                   const double origin[3], double world[3]);
 
 #endif

@@ -4,75 +4,88 @@
 
 #include "image.h"
 
-/* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
+/* ---------------- survey_files.c: where a survey's files are */
 
-/* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations are not kept. */
-OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
-/* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "": none. */
-OXL_INTERNAL void       survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
+/* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations
+ * are not kept. */
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
+                                          struct colmap *out);
+/* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "":
+ * none. */
+OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
+                                   size_t size);
 
-/* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
+/* ---------------- robust_stats.c: robust measures of a survey */
 
-struct stats_view {              /* a training view */
-    uint32_t          image_row; /* in colmap.image, for tracks */
+struct stats_view {     /* a training view */
+    uint32_t image_row; /* in colmap.image, for tracks */
     const oxl_camera *camera;
 };
-OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
-OXL_INTERNAL double stats_select(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
+/* nearest rank; 0 without values */
+OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile);
+/* of unsorted values, which it reorders */
+OXL_INTERNAL double stats_select(double *value, size_t count, double quantile);
 /* Standard deviation without regard to outliers, from the median absolute deviation. work (count). */
 OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median);
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
-OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
-                                     double middle[3], double high[3]);
-/* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one camera. */
-OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
+OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,
+                                     double low[3], double middle[3], double high[3]);
+/* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one
+ * camera. */
+OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count,
+                                            double *radius);
 struct stats_points {
-    const oxl_point     *point; /* (count) local */
-    size_t               count;
+    const oxl_point *point; /* (count) local */
+    size_t count;
     const struct colmap *colmap; /* points with their tracks; local = position - origin */
-    const double        *origin;
+    const double *origin;
 };
-/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. Sorts views by image. */
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const struct stats_points *points,
-                                     double **out, size_t *out_count);
+/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images.
+ * Sorts views by image. */
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count,
+                                     const struct stats_points *points, double **out, size_t *out_count);
 
-/* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel */
+/* ---------------- depth_bands.c: near, mid or far, pixel by pixel */
 
 struct depth_sample { /* an observation */
-    int   view, pixel;
+    int view, pixel;
     float z; /* camera z */
 };
 struct depth_bands {
-    double               depth[2]; /* terciles of the depths of all training observations */
-    struct depth_sample *sample;   /* (count) by view and pixel, the nearer first */
-    size_t               count;
+    double depth[2];             /* terciles of the depths of all training observations */
+    struct depth_sample *sample; /* (count) by view and pixel, the nearer first */
+    size_t count;
 };
 /* Samples the observations of the `count` requested views. */
-OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested, int count,
-                                          struct depth_bands *out);
-OXL_INTERNAL void       depth_bands_free(oxl_context *ctx, struct depth_bands *b);
+OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested,
+                                          int count, struct depth_bands *out);
+OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b);
 /* band: (H,W) 1 near, 2 mid, 3 far; 0: no point nearby. */
-OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b, const oxl_scene *scene, int view,
-                                            uint8_t *band);
+OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b,
+                                            const oxl_scene *scene, int view, uint8_t *band);
 
-/* ---------------------------------------------------------------- contrast.c: how fast contrast fades with depth */
+/* ---------------- contrast.c: how fast contrast fades with depth */
 
 struct contrast {
-    int    measured;    /* 0: too few points observed from several depths */
-    double beta, error; /* contrast is proportional to exp(-beta z), per unit of the scene; the standard error of beta */
+    int measured; /* 0: too few points observed from several depths */
+    /* contrast is proportional to exp(-beta z), per unit of the scene; the standard error of beta */
+    double beta, error;
     size_t points, observations;
 };
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
 
-/* ---------------------------------------------------------------- quality.c: images that differ from those taken next to them */
+/* ---------------- quality.c: images that differ from those taken next to them */
 
 enum { QUALITY_NEIGHBOURS = 8 };
 #define QUALITY_BLUR 0.6 /* an image below this fraction of its neighbours' sharpness is blurred */
-/* The indices, among `count` views, of the cameras nearest to `of` that look the same way, nearest first; returns their number. */
-OXL_INTERNAL int    quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
-/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean:
- * sharpness, whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does
- * not; or NULL. */
+/* The indices, among `count` views, of the cameras nearest to `of` that look the same way, nearest first;
+ * returns their number. */
+OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,
+                                 int out[QUALITY_NEIGHBOURS]);
+/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one),
+ * over the mean:
+ * sharpness, whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and
+ * a plain surface does not; or NULL. */
 OXL_INTERNAL double quality_sharpness(const struct training_image *image, double *fine);
 
 #endif

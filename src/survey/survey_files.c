@@ -1,19 +1,21 @@
 /* survey_files.c - paths of a survey's files: choice of COLMAP's sub-model, search for missing images.
  *
- * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with the most images is used.
+ * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with the most
+ * images is used.
  *
- * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
+ * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a
+ * folder.
  */
 #include "json_survey.h"
 #include "survey.h"
 
-/* ---------------------------------------------------------------- which sub-model */
+/* ---------------- which sub-model */
 
 struct survey_find_folders {
     oxl_context *ctx;
-    char       **name;
-    size_t       count, capacity;
-    int          failed;
+    char **name;
+    size_t count, capacity;
+    int failed;
 };
 
 static void survey_find_visit_folder(void *user, const char *name)
@@ -30,10 +32,10 @@ static int survey_find_compare_names(const void *a, const void *b)
 }
 
 /* Reads `folder` and keeps it in *best if it has more images. */
-static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, struct colmap *best, char **best_folder,
-                                        int *models)
+static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, struct colmap *best,
+                                        char **best_folder, int *models)
 {
-    struct colmap    found;
+    struct colmap found;
     const oxl_result rc = colmap_read(ctx, folder, &found);
     if (rc != OXL_OK) return rc;
     ++*models;
@@ -43,20 +45,22 @@ static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, st
     }
     oxl_free(ctx, *best_folder);
     colmap_free(ctx, best);
-    *best        = found;
+    *best = found;
     *best_folder = oxl_strdup(ctx, folder);
     return *best_folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
 }
 
 /* The folder itself and, when `inside`, each folder in it that holds one of two files. */
-static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, int inside, const char *const file[2],
-                                         struct colmap *best, char **best_folder, int *models)
+static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, int inside,
+                                         const char *const file[2], struct colmap *best, char **best_folder,
+                                         int *models)
 {
     struct survey_find_folders in = {.ctx = ctx};
-    oxl_result                 rc = OXL_OK;
+    oxl_result rc = OXL_OK;
     if (os_is_file(PATH(folder, "%s", file[0])) || os_is_file(PATH(folder, "%s", file[1])))
         rc = survey_find_try_model(ctx, folder, best, best_folder, models);
-    if (rc == OXL_OK && inside && os_is_folder(folder)) rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
+    if (rc == OXL_OK && inside && os_is_folder(folder))
+        rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
     if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
     if (in.count) qsort(in.name, in.count, sizeof *in.name, survey_find_compare_names);
     for (size_t i = 0; i < in.count; i++) {
@@ -69,16 +73,18 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, i
     return rc;
 }
 
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out)
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
+                                         struct colmap *out)
 {
-    struct colmap_reader r    = {.ctx = ctx, .out = out};
-    struct os_file_map   map  = {0};
-    char                *path = oxl_path_join(ctx, folder, name), *slash;
-    oxl_result           rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    *out                      = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
+    struct colmap_reader r = {.ctx = ctx, .out = out};
+    struct os_file_map map = {0};
+    char *path = oxl_path_join(ctx, folder, name), *slash;
+    oxl_result rc = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
     if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
     if (rc == OXL_OK)
-        rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data) : nerfstudio_read(&r, map.data);
+        rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data)
+                                                         : nerfstudio_read(&r, map.data);
     if (rc == OXL_OK && out->image_count == 0) rc = json_survey_fail(&r, "the images", "none", "one or more");
     if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
     out->folder = path;
@@ -92,35 +98,39 @@ OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, c
 /* Without a COLMAP model: nerfstudio's or OpenSfM's file, in its folder or in an OpenDroneMap project. */
 static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
 {
-    static const char *const names[] = {"transforms.json", "reconstruction.json", "opensfm/reconstruction.json"};
+    static const char *const names[] = {"transforms.json", "reconstruction.json",
+                                        "opensfm/reconstruction.json"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         oxl_result rc;
         if (!os_is_file(PATH(path, "%s", names[i]))) continue;
         rc = json_survey_read(ctx, path, names[i], out);
         if (rc != OXL_OK) return rc;
         ++*models;
-        oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, names[i], out->image_count,
-                out->point_count);
+        oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, names[i],
+                out->image_count, out->point_count);
         return OXL_OK;
     }
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option, struct colmap *out)
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
+                                          struct colmap *out)
 {
-    static const char *const files[][2] = {{"images.txt", "images.bin"},
-                                           {"cameras.txt", "cameras.bin"}}; /* the last two: for colmap_read's errors */
-    char                    *sparse     = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
-    const char              *requested  = sparse_option ? sparse_option : path;
-    char                    *folder     = NULL;
-    int                      models     = 0;
-    oxl_result               rc         = OXL_OK;
-    *out                                = (struct colmap){0};
+    static const char *const files[][2] = {
+        {"images.txt", "images.bin"},
+        {"cameras.txt", "cameras.bin"}}; /* the last two: for colmap_read's errors */
+    char *sparse = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
+    const char *requested = sparse_option ? sparse_option : path;
+    char *folder = NULL;
+    int models = 0;
+    oxl_result rc = OXL_OK;
+    *out = (struct colmap){0};
     if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK && !os_is_folder(requested))
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
-                      sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
-                                    : "give the folder that holds images/ and sparse/");
+        rc =
+            oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
+                     sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
+                                   : "give the folder that holds images/ and sparse/");
     for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
         rc = survey_find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
         if (rc == OXL_OK && models == 0 && !sparse_option)
@@ -128,35 +138,38 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     }
     if (rc == OXL_OK && models == 0 && !sparse_option) rc = survey_find_try_json(ctx, path, out, &models);
     if (rc == OXL_OK && models == 0)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
-                      "fix: copy the model's files to %s, or name their folder by --sparse",
-                      path, sparse, sparse_option ? "" : ", or beside it", sparse);
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
+            "fix: copy the model's files to %s, or name their folder by --sparse",
+            path, sparse, sparse_option ? "" : ", or beside it", sparse);
     if (rc == OXL_OK && models > 1)
-        oxl_log(ctx, OXL_LOG_WARNING, "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,
                 folder, out->image_count);
     OXL_FREE(ctx, sparse, folder);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
 }
 
-/* ---------------------------------------------------------------- missing images */
+/* ---------------- missing images */
 
 struct survey_find_search {
     oxl_context *ctx;
-    const char  *folder, *wanted; /* wanted: base name */
-    int          depth;
-    char         found[256]; /* path; "": none yet */
+    const char *folder, *wanted; /* wanted: base name */
+    int depth;
+    char found[256]; /* path; "": none yet */
 };
 
 /* 1: equal except for extension and case. */
 static int survey_find_is_like(const char *a, const char *b)
 {
     const char *end_a = strrchr(a, '.'), *end_b = strrchr(b, '.');
-    size_t      n = end_a ? (size_t)(end_a - a) : strlen(a);
+    size_t n = end_a ? (size_t)(end_a - a) : strlen(a);
     if (n != (end_b ? (size_t)(end_b - b) : strlen(b))) return 0;
     for (size_t i = 0; i < n; i++) {
-        const int x = a[i] >= 'A' && a[i] <= 'Z' ? a[i] + 32 : a[i], y = b[i] >= 'A' && b[i] <= 'Z' ? b[i] + 32 : b[i];
+        const int x = a[i] >= 'A' && a[i] <= 'Z' ? a[i] + 32 : a[i],
+                  y = b[i] >= 'A' && b[i] <= 'Z' ? b[i] + 32 : b[i];
         if (x != y) return 0;
     }
     return 1;
@@ -165,7 +178,7 @@ static int survey_find_is_like(const char *a, const char *b)
 static void survey_find_visit_entry(void *user, const char *name)
 {
     struct survey_find_search *search = user;
-    const char                *path   = PATH(search->folder, "%s", name);
+    const char *path = PATH(search->folder, "%s", name);
     if (search->found[0]) return;
     if (os_is_folder(path) && search->depth < 3) {
         struct survey_find_search deeper = {
@@ -177,7 +190,8 @@ static void survey_find_visit_entry(void *user, const char *name)
     }
 }
 
-OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)
+OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
+                                   size_t size)
 {
     struct survey_find_search search = {.ctx = ctx, .folder = folder, .wanted = path_base_name(name)};
     os_list_folder(ctx, folder, survey_find_visit_entry, &search);

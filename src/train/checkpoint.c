@@ -1,26 +1,29 @@
 /* checkpoint.c - the training state in a file, from which a killed run resumes.
  *
- *     8  "OXLSTATE"        8  version of this layout        8 + n  key: the options and the scene that the run depends on
+ *     8  "OXLSTATE"        8  version of this layout        8 + n  key: the options and the scene that the
+ *     run depends on
  *     ...  the state, as the modules' archive functions list it        8  FNV-1a of all bytes before it
  *
- * Everything is little endian. A module describes its state once, in one function that goes both ways (struct archive).
+ * Everything is little endian. A module describes its state once, in one function that goes both ways (struct
+ * archive).
  *
- * Invariant: once one checkpoint has been written, at least one of checkpoint.oxl and checkpoint.prev.oxl is complete. The new one is
- * written under a temporary name; the current one is renamed to checkpoint.prev.oxl; the new one, flushed to disk, is renamed to
- * checkpoint.oxl (os_writer_close in os.c). A crash between the two renames leaves checkpoint.prev.oxl.
+ * Invariant: once one checkpoint has been written, at least one of checkpoint.oxl and checkpoint.prev.oxl is
+ * complete. The new one is written under a temporary name; the current one is renamed to checkpoint.prev.oxl;
+ * the new one, flushed to disk, is renamed to checkpoint.oxl (os_writer_close in os.c). A crash between the
+ * two renames leaves checkpoint.prev.oxl.
  */
 #include "train_parts.h"
 
 #include <errno.h>
 
-#define CHECKPOINT_MAGIC   UINT64_C(0x45544154534C584F) /* "OXLSTATE" */
+#define CHECKPOINT_MAGIC UINT64_C(0x45544154534C584F) /* "OXLSTATE" */
 #define CHECKPOINT_VERSION 9
-#define CHECKPOINT_SEED    UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
-#define CHECKPOINT_PRIME   UINT64_C(0x100000001B3)
+#define CHECKPOINT_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
+#define CHECKPOINT_PRIME UINT64_C(0x100000001B3)
 
 enum { CHECKPOINT_CHUNK = 1 << 16 };
 
-/* ---------------------------------------------------------------- bytes, both ways */
+/* ---------------- bytes, both ways */
 
 static uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size)
 {
@@ -37,7 +40,8 @@ static void archive_fail(struct archive *a, oxl_result rc, const char *what)
 {
     if (a->rc == OXL_OK)
         a->rc = oxl_fail(a->ctx, rc, "%s: %s\nfix: %s", a->path, what,
-                         rc == OXL_ERR_IO ? "check the disk and its free space" : "remove this file, or train with --restart");
+                         rc == OXL_ERR_IO ? "check the disk and its free space"
+                                          : "remove this file, or train with --restart");
 }
 
 /* A number as the disk has it, low byte first; its own inverse. */
@@ -51,19 +55,21 @@ static void archive_swap(unsigned char *bytes, size_t size)
 static void archive_write(struct archive *a, const unsigned char *data, size_t count, size_t size)
 {
     unsigned char chunk[4096];
-    const size_t  room = sizeof chunk / size;
+    const size_t room = sizeof chunk / size;
     for (size_t at = 0; at < count && a->rc == OXL_OK; at += room) {
         const size_t n = OXL_MIN(room, count - at);
         memcpy(chunk, data + at * size, n * size);
         for (size_t i = 0; i < n; i++) archive_swap(chunk + i * size, size);
         a->sum = checkpoint_hash(a->sum, chunk, n * size);
-        if (fwrite(chunk, size, n, a->file) != n) archive_fail(a, OXL_ERR_IO, "cannot write; the disk may be full");
+        if (fwrite(chunk, size, n, a->file) != n)
+            archive_fail(a, OXL_ERR_IO, "cannot write; the disk may be full");
     }
 }
 
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 {
-    if (a->reading && a->rc == OXL_OK && count > a->left / size) archive_fail(a, OXL_ERR_INPUT, "ends too early");
+    if (a->reading && a->rc == OXL_OK && count > a->left / size)
+        archive_fail(a, OXL_ERR_INPUT, "ends too early");
     return a->rc == OXL_OK;
 }
 
@@ -82,7 +88,7 @@ static void archive_numbers(struct archive *a, void *data, size_t count, size_t 
     else archive_write(a, data, count, size);
 }
 
-/* ---------------------------------------------------------------- what modules call */
+/* ---------------- what modules call */
 
 static void archive_u64(struct archive *a, uint64_t *value)
 {
@@ -101,7 +107,8 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value)
     uint64_t bits = *value;
     archive_u64(a, &bits);
     if (a->reading && a->rc == OXL_OK) *value = (size_t)bits;
-    if (a->rc == OXL_OK && bits > SIZE_MAX) archive_fail(a, OXL_ERR_INPUT, "holds more than this machine can address");
+    if (a->rc == OXL_OK && bits > SIZE_MAX)
+        archive_fail(a, OXL_ERR_INPUT, "holds more than this machine can address");
 }
 
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count)
@@ -122,13 +129,14 @@ OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count)
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so)
 {
     if (a->reading && !is_so)
-        archive_fail(a, OXL_ERR_INPUT, "holds invalid numbers\nfix: remove this file and run again; the run starts again");
+        archive_fail(a, OXL_ERR_INPUT,
+                     "holds invalid numbers\nfix: remove this file and run again; the run starts again");
 }
 
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
 {
     size_t size = t->size;
-    char  *data = NULL;
+    char *data = NULL;
     archive_size(a, &size);
     if (!a->reading) {
         archive_numbers(a, t->data, size, 1);
@@ -146,22 +154,26 @@ OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
 {
     size_t count = model->count, lobes = model->lobes;
-    int    degree = model->sh_degree;
+    int degree = model->sh_degree;
     archive_size(a, &count);
     archive_size(a, &lobes);
     archive_int(a, &degree);
     if (a->reading) {
         oxl_model_free(a->ctx, model);
-        if (archive_fits(a, count, OXL_SH * sizeof(float))) a->rc = oxl_model_create(a->ctx, count, degree, model);
+        if (archive_fits(a, count, OXL_SH * sizeof(float)))
+            a->rc = oxl_model_create(a->ctx, count, degree, model);
         if (a->rc == OXL_OK) a->rc = model_set_lobes(a->ctx, model, lobes);
     }
     archive_doubles(a, model->origin, 3);
-    for (int k = 0; k < oxl_model_planes(model) && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], count);
-    for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], lobes);
-    for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++) archive_expect(a, model_row_is_finite(model, i));
+    for (int k = 0; k < oxl_model_planes(model) && a->rc == OXL_OK; k++)
+        archive_floats(a, model->plane[k], count);
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++)
+        archive_floats(a, model->plane[k], lobes);
+    for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++)
+        archive_expect(a, model_row_is_finite(model, i));
 }
 
-/* ---------------------------------------------------------------- writing */
+/* ---------------- writing */
 
 static void checkpoint_add_key(struct archive *a, const char *key)
 {
@@ -170,18 +182,20 @@ static void checkpoint_add_key(struct archive *a, const char *key)
     archive_write(a, (const unsigned char *)key, length, 1);
 }
 
-static const char *const checkpoint_names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
-                                               "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
+static const char *const checkpoint_names[] = {
+    "checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
+    "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
 
 /* A checkpoint of another run is renamed to NAME.other, which replaces an earlier one. */
 static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
 {
     const char *renamed = PATH("", "%s.other", path);
     if (os_rename(path, renamed) != 0)
-        return oxl_fail(ctx, OXL_ERR_IO,
-                        "%s belongs to a run with other options or of another version, and cannot be renamed (%s)\n"
-                        "fix: move it, or choose another folder with -o",
-                        path, strerror(errno));
+        return oxl_fail(
+            ctx, OXL_ERR_IO,
+            "%s belongs to a run with other options or of another version, and cannot be renamed (%s)\n"
+            "fix: move it, or choose another folder with -o",
+            path, strerror(errno));
     oxl_log(ctx, OXL_LOG_WARNING,
             "%s is of a run with other options or of another version; it is kept as %s\n"
             "fix: rename it back and remove run.json to resume that run, or delete it",
@@ -189,14 +203,14 @@ static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
-                                         void *user)
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,
+                                         checkpoint_state *state, void *user)
 {
-    uint64_t         magic = CHECKPOINT_MAGIC, version = CHECKPOINT_VERSION, sum;
-    const char      *path = PATH(folder, "%s", checkpoint_names[0]);
+    uint64_t magic = CHECKPOINT_MAGIC, version = CHECKPOINT_VERSION, sum;
+    const char *path = PATH(folder, "%s", checkpoint_names[0]);
     struct os_writer writer;
-    struct archive   a  = {.ctx = ctx, .path = path, .sum = CHECKPOINT_SEED};
-    oxl_result       rc = os_make_folder(ctx, folder); /* it may have been deleted */
+    struct archive a = {.ctx = ctx, .path = path, .sum = CHECKPOINT_SEED};
+    oxl_result rc = os_make_folder(ctx, folder); /* it may have been deleted */
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     a.file = writer.file;
@@ -206,23 +220,25 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
     state(&a, user);
     sum = a.sum;
     archive_u64(&a, &sum);
-    if (a.rc == OXL_OK && fflush(writer.file) != 0) archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
-    if (a.rc == OXL_OK) os_rename(path, PATH(folder, "%s", checkpoint_names[1])); /* there is none before the first */
+    if (a.rc == OXL_OK && fflush(writer.file) != 0)
+        archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
+    if (a.rc == OXL_OK)
+        os_rename(path, PATH(folder, "%s", checkpoint_names[1])); /* there is none before the first */
     return os_writer_close(ctx, &writer, a.rc);
 }
 
-/* ---------------------------------------------------------------- reading */
+/* ---------------- reading */
 
 /* Reads the file through once: 1 when it ends in the sum of its bytes. */
 static int checkpoint_is_whole(FILE *file, uint64_t *size)
 {
     unsigned char chunk[CHECKPOINT_CHUNK + 8];
-    uint64_t      sum = CHECKPOINT_SEED, stored = 0;
-    size_t        held = 0, got;
-    *size              = 0;
+    uint64_t sum = CHECKPOINT_SEED, stored = 0;
+    size_t held = 0, got;
+    *size = 0;
     while ((got = fread(chunk + held, 1, CHECKPOINT_CHUNK, file)) > 0) { /* the last 8 bytes are held back */
         const size_t body = held + got > 8 ? held + got - 8 : 0;
-        sum               = checkpoint_hash(sum, chunk, body);
+        sum = checkpoint_hash(sum, chunk, body);
         *size += got;
         held = held + got - body;
         memmove(chunk, chunk + body, held);
@@ -235,7 +251,7 @@ static int checkpoint_is_whole(FILE *file, uint64_t *size)
 static int checkpoint_has_key(struct archive *a, const char *key)
 {
     size_t length = 0;
-    int    same;
+    int same;
     archive_size(a, &length);
     same = a->rc == OXL_OK && length == strlen(key);
     for (size_t i = 0; i < length && same; i++) {
@@ -246,15 +262,16 @@ static int checkpoint_has_key(struct archive *a, const char *key)
     return same;
 }
 
-static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const char *key, checkpoint_state *state, void *user,
-                                      int *found)
+static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const char *key,
+                                      checkpoint_state *state, void *user, int *found)
 {
-    struct archive a     = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
-    uint64_t       magic = 0, version = 0;
-    int            other = 0;
+    struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
+    uint64_t magic = 0, version = 0;
+    int other = 0;
     if (!a.file) return os_is_file(path) ? os_fail(ctx, OXL_ERR_IO, path, "cannot open", errno) : OXL_OK;
     if (!checkpoint_is_whole(a.file, &a.left)) {
-        oxl_log(ctx, OXL_LOG_WARNING, "%s is damaged (wrong checksum); the previous checkpoint is tried", path);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s is damaged (wrong checksum); the previous checkpoint is tried",
+                path);
         goto done;
     }
     rewind(a.file);
@@ -269,11 +286,11 @@ done:
     return other ? checkpoint_rename(ctx, path) : a.rc;
 }
 
-OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
-                                        void *user, int *found)
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,
+                                        checkpoint_state *state, void *user, int *found)
 {
     oxl_result rc = OXL_OK;
-    *found        = 0;
+    *found = 0;
     for (int i = 0; i < 2 && rc == OXL_OK && !*found; i++)
         rc = checkpoint_read_one(ctx, PATH(folder, "%s", checkpoint_names[i]), key, state, user, found);
     return rc;

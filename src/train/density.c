@@ -1,38 +1,45 @@
 /* density.c - the number of Gaussians and their places: split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
- * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers more than it can model. Two replace it, each with half the
- * variance on its longest axis, so that the image nearly stays the same (density_make_child); Kerbl clones small ones and replaces
- * large ones by two random samples. Faint ones are removed. After the first reset interval the very large are split too, not removed
- * as in Kerbl: in turbid water they render the far range, and without them no Gaussian is left there to split. Under water the
- * gradients of the far range are too small: paper eq. 2 gives them a weight by depth. There is one sum for each band of depths, so
- * that the weights are chosen when needed, and the unweighted sum (criterion of second lobes, eq. 4) costs nothing more.
+ * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers more than it can model. Two replace it,
+ * each with half the variance on its longest axis, so that the image nearly stays the same
+ * (density_make_child); Kerbl clones small ones and replaces large ones by two random samples. Faint ones are
+ * removed. After the first reset interval the very large are split too, not removed
+ * as in Kerbl: in turbid water they render the far range, and without them no Gaussian is left there to
+ * split. Under water the gradients of the far range are too small: paper eq. 2 gives them a weight by depth.
+ * There is one sum for each band of depths, so that the weights are chosen when needed, and the unweighted
+ * sum (criterion of second lobes, eq. 4) costs nothing more.
  *
- * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of view are skipped);
+ * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs
+ * out of view are skipped);
  * once rows have a second lobe none may split, so those stay first. A row with a nonfinite number is removed.
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 
-#define DENSITY_OPACITY_MIN   0.005 /* Gaussians of lower opacity are removed [Kerbl 2023] */
-#define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
-#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
-#define DENSITY_OPACITY_MAX   0.999999 /* of a child: its logit is finite */
-/* Of a child, with the longest standard deviation s and the opacity o of its parent: its standard deviation there, and its distance from
- * the parent's mean, are sqrt(1/2) s, so the pair has the variance s^2 / 2 + s^2 / 2; 1 - o' = (1 - o)^sqrt(1/2). */
-#define DENSITY_SQRT_HALF     0.70710678118654752
-#define DENSITY_CAP_HIGH      1e30  /* upper end of the search of density_cap for its threshold */
-#define DENSITY_CAP_LOW       1e-12 /* its lower end, while it searches the order of magnitude */
-#define DENSITY_CAP_GEOMETRIC 50    /* number of geometric means, which find the order of magnitude */
-#define DENSITY_CAP_ROUNDS    100   /* number of means in all; the arithmetic ones find the last bits */
+#define DENSITY_OPACITY_MIN 0.005  /* Gaussians of lower opacity are removed [Kerbl 2023] */
+#define DENSITY_OPACITY_RESET 2.55 /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
+/* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
+#define DENSITY_SCALE_MAX 0.1
+#define DENSITY_OPACITY_MAX 0.999999 /* of a child: its logit is finite */
+/* Of a child, with the longest standard deviation s and the opacity o of its parent: its standard deviation
+ * there, and its distance from the parent's mean, are sqrt(1/2) s, so the pair has the variance s^2 / 2 + s^2
+ * / 2; 1 - o' = (1 - o)^sqrt(1/2). */
+#define DENSITY_SQRT_HALF 0.70710678118654752
+#define DENSITY_CAP_HIGH 1e30    /* upper end of the search of density_cap for its threshold */
+#define DENSITY_CAP_LOW 1e-12    /* its lower end, while it searches the order of magnitude */
+#define DENSITY_CAP_GEOMETRIC 50 /* number of geometric means, which find the order of magnitude */
+#define DENSITY_CAP_ROUNDS 100   /* number of means in all; the arithmetic ones find the last bits */
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 
 struct density {
     size_t capacity;
-    int    banded;
-    float  z_near, z_far; /* where the bands meet, camera z */
-    float *gradient; /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
+    int banded;
+    float z_near, z_far; /* where the bands meet, camera z */
+    /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than
+     * z_near */
+    float *gradient;
     float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
     float *views;                       /* (count) number of views that see it */
     uint8_t *verdict;                   /* (count) */
@@ -52,7 +59,7 @@ static void density_release(oxl_context *ctx, struct density *d)
         *sums[k] = NULL;
     }
     oxl_free(ctx, d->verdict);
-    d->verdict  = NULL;
+    d->verdict = NULL;
     d->capacity = 0;
 }
 
@@ -65,17 +72,17 @@ OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
 
 static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t count)
 {
-    const size_t  capacity = count + count / 2;
-    float **const sums[]   = {&d->gradient, &d->views, &d->gradient_mid, &d->gradient_far};
-    const size_t  wanted   = d->banded ? 4 : 2;
-    int           given    = 1;
+    const size_t capacity = count + count / 2;
+    float **const sums[] = {&d->gradient, &d->views, &d->gradient_mid, &d->gradient_far};
+    const size_t wanted = d->banded ? 4 : 2;
+    int given = 1;
     if (count <= d->capacity) return OXL_OK;
     density_release(ctx, d);
     for (size_t k = 0; k < wanted; k++) {
         *sums[k] = oxl_alloc(ctx, capacity, sizeof **sums[k]);
         given &= *sums[k] != NULL;
     }
-    d->verdict  = oxl_alloc(ctx, capacity, sizeof *d->verdict);
+    d->verdict = oxl_alloc(ctx, capacity, sizeof *d->verdict);
     d->capacity = given && d->verdict ? capacity : 0;
     if (d->capacity) return OXL_OK;
     density_release(ctx, d);
@@ -93,23 +100,25 @@ OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far)
+OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near,
+                                          double z_far)
 {
     density_release(ctx, d);
     d->banded = z_near > 0 && z_far >= z_near;
     d->z_near = (float)z_near;
-    d->z_far  = (float)z_far;
+    d->z_far = (float)z_far;
     return density_clear(ctx, d, count);
 }
 
-OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out)
+OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count,
+                                     struct density **out)
 {
     oxl_result rc = density_create(ctx, out);
     if (rc != OXL_OK) return rc;
     (*out)->banded = from->banded;
     (*out)->z_near = from->z_near;
-    (*out)->z_far  = from->z_far;
-    rc             = density_reserve(ctx, *out, count);
+    (*out)->z_far = from->z_far;
+    rc = density_reserve(ctx, *out, count);
     if (rc != OXL_OK) return rc;
     memcpy((*out)->gradient, from->gradient, count * sizeof *from->gradient);
     memcpy((*out)->views, from->views, count * sizeof *from->views);
@@ -138,7 +147,8 @@ OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t c
 
 static struct renderer_sums density_sums(const struct density *d, size_t count)
 {
-    return (struct renderer_sums){count, d->banded, d->z_near, d->z_far, d->gradient, d->gradient_mid, d->gradient_far, d->views};
+    return (struct renderer_sums){count,       d->banded,       d->z_near,       d->z_far,
+                                  d->gradient, d->gradient_mid, d->gradient_far, d->views};
 }
 
 OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count)
@@ -149,24 +159,28 @@ OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, str
 
 OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)
 {
-    const double sum = d->gradient[row] + (d->banded ? (double)d->gradient_mid[row] + d->gradient_far[row] : 0);
+    const double sum =
+        d->gradient[row] + (d->banded ? (double)d->gradient_mid[row] + d->gradient_far[row] : 0);
     return d->views[row] > 0 ? sum / d->views[row] : 0;
 }
 
 /* Replaces the sum of the nearest band by the weighted sum of all bands. */
-static void density_weigh(oxl_context *ctx, struct density *d, size_t count, const struct density_rules *rules)
+static void density_weigh(oxl_context *ctx, struct density *d, size_t count,
+                          const struct density_rules *rules)
 {
     (void)ctx;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)count; i++)
-        d->gradient[i] = (float)(d->gradient[i] + rules->f_mid * d->gradient_mid[i] + rules->f_far * d->gradient_far[i]);
+        d->gradient[i] =
+            (float)(d->gradient[i] + rules->f_mid * d->gradient_mid[i] + rules->f_far * d->gradient_far[i]);
 }
 
-/* ---------------------------------------------------------------- decisions */
+/* ---------------- decisions */
 
 static double density_scale(const oxl_model *m, size_t i)
 {
-    const float a = m->plane[OXL_LOG_SCALE][i], b = m->plane[OXL_LOG_SCALE + 1][i], c = m->plane[OXL_LOG_SCALE + 2][i];
+    const float a = m->plane[OXL_LOG_SCALE][i], b = m->plane[OXL_LOG_SCALE + 1][i],
+                c = m->plane[OXL_LOG_SCALE + 2][i];
     return vecmath_exp(OXL_MAX(OXL_MAX(a, b), c));
 }
 
@@ -181,17 +195,20 @@ static enum density_verdict density_classify(const struct density *d, const oxl_
     return mean >= rules->gradient ? DENSITY_SPLIT : DENSITY_KEEP;
 }
 
-/* Under a cap only the `room` rows of the largest mean gradient are split. Bisection finds the lowest threshold, to a double's precision,
- * that at most `room` of them reach. Rows tied at the limit all stay unsplit, so the result does not depend on their order. */
+/* Under a cap only the `room` rows of the largest mean gradient are split. Bisection finds the lowest
+ * threshold, to a double's precision, that at most `room` of them reach. Rows tied at the limit all stay
+ * unsplit, so the result does not depend on their order. */
 static void density_cap(struct density *d, size_t count, size_t kept, size_t growing, size_t cap)
 {
     const size_t room = cap > kept ? cap - kept : 0;
-    double       low = 0, high = DENSITY_CAP_HIGH;
+    double low = 0, high = DENSITY_CAP_HIGH;
     if (growing <= room) return;
     for (int round = 0; round < DENSITY_CAP_ROUNDS && room > 0; round++) {
-        const double middle = round < DENSITY_CAP_GEOMETRIC ? sqrt(OXL_MAX(low, DENSITY_CAP_LOW) * high) : (low + high) / 2;
-        size_t       above  = 0;
-        for (size_t i = 0; i < count; i++) above += d->verdict[i] == DENSITY_SPLIT && d->gradient[i] / d->views[i] >= middle;
+        const double middle =
+            round < DENSITY_CAP_GEOMETRIC ? sqrt(OXL_MAX(low, DENSITY_CAP_LOW) * high) : (low + high) / 2;
+        size_t above = 0;
+        for (size_t i = 0; i < count; i++)
+            above += d->verdict[i] == DENSITY_SPLIT && d->gradient[i] / d->views[i] >= middle;
         if (above > room) low = middle;
         else high = middle;
     }
@@ -200,16 +217,19 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
             d->verdict[i] = DENSITY_KEEP;
 }
 
-/* ---------------------------------------------------------------- the new rows */
+/* ---------------- the new rows */
 
-/* Row `at` is a copy of a Gaussian that is split; it becomes one of the two that replace it, on its longest axis before or behind its mean
- * (side -1 or 1). Together they have its mean, its covariance and, to first order in its opacity, its sum of alpha. */
+/* Row `at` is a copy of a Gaussian that is split; it becomes one of the two that replace it, on its longest
+ * axis before or behind its mean
+ * (side -1 or 1). Together they have its mean, its covariance and, to first order in its opacity, its sum of
+ * alpha. */
 static void density_make_child(oxl_model *m, size_t at, int side)
 {
-    const double rest  = vecmath_exp(DENSITY_SQRT_HALF * vecmath_log(vecmath_sigmoid(-m->plane[OXL_OPACITY][at])));
+    const double rest =
+        vecmath_exp(DENSITY_SQRT_HALF * vecmath_log(vecmath_sigmoid(-m->plane[OXL_OPACITY][at])));
     const double shift = side * DENSITY_SQRT_HALF * density_scale(m, at);
-    double       q[4], r[9];
-    int          longest = 0;
+    double q[4], r[9];
+    int longest = 0;
     for (int k = 0; k < 4; k++) q[k] = m->plane[OXL_ROTATION + k][at];
     camera_rotation_from_quaternion(q, r);
     for (int a = 1; a < 3; a++)
@@ -223,15 +243,18 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
 {
     size_t at = 0, lobes = 0;
     for (size_t i = 0; i < model->count; i++) {
-        if (d->verdict[i] != DENSITY_REMOVE) from[at++] = (uint32_t)i | (d->verdict[i] == DENSITY_SPLIT ? RENDERER_FRESH : 0);
+        if (d->verdict[i] != DENSITY_REMOVE)
+            from[at++] = (uint32_t)i | (d->verdict[i] == DENSITY_SPLIT ? RENDERER_FRESH : 0);
         if (d->verdict[i] == DENSITY_SPLIT) from[at++] = (uint32_t)i | RENDERER_FRESH;
         lobes += i < model->lobes && d->verdict[i] != DENSITY_REMOVE;
     }
     return lobes;
 }
 
-/* In place: removed rows leave, then, from the last on, rows that are split become two. `fresh`: the new rows of a moment are 0. */
-static void density_move_plane(const struct density *d, float *plane, size_t count, size_t new_count, int fresh)
+/* In place: removed rows leave, then, from the last on, rows that are split become two. `fresh`: the new rows
+ * of a moment are 0. */
+static void density_move_plane(const struct density *d, float *plane, size_t count, size_t new_count,
+                               int fresh)
 {
     size_t kept = 0, at = new_count;
     for (size_t i = 0; i < count; i++)
@@ -248,13 +271,15 @@ static void density_move_plane(const struct density *d, float *plane, size_t cou
 }
 
 /* Needs capacity for the new rows. planes: 0: a device has their rows. */
-static void density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh, int planes)
+static void density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count,
+                            int fresh, int planes)
 {
     const size_t count = model->count;
-    size_t       lobes = 0;
+    size_t lobes = 0;
     (void)ctx; /* without OpenMP */
     for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
-    for (int k = OXL_LOBE; model->lobes && k < planes; k++) density_move_plane(d, model->plane[k], model->lobes, lobes, fresh);
+    for (int k = OXL_LOBE; model->lobes && k < planes; k++)
+        density_move_plane(d, model->plane[k], model->lobes, lobes, fresh);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int k = 0; k < OXL_MIN(planes, oxl_model_planes(model)); k++)
         density_move_plane(d, model->plane[k], count, new_count, fresh);
@@ -286,13 +311,15 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
     *out = (struct density_change){0};
     if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
+    for (int64_t i = 0; i < (int64_t)model->count; i++)
+        d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
     for (size_t i = 0; i < model->count; i++) {
         kept += d->verdict[i] != DENSITY_REMOVE;
         growing += d->verdict[i] == DENSITY_SPLIT;
     }
     if (model->lobes > 0 && growing > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be split while %zu have a second lobe", growing,
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%zu of %zu Gaussians would be split while %zu have a second lobe", growing,
                         model->count, model->lobes);
     if (rules->cap) density_cap(d, model->count, kept, growing, rules->cap);
     for (size_t i = 0; i < model->count; i++) {
@@ -306,10 +333,11 @@ OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, struc
                                       const struct density_change *change, int moved)
 {
     const size_t before = trained->model.count, count = before - change->removed + change->split;
-    const int    planes = moved ? 0 : OXL_PLANES;
-    oxl_result   rc     = OXL_OK;
+    const int planes = moved ? 0 : OXL_PLANES;
+    oxl_result rc = OXL_OK;
     if (change->removed + change->split > 0) {
-        for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++) rc = model_reserve(ctx, model_trained_part(trained, k), count);
+        for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++)
+            rc = model_reserve(ctx, model_trained_part(trained, k), count);
         if (rc != OXL_OK) return rc;
         density_rebuild(ctx, d, &trained->mean, count, 1, planes);
         density_rebuild(ctx, d, &trained->square, count, 1, planes);
@@ -319,13 +347,13 @@ OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, struc
     return density_clear(ctx, d, trained->model.count);
 }
 
-/* ---------------------------------------------------------------- reset */
+/* ---------------- reset */
 
 OXL_INTERNAL void density_reset_opacity(struct trained_model *trained, float alpha_min)
 {
-    const float  ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET * OXL_MAX(alpha_min, 1.0 / 255));
-    const size_t count   = trained->model.count;
-    float       *opacity = trained->model.plane[OXL_OPACITY];
+    const float ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET * OXL_MAX(alpha_min, 1.0 / 255));
+    const size_t count = trained->model.count;
+    float *opacity = trained->model.plane[OXL_OPACITY];
     for (size_t i = 0; i < count; i++)
         if (opacity[i] > ceiling) opacity[i] = ceiling;
     memset(trained->mean.plane[OXL_OPACITY], 0, count * sizeof(float));

@@ -1,44 +1,50 @@
 /* exposure_fit.c - three log gains for each training image, optimised with the scene.
  *
- * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
- * before the loss (render/exposure.c); a_k has its own Adam state (Kingma & Ba 2015), since each image is visited once an epoch, and a
- * prior that draws it towards the line between its neighbours, of the same camera, in file order. After each step the mean over the
- * known training images is set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and
+ * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is
+ * multiplied by exp(a_kc) before the loss (render/exposure.c); a_k has its own Adam state (Kingma & Ba 2015),
+ * since each image is visited once an epoch, and a prior that draws it towards the line between its
+ * neighbours, of the same camera, in file order. After each step the mean over the known training images is
+ * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and
  * held-out views, which stand at mean exposure, lose dB with it (measured before: 2 to 6).
  *
- * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run, while Gaussians are coarse.
+ * They start from the fit to the tracks (survey/photometry.c) and do not change for EXPOSURE_HOLD of the run,
+ * while Gaussians are coarse.
  *
- * auto: on if the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's gain is predicted better by its neighbours than by 1.
+ * auto: on if the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's gain is predicted
+ * better by its neighbours than by 1.
  *
- * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while the device works on the step
+ * Rendering on a device, a step's gains do not depend on the gradient of the step before: that is read while
+ * the device works on the step
  * (exposure_apply_pending). On the CPU they do.
  *
- * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
+ * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the
+ * state before it alone.
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define EXPOSURE_RATE    0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
-#define EXPOSURE_LAST    0.02 /* of that at the end of the run */
-#define EXPOSURE_BETA1   0.8  /* a mean over 5 visits: a short run has 30 */
-#define EXPOSURE_BETA2   0.95
+#define EXPOSURE_RATE 0.03 /* of the first step, in log units; docs/IMAGING.md has what others cost */
+#define EXPOSURE_LAST 0.02 /* of that at the end of the run */
+#define EXPOSURE_BETA1 0.8 /* a mean over 5 visits: a short run has 30 */
+#define EXPOSURE_BETA2 0.95
 #define EXPOSURE_EPSILON 1e-12 /* against division by 0 */
-#define EXPOSURE_SMOOTH  0.1   /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_HOLD    0.1   /* of the run: the tracks' gains are kept */
-#define EXPOSURE_DIFFER  0.04  /* rms of the log */
+#define EXPOSURE_SMOOTH 0.1    /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_HOLD 0.1      /* of the run: the tracks' gains are kept */
+#define EXPOSURE_DIFFER 0.04   /* rms of the log */
 
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int continued)
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene,
+                                       oxl_switch mode, int continued)
 {
-    const int    views = oxl_scene_view_count(scene);
-    const size_t n     = 3 * (size_t)views;
-    oxl_result   rc    = OXL_OK;
+    const int views = oxl_scene_view_count(scene);
+    const size_t n = 3 * (size_t)views;
+    oxl_result rc = OXL_OK;
     if (continued) mode = scene->imaging.on ? OXL_ON : OXL_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(ctx, views, &e->of);
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
-    e->mean   = oxl_calloc(ctx, n + 1, sizeof *e->mean);
+    e->mean = oxl_calloc(ctx, n + 1, sizeof *e->mean);
     e->square = oxl_calloc(ctx, n + 1, sizeof *e->square);
     e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);
     if (rc == OXL_OK && (!e->mean || !e->square || !e->visits))
@@ -60,16 +66,17 @@ OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to)
 {
     const size_t n = 3 * (size_t)from->of.views;
-    oxl_result   rc;
+    oxl_result rc;
     *to = *from;
     if (!from->visits) return OXL_OK;
     to->mean = to->square = NULL;
-    to->visits            = NULL;
-    rc                    = imaging_create(ctx, from->of.views, &to->of);
-    to->mean              = oxl_alloc(ctx, n + 1, sizeof *to->mean);
-    to->square            = oxl_alloc(ctx, n + 1, sizeof *to->square);
-    to->visits            = oxl_alloc(ctx, (size_t)from->of.views + 1, sizeof *to->visits);
-    if (rc == OXL_OK && (!to->mean || !to->square || !to->visits)) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a trial");
+    to->visits = NULL;
+    rc = imaging_create(ctx, from->of.views, &to->of);
+    to->mean = oxl_alloc(ctx, n + 1, sizeof *to->mean);
+    to->square = oxl_alloc(ctx, n + 1, sizeof *to->square);
+    to->visits = oxl_alloc(ctx, (size_t)from->of.views + 1, sizeof *to->visits);
+    if (rc == OXL_OK && (!to->mean || !to->square || !to->visits))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a trial");
     if (rc == OXL_OK) {
         imaging_copy(&from->of, &to->of);
         memcpy(to->mean, from->mean, n * sizeof *to->mean);
@@ -84,16 +91,16 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
 /* A step of the view's gains along dL/da, and the projection. progress: fraction of the run. */
 static void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
 {
-    const double rate     = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));
-    float       *a        = e->of.log_gain + 3 * view, between[3];
-    const int    n        = ++e->visits[view];
+    const double rate = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));
+    float *a = e->of.log_gain + 3 * view, between[3];
+    const int n = ++e->visits[view];
     const double correct1 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA1));
     const double correct2 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA2));
     imaging_interpolate(&e->of, view, between);
     if (!e->of.known[view]) memcpy(a, between, sizeof between);
     e->of.known[view] = 1;
     for (int c = 0; c < 3; c++) {
-        float       *m = &e->mean[3 * view + c], *v = &e->square[3 * view + c];
+        float *m = &e->mean[3 * view + c], *v = &e->square[3 * view + c];
         const double g = dlog_gain[c] + EXPOSURE_SMOOTH * (a[c] - between[c]);
         if (!(fabs(g) <= SCALAR_ADAM_GRADIENT_MAX)) continue;
         *m = (float)(EXPOSURE_BETA1 * *m + (1 - EXPOSURE_BETA1) * g);
@@ -117,11 +124,12 @@ OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure
     if (e->of.on && (of->progress >= e->known_until || !e->of.known[of->view])) e->pending = *of;
 }
 
-/* The root of the mean square of the known gains, in log units, and of what their neighbours leave of them. */
+/* The root of the mean square of the known gains, in log units, and of what their neighbours leave of
+ * them. */
 static void exposure_spread(const struct imaging *m, double *differ, double *left)
 {
     double square = 0, rest = 0;
-    int    known = 0;
+    int known = 0;
     for (int i = 0; i < m->views; i++) {
         float predicted[3];
         if (!m->known[i]) continue;
@@ -132,14 +140,16 @@ static void exposure_spread(const struct imaging *m, double *differ, double *lef
         }
     }
     *differ = sqrt(known ? square / known : 0);
-    *left   = sqrt(known ? rest / known : 0);
+    *left = sqrt(known ? rest / known : 0);
 }
 
-OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why, size_t size)
+OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
+                                           size_t size)
 {
-    double    differ = 0, left = 0;
+    double differ = 0, left = 0;
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
-    snprintf(why, size, p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
+    snprintf(why, size,
+             p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
     if (fits) {
         memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
         memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);

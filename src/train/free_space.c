@@ -1,28 +1,33 @@
 /* free_space.c - removes Gaussians between a camera and the points that it observes.
  *
- * The views of a point's track see it, so the space between them and the point is free. A Gaussian there explains what one image shows and
- * veils others. For each training view a grid over its image holds, cell by cell, the least depth of the tracks' points in the cell and its
- * eight neighbours. At density control a Gaussian goes if its centre projects into a cell of some view at less than FREE_SPACE_FRACTION of
- * that depth. A cell with points in fewer than FREE_SPACE_CELLS of the nine is unknown: thin objects without points lie in such cells.
+ * The views of a point's track see it, so the space between them and the point is free. A Gaussian there
+ * explains what one image shows and veils others. For each training view a grid over its image holds, cell by
+ * cell, the least depth of the tracks' points in the cell and its eight neighbours. At density control a
+ * Gaussian goes if its centre projects into a cell of some view at less than FREE_SPACE_FRACTION of that
+ * depth. A cell with points in fewer than FREE_SPACE_CELLS of the nine is unknown: thin objects without
+ * points lie in such cells.
  *
- * Invariant: a function of the scene alone, so there is no state to archive. Without tracks nothing is removed.
+ * Invariant: a function of the scene alone, so there is no state to archive. Without tracks nothing is
+ * removed.
  */
 #include "train_parts.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
-#define FREE_SPACE_FRACTION 0.7f /* of the least depth: points are off, and surfaces swell towards the camera between them */
+/* of the least depth: points are off, and surfaces swell towards the camera between them */
+#define FREE_SPACE_FRACTION 0.7f
 enum {
-    FREE_SPACE_TRACK = 3, /* views that a point must have been seen from: two rays almost always meet somewhere */
+    /* views that a point must have been seen from: two rays almost always meet somewhere */
+    FREE_SPACE_TRACK = 3,
     FREE_SPACE_CELLS = 5
 };
 
 /* The cell that a position falls into, or -1. *z: camera z. */
 static int free_space_cell(const oxl_camera *c, const double p[3], double *z)
 {
-    double    x[3], pixel[2];
+    double x[3], pixel[2];
     const int ahead = camera_project(c, p, NULL, x, pixel);
-    *z              = x[2];
+    *z = x[2];
     if (!ahead) return -1;
     pixel[0] /= c->width, pixel[1] /= c->height;
     if (!(pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < 1 && pixel[1] < 1)) return -1;
@@ -39,15 +44,16 @@ static int free_space_compare(const void *a, const void *b)
 static void free_space_add_points(struct free_space *f, const struct colmap *c, const double origin[3])
 {
     for (size_t i = 0; i < c->point_count; i++) {
-        const struct colmap_point *point    = &c->point[i];
-        const double              *p        = point->position;
-        const double               local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+        const struct colmap_point *point = &c->point[i];
+        const double *p = point->position;
+        const double local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
         if (point->track_count < FREE_SPACE_TRACK || !scene_accepts_point(point, origin)) continue;
         for (uint32_t k = 0; k < point->track_count; k++) {
             const struct free_space_view wanted = {.image_row = c->track[point->first_track + k].image_row};
-            struct free_space_view      *view   = bsearch(&wanted, f->view, f->views, sizeof *f->view, free_space_compare);
-            double                       z;
-            const int                    cell = view ? free_space_cell(view->camera, local, &z) : -1;
+            struct free_space_view *view =
+                bsearch(&wanted, f->view, f->views, sizeof *f->view, free_space_compare);
+            double z;
+            const int cell = view ? free_space_cell(view->camera, local, &z) : -1;
             if (cell >= 0 && (view->depth[cell] == 0 || z < view->depth[cell])) view->depth[cell] = (float)z;
         }
     }
@@ -57,7 +63,7 @@ static void free_space_add_points(struct free_space *f, const struct colmap *c, 
 static float free_space_limit(const float *depth, int x, int y)
 {
     float least = FLT_MAX;
-    int   known = 0;
+    int known = 0;
     for (int row = OXL_MAX(y - 1, 0); row <= OXL_MIN(y + 1, FREE_SPACE_GRID - 1); row++)
         for (int column = OXL_MAX(x - 1, 0); column <= OXL_MIN(x + 1, FREE_SPACE_GRID - 1); column++) {
             const float z = depth[row * FREE_SPACE_GRID + column];
@@ -69,14 +75,14 @@ static float free_space_limit(const float *depth, int x, int y)
 
 OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene)
 {
-    const struct colmap *c     = scene_colmap(scene);
-    const int            views = oxl_scene_view_count(scene);
+    const struct colmap *c = scene_colmap(scene);
+    const int views = oxl_scene_view_count(scene);
     if (!c || c->track_count == 0) return OXL_OK;
     f->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *f->view);
     if (!f->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
     for (int i = 0; i < views; i++) {
         if (oxl_scene_view(scene, i)->is_test) continue;
-        f->view[f->views].camera      = &oxl_scene_view(scene, i)->camera;
+        f->view[f->views].camera = &oxl_scene_view(scene, i)->camera;
         f->view[f->views++].image_row = (uint32_t)(scene_source_image(scene, i) - c->image);
     }
     qsort(f->view, f->views, sizeof *f->view, free_space_compare);
@@ -99,19 +105,21 @@ OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f)
 static int free_space_contains(const struct free_space *f, const double p[3])
 {
     for (size_t v = 0; v < f->views; v++) {
-        double    z;
+        double z;
         const int cell = free_space_cell(f->view[v].camera, p, &z);
         if (cell >= 0 && z < f->view[v].depth[cell]) return 1;
     }
     return 0;
 }
 
-OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved)
+OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model,
+                                         uint8_t **carved)
 {
     *carved = f->view ? oxl_alloc(ctx, model->count, sizeof **carved) : NULL;
     if (!f->view) return OXL_OK;
     if (!*carved)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to find those of %zu Gaussians that are in free space", model->count);
+        return oxl_fail(ctx, OXL_ERR_MEMORY,
+                        "no memory to find those of %zu Gaussians that are in free space", model->count);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         double p[3];
@@ -129,5 +137,6 @@ OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, siz
     if (!f->view) snprintf(out, size, "as set, or no tracks");
     else
         snprintf(out, size, "tracks bound the free space in %.0f %% of the cells of %zu training views",
-                 100.0 * (double)known / (FREE_SPACE_GRID * FREE_SPACE_GRID) / (double)OXL_MAX(f->views, 1), f->views);
+                 100.0 * (double)known / (FREE_SPACE_GRID * FREE_SPACE_GRID) / (double)OXL_MAX(f->views, 1),
+                 f->views);
 }

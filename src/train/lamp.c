@@ -1,13 +1,15 @@
 /* lamp.c - a light that moves with the camera, optimised with the scene.
  *
- * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one for each physical camera
- * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.h), p from 0 to 2, one for all
- * cameras, r0 the median range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin. p is
- * trained where --medium is not `auto`, which counts falloff as attenuation, and where the points' depths identify it.
+ * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one
+ * for each physical camera
+ * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.h), p from 0
+ * to 2, one for all cameras, r0 the median range of the survey's points. A survey's light that stands still
+ * has s = 0 and p = 0, where both begin. p is trained where --medium is not `auto`, which counts falloff as
+ * attenuation, and where the points' depths identify it.
  *
- * s starts from the fit to the tracks (survey/photometry.c), which also shows whether it is needed; Adam (Kingma & Ba 2015) from LAMP_FROM
- * of the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes neither the brightness of the scene nor
- * the mean gain.
+ * s starts from the fit to the tracks (survey/photometry.c), which also shows whether it is needed; Adam
+ * (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, and at r0 the falloff is 1;
+ * so the lamp changes neither the brightness of the scene nor the mean gain.
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
@@ -19,29 +21,33 @@
 #define LAMP_RATE 0.01 /* learning rate at the start, in log units */
 #define LAMP_LAST 0.05 /* of LAMP_RATE: the rate at the end of the run */
 
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *continued)
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
+                             const struct imaging *continued)
 {
-    *l = (struct lamp_fit){.reference   = scene_depth_quantile(scene, 0.5),
-                           .has_falloff = medium != OXL_AUTO && medium_fit_span(scene) >= MEDIUM_FIT_SPAN_MIN};
+    *l =
+        (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
+                          .has_falloff = medium != OXL_AUTO && medium_fit_span(scene) >= MEDIUM_FIT_SPAN_MIN};
     if (!(l->reference > 0)) l->reference = 1;
-    l->groups        = 1;
+    l->groups = 1;
     l->group[0].view = -1;
     if (!continued) l->groups = imaging_set_lamps(scene, l->group);
     if (!continued || continued->lamps == 0) return;
-    l->on     = 1;
+    l->on = 1;
     l->groups = continued->lamps;
     memcpy(l->group, continued->lamp, sizeof l->group);
-    l->falloff     = continued->medium.falloff;
+    l->falloff = continued->medium.falloff;
     l->has_falloff = continued->medium.has_falloff;
-    l->reference   = continued->medium.reference > 0 ? (double)continued->medium.reference : l->reference;
+    l->reference = continued->medium.reference > 0 ? (double)continued->medium.reference : l->reference;
 }
 
-OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size)
+OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p,
+                                       char *why, size_t size)
 {
     const int fits = (p->parts & PHOTOMETRY_LAMP) != 0;
-    l->on          = fits || mode == OXL_ON;
+    l->on = fits || mode == OXL_ON;
     for (int g = 0; g < l->groups && fits; g++) memcpy(l->group[g].shape, p->shape[g], sizeof p->shape[g]);
-    snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image",
+    snprintf(why, size,
+             "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image",
              p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
@@ -49,19 +55,19 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
 /* What image formation has of it. */
 OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
 {
-    m->lamps              = l->on ? l->groups : 0;
+    m->lamps = l->on ? l->groups : 0;
     m->medium.has_falloff = l->on && l->has_falloff;
-    m->medium.falloff     = m->medium.has_falloff ? (float)l->falloff : 0;
-    m->medium.reference   = m->medium.has_falloff ? (float)l->reference : 0;
+    m->medium.falloff = m->medium.has_falloff ? (float)l->falloff : 0;
+    m->medium.reference = m->medium.has_falloff ? (float)l->reference : 0;
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
 /* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the run. */
-OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
-                            double falloff)
+OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
+                            const double shape[LAMP_TERMS], double falloff)
 {
     const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
-    const int    g    = (int)(of - l->group);
+    const int g = (int)(of - l->group);
     if (progress < LAMP_FROM || l->frozen) return;
     l->steps++, l->visits[g]++;
     for (int k = 0; k < LAMP_TERMS; k++) {
@@ -86,8 +92,8 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
         archive_doubles(a, l->square[g], LAMP_TERMS);
         archive_expect(a, l->visits[g] >= 0);
         for (int k = 0; k < LAMP_TERMS && a->rc == OXL_OK; k++)
-            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX && fabs(l->mean[g][k]) <= DBL_MAX &&
-                                  l->square[g][k] >= 0);
+            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MAX &&
+                                  fabs(l->mean[g][k]) <= DBL_MAX && l->square[g][k] >= 0);
     }
     archive_doubles(a, &l->falloff, 1);
     archive_doubles(a, &l->falloff_mean, 1);

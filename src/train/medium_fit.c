@@ -1,16 +1,18 @@
 /* medium_fit.c - the nine parameters of the medium, optimised with the scene (render/medium.h has the model).
  *
- * They are fitted to the colours of tracks (survey/photometry.c) before the first step, and not trained: as the Gaussians' colours are
- * free, the images alone do not determine attenuation (docs/IMAGING.md). The medium is removed from the initial Gaussians' colours once.
+ * They are fitted to the colours of tracks (survey/photometry.c) before the first step, and not trained: as
+ * the Gaussians' colours are free, the images alone do not determine attenuation (docs/IMAGING.md). The
+ * medium is removed from the initial Gaussians' colours once.
  *
- * During training J is the colour as seen through the median range. Otherwise Adam's steps of colour, which are absolute, would change
- * the image too little in turbid water.
+ * During training J is the colour as seen through the median range. Otherwise Adam's steps of colour, which
+ * are absolute, would change the image too little in turbid water.
  *
- * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count
- * per median range of the survey's points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate
- * MEDIUM_FIT_RATE, from MEDIUM_FIT_FROM of the run on.
+ * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting);
+ * attenuation and backscatter count per median range of the survey's points, so that steps do not depend on
+ * COLMAP's scale. Adam (Kingma & Ba 2015), rate MEDIUM_FIT_RATE, from MEDIUM_FIT_FROM of the run on.
  *
- * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which blurs.
+ * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which
+ * blurs.
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
@@ -18,11 +20,12 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define MEDIUM_FIT_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
-#define MEDIUM_FIT_FROM  0.3  /* of the run */
-#define MEDIUM_FIT_MIN   1e-6 /* of a parameter at the start: that of 0 would be minus infinity before the softplus */
-#define MEDIUM_FIT_MAX   1e6  /* of one before the softplus, in a checkpoint */
-#define MEDIUM_FIT_START 0.3  /* attenuation over the median range then */
+#define MEDIUM_FIT_RATE 0.01 /* 2.5e-3 to 1e-2 in the published ones */
+#define MEDIUM_FIT_FROM 0.3  /* of the run */
+/* of a parameter at the start: that of 0 would be minus infinity before the softplus */
+#define MEDIUM_FIT_MIN 1e-6
+#define MEDIUM_FIT_MAX 1e6   /* of one before the softplus, in a checkpoint */
+#define MEDIUM_FIT_START 0.3 /* attenuation over the median range then */
 
 static double medium_fit_softplus(double x)
 {
@@ -45,8 +48,8 @@ OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f)
     if (!f->on) return m;
     m.training_range = (float)f->range;
     for (int c = 0; c < 3; c++) {
-        m.attenuation[c]   = (float)(medium_fit_softplus(f->raw[c]) / f->range);
-        m.backscatter[c]   = (float)(medium_fit_softplus(f->raw[3 + c]) / f->range);
+        m.attenuation[c] = (float)(medium_fit_softplus(f->raw[c]) / f->range);
+        m.backscatter[c] = (float)(medium_fit_softplus(f->raw[3 + c]) / f->range);
         m.veiling_light[c] = (float)medium_fit_softplus(f->raw[6 + c]);
     }
     return m;
@@ -63,7 +66,7 @@ static void medium_fit_set(struct medium_fit *f, const float attenuation[3], con
                            const float veiling_light[3])
 {
     for (int c = 0; c < 3; c++) {
-        f->raw[c]     = medium_fit_inverse_softplus(OXL_MAX(attenuation[c] * f->range, MEDIUM_FIT_MIN));
+        f->raw[c] = medium_fit_inverse_softplus(OXL_MAX(attenuation[c] * f->range, MEDIUM_FIT_MIN));
         f->raw[3 + c] = medium_fit_inverse_softplus(OXL_MAX(backscatter[c] * f->range, MEDIUM_FIT_MIN));
         f->raw[6 + c] = medium_fit_inverse_softplus(OXL_MAX((double)veiling_light[c], MEDIUM_FIT_MIN));
     }
@@ -78,29 +81,32 @@ OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const
     medium_fit_set(f, continued->attenuation, continued->backscatter, continued->veiling_light);
 }
 
-OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p, char *why,
-                                             size_t size)
+OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p,
+                                             char *why, size_t size)
 {
     float value[3][3];
     f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && span >= MEDIUM_FIT_SPAN_MIN;
     for (int c = 0; c < 3; c++)
-        value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c], value[2][c] = (float)p->veiling_light[c];
+        value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c],
+        value[2][c] = (float)p->veiling_light[c];
     if (f->on) medium_fit_set(f, value[0], value[1], value[2]);
     snprintf(
         why, size,
         "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium; red green blue, standard error: bD %.3g %.3g "
         "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
-        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0], p->attenuation[1],
-        p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->backscatter[0], p->backscatter[1],
-        p->backscatter[2], 100 * p->error[3], 100 * p->error[4], 100 * p->error[5], p->veiling_light[0], p->veiling_light[1],
-        p->veiling_light[2]);
+        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->attenuation[0],
+        p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
+        p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
+        100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
     if (span < MEDIUM_FIT_SPAN_MIN)
-        snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify a medium", span,
+        snprintf(why, size,
+                 "the points' depths span a factor of %.1f: less than %d does not identify a medium", span,
                  MEDIUM_FIT_SPAN_MIN);
     else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
     else if (!f->on)
-        snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium", p->points,
-                 p->observations, 100 * p->residual, 100 * p->without[0]);
+        snprintf(why, size,
+                 "%zu points in %zu observations: residuals %.2f %% of white, %.2f without the medium",
+                 p->points, p->observations, 100 * p->residual, 100 * p->without[0]);
 }
 
 OXL_INTERNAL int medium_fit_start_step(const oxl_train_options *o)
@@ -108,13 +114,14 @@ OXL_INTERNAL int medium_fit_start_step(const oxl_train_options *o)
     return o->medium == OXL_ON ? OXL_MAX(1, (int)(MEDIUM_FIT_FROM * o->iterations)) : 0;
 }
 
-/* First values where the tracks give none: MEDIUM_FIT_START over the median range, and the points' mean colour as veil. */
+/* First values where the tracks give none: MEDIUM_FIT_START over the median range, and the points' mean
+ * colour as veil. */
 OXL_INTERNAL void medium_fit_start(struct medium_fit *f, oxl_scene *scene)
 {
     const oxl_point *point = oxl_scene_points(scene);
-    const size_t     count = oxl_scene_point_count(scene);
-    const float      start = (float)(MEDIUM_FIT_START / f->range), some[3] = {start, start, start};
-    float            veil[3];
+    const size_t count = oxl_scene_point_count(scene);
+    const float start = (float)(MEDIUM_FIT_START / f->range), some[3] = {start, start, start};
+    float veil[3];
     for (int c = 0; c < 3; c++) {
         double mean = 0;
         for (size_t i = 0; i < count; i++) mean += point[i].rgb[c] / 255.0;
@@ -127,7 +134,7 @@ OXL_INTERNAL void medium_fit_start(struct medium_fit *f, oxl_scene *scene)
 OXL_INTERNAL void medium_fit_scale_colours(const struct medium_fit *f, int to_clear, oxl_model *model)
 {
     const struct medium m = medium_fit_value(f);
-    double              factor[3];
+    double factor[3];
     if (!f->on) return;
     for (int c = 0; c < 3; c++)
         factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.attenuation[c] * (double)m.training_range);
@@ -155,6 +162,7 @@ OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, in
     archive_doubles(a, f->mean, 9);
     archive_doubles(a, f->square, 9);
     for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
-        archive_expect(a, fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->mean[k]) <= DBL_MAX && f->square[k] >= 0);
+        archive_expect(a,
+                       fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->mean[k]) <= DBL_MAX && f->square[k] >= 0);
     archive_expect(a, (f->on == 0 || f->on == 1) && (f->fixed == 0 || f->fixed == 1) && f->steps >= 0);
 }

@@ -1,14 +1,20 @@
-/* nonfinite.c - values that are not finite, and images that cannot be read: logged where they appear, skipped or cleared, and counted.
+/* nonfinite.c - values that are not finite, and images that cannot be read: logged where they appear, skipped
+ * or cleared, and counted.
  *
- *     found in                      action                                                                counted in
- *     an image that cannot be read  it is left out from then on                                           images
- *     the loss of a view            Gaussians with such a value, or with one when rendered, are cleared;  steps, cleared
+ *     found
+ *     in                      action                                                                counted
+ *     in an image that cannot be read  it is left out from then
+ *     on                                           images the loss of a view            Gaussians with such a
+ *     value, or with one when rendered, are cleared;  steps, cleared
  *                                   the step is skipped
- *     a visible Gaussian or its     its own update is skipped; other Gaussians are updated. A Gaussian    rows, cleared
+ *     a visible Gaussian or its     its own update is skipped; other Gaussians are updated. A
+ *     Gaussian    rows, cleared
  *     gradient                      with such a value is cleared
- *     the final model               the Gaussian is removed                                               cleared
+ *     the final model               the Gaussian is
+ *     removed                                               cleared
  *
- * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by density control.
+ * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by
+ * density control.
  *
  * Invariant: trained models are finite, and all interventions are reported.
  */
@@ -19,9 +25,9 @@
 
 enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the end */
 
-#define NONFINITE_COUNT_MAX 1e9    /* of a count in a file: it fits 32 bits */
-#define NONFINITE_OPACITY   -30.0f /* logit: far below 1/255 */
-#define NONFINITE_SCALE_MAX 87.0f  /* |log scale|: project.c clamps there */
+#define NONFINITE_COUNT_MAX 1e9   /* of a count in a file: it fits 32 bits */
+#define NONFINITE_OPACITY -30.0f  /* logit: far below 1/255 */
+#define NONFINITE_SCALE_MAX 87.0f /* |log scale|: project.c clamps there */
 
 /* The clause of a message that traces the first of some Gaussians. */
 static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
@@ -30,11 +36,12 @@ static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
     else snprintf(out, 64, "Gaussian %zu and %zu more", first, rows - 1);
 }
 
-/* ---------------------------------------------------------------- in a step */
+/* ---------------- in a step */
 
 OXL_INTERNAL void nonfinite_count_unreadable(oxl_context *ctx, oxl_nonfinite *n)
 {
-    if (n->images++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training continues without it", oxl_error_text(ctx));
+    if (n->images++ < NONFINITE_NAMED)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s; training continues without it", oxl_error_text(ctx));
 }
 
 static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
@@ -42,10 +49,11 @@ static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float 
     for (int k = 0; k < oxl_model_planes(m); k++) m->plane[k][row] = 0;
     for (int k = OXL_LOBE; row < m->lobes && k < OXL_PLANES; k++) m->plane[k][row] = 0;
     m->plane[OXL_ROTATION][row] = rotation;
-    m->plane[OXL_OPACITY][row]  = opacity;
+    m->plane[OXL_OPACITY][row] = opacity;
 }
 
-OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r, struct trained_model *trained)
+OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
+                                                       struct trained_model *trained)
 {
     struct renderer_nonfinite out = {0, SIZE_MAX, 0};
     for (size_t i = 0; i < trained->model.count; i++) {
@@ -67,27 +75,31 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *n, int step
     if (n->steps++ >= NONFINITE_NAMED) return;
     nonfinite_name_rows(rows_text, cleared.first, cleared.rows);
     if (cleared.rows)
-        oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite because of %s: cleared, the step is skipped", step,
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "step %d: the loss of %s is not finite because of %s: cleared, the step is skipped", step,
                 view, rows_text);
-    else oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite; the step is skipped", step, view);
+    else
+        oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite; the step is skipped", step,
+                view);
 }
 
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *n, int step, const char *view,
                                     struct renderer_nonfinite skipped, struct trained_model *trained)
 {
     size_t cleared;
-    char   rows_text[64];
+    char rows_text[64];
     if (skipped.rows == 0) return;
     cleared = trained ? nonfinite_clear(NULL, trained).rows : skipped.cleared;
     nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (n->rows < NONFINITE_NAMED)
-        oxl_log(ctx, OXL_LOG_WARNING, "step %d: %s: a value of %s is not finite; its step is skipped, %zu cleared", step, view,
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "step %d: %s: a value of %s is not finite; its step is skipped, %zu cleared", step, view,
                 rows_text, cleared);
     n->rows += skipped.rows;
     n->cleared += cleared;
 }
 
-/* ---------------------------------------------------------------- at the end */
+/* ---------------- at the end */
 
 static int nonfinite_is_degenerate(const oxl_model *m, size_t i)
 {
@@ -100,7 +112,7 @@ static int nonfinite_is_degenerate(const oxl_model *m, size_t i)
 OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_model *model)
 {
     const size_t count = model->count;
-    uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
+    uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
     if (!keep) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %zu Gaussians", count);
     n->degenerate = 0;
     for (size_t i = 0; i < count; i++) {
@@ -110,14 +122,18 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *n, oxl_mo
     }
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
-    if (n->images > 0) oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", n->images);
+    if (n->images > 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", n->images);
     if (n->steps + n->rows + n->cleared > 0)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "values that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
-                n->steps, n->rows, n->cleared);
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "values that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
+            n->steps, n->rows, n->cleared);
     if (n->degenerate > 0)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%zu Gaussians have a zero quaternion (rendered as identity) or a scale beyond e^+-87 (clamped)", n->degenerate);
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%zu Gaussians have a zero quaternion (rendered as identity) or a scale beyond e^+-87 (clamped)",
+            n->degenerate);
     return OXL_OK;
 }
 
@@ -138,11 +154,11 @@ OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *n)
     archive_size(a, &n->cleared);
 }
 
-/* ---------------------------------------------------------------- as JSON */
+/* ---------------- as JSON */
 
 static const struct nonfinite_member {
     const char *name;
-    size_t      at;
+    size_t at;
 } NONFINITE_MEMBERS[] = {{"images_left_out", offsetof(oxl_nonfinite, images)},
                          {"steps_skipped", offsetof(oxl_nonfinite, steps)},
                          {"gaussian_steps_skipped", offsetof(oxl_nonfinite, rows)},
@@ -152,13 +168,15 @@ static const struct nonfinite_member {
 OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n)
 {
     for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++)
-        text_add(t, "  \"%s\": %zu,\n", NONFINITE_MEMBERS[i].name, *(const size_t *)((const char *)n + NONFINITE_MEMBERS[i].at));
+        text_add(t, "  \"%s\": %zu,\n", NONFINITE_MEMBERS[i].name,
+                 *(const size_t *)((const char *)n + NONFINITE_MEMBERS[i].at));
 }
 
 OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n)
 {
     for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++) {
-        const double count                               = oxl_json_number(text, NONFINITE_MEMBERS[i].name);
-        *(size_t *)((char *)n + NONFINITE_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, NONFINITE_COUNT_MAX) : 0;
+        const double count = oxl_json_number(text, NONFINITE_MEMBERS[i].name);
+        *(size_t *)((char *)n + NONFINITE_MEMBERS[i].at) =
+            count > 0 ? (size_t)OXL_MIN(count, NONFINITE_COUNT_MAX) : 0;
     }
 }

@@ -1,39 +1,46 @@
-/* prune.c - Wise Adaptive Pruning: drops that shrink, with refinement between them (paper sec. 3.2 and 4; "Prune Wisely, Reconstruct
- * Sharply", arXiv 2602.24136, and its code, for the schedule; Speedy-Splat, arXiv 2412.00578, for the score).
+/* prune.c - Wise Adaptive Pruning: drops that shrink, with refinement between them (paper sec. 3.2 and 4;
+ * "Prune Wisely, Reconstruct Sharply", arXiv 2602.24136, and its code, for the schedule; Speedy-Splat, arXiv
+ * 2412.00578, for the score).
  *
- * When density control is over, a phase of a quarter of the run begins. In it 1/2, 1/4, 1/8, 1/16 and 1/16 of the excess are removed:
- * the first at once, each further one when the mean L1 of training has fallen to 0.99 of its value before the last drop, or after
+ * When density control is over, a phase of a quarter of the run begins. In it 1/2, 1/4, 1/8, 1/16 and 1/16 of
+ * the excess are removed:
+ * the first at once, each further one when the mean L1 of training has fallen to 0.99 of its value before the
+ * last drop, or after
  * 1500 of 40 000 iterations without that.
  *
- * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * rendered image. Dividing U by the number of views was worse in 7 of 7 pairs (docs/PAPER.md).
+ * The Gaussians with the lowest score are removed:  U = sum over views and pixels of (o dS/dalpha)^2,  where
+ * S is the sum of the rendered image. Dividing U by the number of views was worse in 7 of 7 pairs
+ * (docs/PAPER.md).
  *
- * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
- * is a function of the model, the scene and the options; ties are resolved by row.
+ * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep
+ * their order. The choice is a function of the model, the scene and the options; ties are resolved by row.
  */
 #include "train_parts.h"
 #include "../survey/scene.h"
 
-#define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the phase [paper sec. 4] */
-#define PRUNE_PHASE    0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */
-#define PRUNE_EVERY    (1.0 / 80)      /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
-#define PRUNE_PATIENCE 3               /* checks without a drop: 1500 of 40 000 */
-#define PRUNE_RECOVERY 0.99            /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
-#define PRUNE_EPSILON  0.01            /* auto: the validation views' loss may rise by this fraction */
-#define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
+/* of the run, between the end of density control and the phase [paper sec. 4] */
+#define PRUNE_WAIT (200.0 / 40000)
+#define PRUNE_PHASE 0.25       /* of the run [paper sec. 4: 10 000 of 40 000] */
+#define PRUNE_EVERY (1.0 / 80) /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
+#define PRUNE_PATIENCE 3       /* checks without a drop: 1500 of 40 000 */
+#define PRUNE_RECOVERY 0.99    /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
+#define PRUNE_EPSILON 0.01     /* auto: the validation views' loss may rise by this fraction */
+#define PRUNE_FILE 2048        /* bytes of a PLY that are not rows: its header */
 enum {
-    PRUNE_EVERY_MIN    = 25,  /* steps: minimum for Gaussians to adapt */
-    PRUNE_AUTO_DIVISOR = 8,   /* auto: each drop removes one eighth of the rest */
-    PRUNE_VIEWS        = 100, /* a score is taken of so many views, or of 1 for each */
-    PRUNE_STEPS_A_VIEW = 40   /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
+    PRUNE_EVERY_MIN = 25,   /* steps: minimum for Gaussians to adapt */
+    PRUNE_AUTO_DIVISOR = 8, /* auto: each drop removes one eighth of the rest */
+    PRUNE_VIEWS = 100,      /* a score is taken of so many views, or of 1 for each */
+    /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
+    PRUNE_STEPS_A_VIEW = 40
 };
 static const int prune_drops[] = {8, 12, 14, 15, 16}; /* sixteenths removed after each drop */
 
-/* ---------------------------------------------------------------- what to keep */
+/* ---------------- what to keep */
 
 OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes)
 {
-    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1)) + (lobes ? 16 : 0); /* as model_file.c writes them */
+    /* as model_file.c writes them */
+    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1)) + (lobes ? 16 : 0);
 }
 
 static size_t prune_target(const struct prune *p, size_t count)
@@ -45,24 +52,27 @@ static size_t prune_target(const struct prune *p, size_t count)
     return (size_t)OXL_CLAMP(target, 1.0, (double)count);
 }
 
-/* ---------------------------------------------------------------- when */
+/* ---------------- when */
 
-OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes)
+OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views,
+                              double row_bytes)
 {
-    *p       = (struct prune){.keep = keep, .row_bytes = row_bytes};
+    *p = (struct prune){.keep = keep, .row_bytes = row_bytes};
     p->start = (int)OXL_MIN(densified + OXL_MAX(1, PRUNE_WAIT * iterations), iterations);
-    p->end   = (int)OXL_MIN(p->start + PRUNE_PHASE * iterations, iterations);
-    p->every = (int)OXL_MAX(PRUNE_EVERY * iterations + 0.5, OXL_MIN(views, (p->end - p->start) / 20)); /* sees each view once */
+    p->end = (int)OXL_MIN(p->start + PRUNE_PHASE * iterations, iterations);
+    /* sees each view once */
+    p->every = (int)OXL_MAX(PRUNE_EVERY * iterations + 0.5, OXL_MIN(views, (p->end - p->start) / 20));
     p->every = OXL_MAX(p->every, PRUNE_EVERY_MIN);
     p->patience = OXL_MIN(PRUNE_PATIENCE * p->every, (p->end - p->start) / (int)OXL_COUNT(prune_drops));
-    p->views    = OXL_MAX(PRUNE_VIEWS, iterations / PRUNE_STEPS_A_VIEW);
+    p->views = OXL_MAX(PRUNE_VIEWS, iterations / PRUNE_STEPS_A_VIEW);
 }
 
 OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step)
 {
     if (p->keep.kind == OXL_KEEP_ALL || step < p->start) return 0;
     if (step < p->end) return (step - p->start) % p->every == 0;
-    return p->keep.kind != OXL_KEEP_AUTO && p->drops < (int)OXL_COUNT(prune_drops); /* late, where a trial went past the end */
+    /* late, where a trial went past the end */
+    return p->keep.kind != OXL_KEEP_AUTO && p->drops < (int)OXL_COUNT(prune_drops);
 }
 
 OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
@@ -75,32 +85,34 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
 /* One eighth more, while the validation loss permits and steps for refinement remain. */
 static size_t prune_due_auto(struct prune *p, int step, size_t count, double validation_loss)
 {
-    if (p->validation_loss == 0)
-        p->validation_loss = validation_loss; /* not always at the start of the phase: a trial may be under way there */
-    if (step > p->end - p->patience || !(validation_loss <= (1 + PRUNE_EPSILON) * p->validation_loss)) return 0;
+    if (p->validation_loss == 0) /* not always at the start of the phase: a trial may be under way there */
+        p->validation_loss = validation_loss;
+    if (step > p->end - p->patience || !(validation_loss <= (1 + PRUNE_EPSILON) * p->validation_loss))
+        return 0;
     p->drops++;
     return count / PRUNE_AUTO_DIVISOR;
 }
 
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss)
 {
-    const int    last_drop = (int)OXL_COUNT(prune_drops) - 1;
-    const double mean      = p->l1_count ? p->l1_sum / p->l1_count : 0;
-    size_t       excess, goal;
+    const int last_drop = (int)OXL_COUNT(prune_drops) - 1;
+    const double mean = p->l1_count ? p->l1_sum / p->l1_count : 0;
+    size_t excess, goal;
     if (!prune_is_check_step(p, step)) return 0;
-    p->l1_sum   = 0;
+    p->l1_sum = 0;
     p->l1_count = 0;
     if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, validation_loss);
     if (p->first_count == 0) {
         p->first_count = count;
-        p->target      = prune_target(p, count);
-    } else if (!(mean <= PRUNE_RECOVERY * p->drop_l1) && step - p->last < p->patience && step < p->end) return 0;
+        p->target = prune_target(p, count);
+    } else if (!(mean <= PRUNE_RECOVERY * p->drop_l1) && step - p->last < p->patience && step < p->end)
+        return 0;
     if (p->drops > last_drop) return 0;
-    excess     = p->first_count - p->target;
-    p->drops   = step >= p->end ? last_drop + 1 : p->drops + 1;
+    excess = p->first_count - p->target;
+    p->drops = step >= p->end ? last_drop + 1 : p->drops + 1;
     p->drop_l1 = mean;
-    p->last    = step;
-    goal       = p->first_count - excess * (size_t)prune_drops[p->drops - 1] / 16;
+    p->last = step;
+    goal = p->first_count - excess * (size_t)prune_drops[p->drops - 1] / 16;
     return count > goal ? count - goal : 0;
 }
 
@@ -110,8 +122,9 @@ OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
     else if (p->keep.kind != OXL_KEEP_AUTO)
         snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
     else
-        snprintf(out, size, "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f", p->drops,
-                 PRUNE_EPSILON, p->validation_loss);
+        snprintf(out, size,
+                 "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f",
+                 p->drops, PRUNE_EPSILON, p->validation_loss);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
@@ -127,7 +140,7 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
     archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 
-/* ---------------------------------------------------------------- scores */
+/* ---------------- scores */
 
 struct prune_pass { /* over the views */
     float *one;     /* (count) the score in the view at hand */
@@ -139,25 +152,28 @@ struct prune_pass { /* over the views */
 /* Masked pixels do not count. */
 static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
 {
-    const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
-    const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct training_image *image  = scene_image(ctx, scene, view);
-    oxl_result                   rc     = oxl_reserve(ctx, &pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
+    const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const struct training_image *image = scene_image(ctx, scene, view);
+    oxl_result rc = oxl_reserve(ctx, &pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
-    if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed; /* else it was named when it was trained on */
-    for (size_t i = 0; i < 3 * pixels; i++) pass->drgb[i] = !image || !image->mask || image->mask[i % pixels] >= 128;
+    /* else it was named when it was trained on */
+    if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    for (size_t i = 0; i < 3 * pixels; i++)
+        pass->drgb[i] = !image || !image->mask || image->mask[i % pixels] >= 128;
     return OXL_OK;
 }
 
-static oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of, const oxl_camera *camera, struct prune_pass *pass,
-                                   float *score)
+static oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of, const oxl_camera *camera,
+                                   struct prune_pass *pass, float *score)
 {
     const int64_t count = (int64_t)of->model->count;
-    oxl_result    rc    = renderer_forward(ctx, of->r, of->model, camera, of->options);
-    const int     on    = renderer_has_device(of->r);
+    oxl_result rc = renderer_forward(ctx, of->r, of->model, camera, of->options);
+    const int on = renderer_has_device(of->r);
     memset(pass->one, 0, (size_t)count * sizeof *pass->one);
     if (rc == OXL_OK) rc = renderer_score(ctx, of->r, pass->drgb, pass->one);
-    if (rc == OXL_OK && on && !renderer_has_device(of->r)) return prune_score_view(ctx, of, camera, pass, score);
+    if (rc == OXL_OK && on && !renderer_has_device(of->r))
+        return prune_score_view(ctx, of, camera, pass, score);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < count; i++) {
@@ -183,15 +199,17 @@ static void prune_finish_scores(int all_views, size_t count, const float *views,
     }
 }
 
-OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of, float *score)
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
+                                    float *score)
 {
-    const size_t      count = of->model->count;
-    const oxl_scene  *scene = of->scene;
-    struct prune_pass pass  = {.one   = oxl_alloc(ctx, count, sizeof *pass.one),
-                               .views = oxl_calloc(ctx, count, sizeof *pass.views)};
-    int               views = 0, index = 0;
-    oxl_result        rc = OXL_OK;
-    if (!pass.one || !pass.views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", count);
+    const size_t count = of->model->count;
+    const oxl_scene *scene = of->scene;
+    struct prune_pass pass = {.one = oxl_alloc(ctx, count, sizeof *pass.one),
+                              .views = oxl_calloc(ctx, count, sizeof *pass.views)};
+    int views = 0, index = 0;
+    oxl_result rc = OXL_OK;
+    if (!pass.one || !pass.views)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", count);
     memset(score, 0, count * sizeof *score);
     for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
@@ -205,7 +223,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, con
     return rc;
 }
 
-/* ---------------------------------------------------------------- the drop */
+/* ---------------- the drop */
 
 static uint32_t prune_sort_key(float score) /* not negative: its bits are in order */
 {
@@ -214,32 +232,34 @@ static uint32_t prune_sort_key(float score) /* not negative: its bits are in ord
     return bits;
 }
 
-/* keep[i] = 0 for the `drop` lowest scores, by row where they are equal. The highest key below which no more than `drop` rows lie is
+/* keep[i] = 0 for the `drop` lowest scores, by row where they are equal. The highest key below which no more
+ * than `drop` rows lie is
  * found bit by bit: no sort, no memory. */
 OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, uint8_t *keep)
 {
     uint32_t limit = 0;
-    size_t   below = 0;
+    size_t below = 0;
     for (int bit = 31; bit >= 0; bit--) {
         const uint32_t next = limit | (uint32_t)1 << bit;
-        size_t         n    = 0;
+        size_t n = 0;
         for (size_t i = 0; i < count; i++) n += prune_sort_key(score[i]) < next;
         if (n <= drop) limit = next, below = n;
     }
     for (size_t i = 0; i < count; i++) {
-        const uint32_t key  = prune_sort_key(score[i]);
-        const int      tied = key == limit && below < drop;
-        keep[i]             = key >= limit && !tied;
+        const uint32_t key = prune_sort_key(score[i]);
+        const int tied = key == limit && below < drop;
+        keep[i] = key >= limit && !tied;
         below += tied;
     }
 }
 
-OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of, size_t drop,
-                                     uint8_t *keep)
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
+                                     size_t drop, uint8_t *keep)
 {
-    float     *score = oxl_alloc(ctx, of->model->count, sizeof *score);
-    oxl_result rc    = OXL_OK;
-    if (!score) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", of->model->count);
+    float *score = oxl_alloc(ctx, of->model->count, sizeof *score);
+    oxl_result rc = OXL_OK;
+    if (!score)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", of->model->count);
     if (rc == OXL_OK) rc = prune_score(ctx, p, of, score);
     if (rc == OXL_OK) prune_select(score, of->model->count, drop, keep);
     oxl_free(ctx, score);

@@ -3,27 +3,39 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define SCHEDULE_WARM_UP                 500  /* iterations before the first densification, unless a quarter of the run is less */
-#define SCHEDULE_RESET_MIN               3000 /* iterations between opacity resets [Kerbl 2023] */
-#define SCHEDULE_RESET_RECOVERY          1000 /* iterations without a reset before density control ends: the loss recovers in them */
+/* iterations before the first densification, unless a quarter of the run is less */
+#define SCHEDULE_WARM_UP 500
+#define SCHEDULE_RESET_MIN 3000 /* iterations between opacity resets [Kerbl 2023] */
+/* iterations without a reset before density control ends: the loss recovers in them */
+#define SCHEDULE_RESET_RECOVERY 1000
 #define SCHEDULE_RESET_RECOVERY_FRACTION 0.025 /* of the run: the same for long runs, where it is more */
-#define SCHEDULE_PIXELS_EACH             60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
-#define SCHEDULE_COARSE_SIDE             640 /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
-#define SCHEDULE_COARSE_AUTO             0.25 /* of the run, for larger ones */
-#define SCHEDULE_MOMENTUM_ITERATIONS \
-    7000 /* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
-#define SCHEDULE_BETA_MIN             0.5     /* of the mean gradient */
-#define SCHEDULE_BETA_MAX             0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
-#define SCHEDULE_REFERENCE_ITERATIONS 30000   /* iterations that the rates were chosen for [Kerbl 2023] */
-#define SCHEDULE_SHORTEST_RUN         500     /* iterations: shorter runs have the rates of this one; larger ones diverge */
-#define SCHEDULE_EARLY_EXPONENT       0.5 /* rates other than of positions begin larger by this power of a short run's factor */
-#define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: until then those rates are larger */
-#define SCHEDULE_DROPOUT_AUTO         0.4 /* fraction of Gaussians left out in the last step (docs/TRADEOFF.md) */
-#define SCHEDULE_DROPOUT_IMAGES       4.6 /* images that see a point, on average: with as many, no dropout, which would cost detail */
-#define SCHEDULE_DROPOUT_VIEWS        30  /* training views: with as many there is no dropout, for the same reason */
-#define SCHEDULE_DROPOUT_EPOCHS       30  /* epochs: a run of so many has no dropout, one of twice as many all of it */
-#define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: alpha_min holds until then, ALPHA_MIN from then on */
-#define SCHEDULE_COOLDOWN_END         0.1 /* factor on the learning rates at the end of a run */
+/* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
+#define SCHEDULE_PIXELS_EACH 60
+/* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
+#define SCHEDULE_COARSE_SIDE 640
+#define SCHEDULE_COARSE_AUTO 0.25 /* of the run, for larger ones */
+/* iterations from which Kerbl's momentum is the better one; not tried from 2000 to this */
+#define SCHEDULE_MOMENTUM_ITERATIONS 7000
+#define SCHEDULE_BETA_MIN 0.5 /* of the mean gradient */
+/* of the mean of its square: 1 less it, as floats, keeps three digits */
+#define SCHEDULE_BETA_MAX 0.99999
+#define SCHEDULE_REFERENCE_ITERATIONS 30000 /* iterations that the rates were chosen for [Kerbl 2023] */
+/* iterations: shorter runs have the rates of this one; larger ones diverge */
+#define SCHEDULE_SHORTEST_RUN 500
+/* rates other than of positions begin larger by this power of a short run's factor */
+#define SCHEDULE_EARLY_EXPONENT 0.5
+#define SCHEDULE_EARLY_UNTIL 0.5 /* of the run: until then those rates are larger */
+/* fraction of Gaussians left out in the last step (docs/TRADEOFF.md) */
+#define SCHEDULE_DROPOUT_AUTO 0.4
+/* images that see a point, on average: with as many, no dropout, which would cost detail */
+#define SCHEDULE_DROPOUT_IMAGES 4.6
+/* training views: with as many there is no dropout, for the same reason */
+#define SCHEDULE_DROPOUT_VIEWS 30
+/* epochs: a run of so many has no dropout, one of twice as many all of it */
+#define SCHEDULE_DROPOUT_EPOCHS 30
+/* of the run: alpha_min holds until then, ALPHA_MIN from then on */
+#define SCHEDULE_ALPHA_MIN_UNTIL 0.8
+#define SCHEDULE_COOLDOWN_END 0.1 /* factor on the learning rates at the end of a run */
 
 /* The run's length, in steps of the whole survey. */
 static int schedule_length(const oxl_train_options *o)
@@ -45,7 +57,8 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
                : 1;
 }
 
-/* The same for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales again (docs/TRADEOFF.md). */
+/* The same for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales again
+ * (docs/TRADEOFF.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
     const double iterations = OXL_MAX(schedule_length(o), SCHEDULE_SHORTEST_RUN);
@@ -75,7 +88,7 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_scene *scene)
 {
     const double images = scene->stats.mean_track;
-    const int    views  = schedule_training_views(scene);
+    const int views = schedule_training_views(scene);
     const double epochs = (double)o->iterations / OXL_MAX(views, 1);
     if (o->dropout >= 0) return o->dropout;
     if (images <= 0 || images >= SCHEDULE_DROPOUT_IMAGES || views >= SCHEDULE_DROPOUT_VIEWS) return 0;
@@ -84,17 +97,20 @@ OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
-    const oxl_train_options *o                = t->options;
-    const double             short_run_factor = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
-    const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const double             first = vecmath_log(o->lr_position), last = vecmath_log(o->lr_position_final);
-    const float  mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
-    const double early =
-        SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_factor);
+    const oxl_train_options *o = t->options;
+    const double short_run_factor = schedule_short_run_factor(o),
+                 momentum_factor = schedule_momentum_factor(o);
+    const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
+    const double first = vecmath_log(o->lr_position), last = vecmath_log(o->lr_position_final);
+    const float mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) *
+                               oxl_scene_extent(t->scene));
+    const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
+                         vecmath_log(short_run_factor);
     struct adam_params adam = {.beta = RENDERER_BETAS,
                                .step = t->step - (t->output && !t->output->moments ? t->output->first : 0)};
-    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
-    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MAX, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
+    adam.beta[0] = OXL_MAX(SCHEDULE_BETA_MIN, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
+    adam.beta[1] =
+        OXL_MIN(SCHEDULE_BETA_MAX, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
@@ -105,17 +121,18 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
     for (int k = 0; k < OXL_PLANES; k++)
-        adam.rate[k] *=
-            (float)vecmath_exp((k < OXL_LOG_SCALE ? 0 : early) + schedule_cooldown(t) * vecmath_log(SCHEDULE_COOLDOWN_END));
+        adam.rate[k] *= (float)vecmath_exp((k < OXL_LOG_SCALE ? 0 : early) +
+                                           schedule_cooldown(t) * vecmath_log(SCHEDULE_COOLDOWN_END));
     return adam;
 }
 
-/* 3DGS's schedule is one of 30 000 iterations. As fractions of the run it shrinks with it, but not what has a time of its own: the first
- * images must be learned before gradients say where detail is missing, and a reset must be made up for. */
+/* 3DGS's schedule is one of 30 000 iterations. As fractions of the run it shrinks with it, but not what has a
+ * time of its own: the first images must be learned before gradients say where detail is missing, and a reset
+ * must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
-    const double from =
-        OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
+    const double from = OXL_MAX(o->densify_from * o->iterations,
+                                OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
     return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
 }
 
@@ -127,8 +144,8 @@ OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
 /* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step)
 {
-    const double recovery =
-        OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o), SCHEDULE_RESET_RECOVERY_FRACTION * o->iterations);
+    const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o),
+                                    SCHEDULE_RESET_RECOVERY_FRACTION * o->iterations);
     return o->opacity_reset_interval > 0 && step + recovery <= o->densify_until * o->iterations &&
            step % schedule_reset_interval(o) == 0;
 }

@@ -1,21 +1,26 @@
-/* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and pruning. */
+/* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and
+ * pruning. */
 #include "train_state.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
-#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
-#define STEP_DROPOUT    (UINT64_C(0x44524f50) << 24)   /* random numbers of dropout: "DROP" in ASCII */
-#define STEP_READ_AHEAD 64    /* views of the epoch looked at for images to read ahead: many may be in memory already */
-#define STEP_MSE_MIN    1e-10 /* 100 dB: PSNR of equal images in progress reports */
-#define STEP_ROUNDING   1e-6  /* intervals: the quotient of a whole number of them may come out a little less */
-#define STEP_SMOOTHING  0.02  /* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_ORDER (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
+#define STEP_DROPOUT (UINT64_C(0x44524f50) << 24) /* random numbers of dropout: "DROP" in ASCII */
+/* views of the epoch looked at for images to read ahead: many may be in memory already */
+#define STEP_READ_AHEAD 64
+#define STEP_MSE_MIN 1e-10 /* 100 dB: PSNR of equal images in progress reports */
+/* intervals: the quotient of a whole number of them may come out a little less */
+#define STEP_ROUNDING 1e-6
+/* of loss and PSNR in progress reports: about the last 50 views */
+#define STEP_SMOOTHING 0.02
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
 static void step_shuffle(struct train *t, int epoch)
 {
     for (int i = t->views - 1; i > 0; i--) {
-        const int j = (int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)epoch, (uint64_t)i) % (uint64_t)(i + 1));
+        const int j = (int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)epoch, (uint64_t)i) %
+                            (uint64_t)(i + 1));
         OXL_SWAP(int, t->view[i], t->view[j]);
     }
 }
@@ -36,10 +41,10 @@ static const struct image_window *step_window(const struct train *t, int view)
 /* Of that part, at this step's resolution; the renderer gets the full image's size, too. */
 static oxl_camera step_camera(struct train *t, int view)
 {
-    const struct image_window *w      = step_window(t, view);
-    oxl_camera                 camera = oxl_scene_view(t->scene, view)->camera;
-    const int                  by     = t->halved ? 2 : 1;
-    const float                at[2]  = {w ? (float)w->x / (float)by : 0, w ? (float)w->y / (float)by : 0};
+    const struct image_window *w = step_window(t, view);
+    oxl_camera camera = oxl_scene_view(t->scene, view)->camera;
+    const int by = t->halved ? 2 : 1;
+    const float at[2] = {w ? (float)w->x / (float)by : 0, w ? (float)w->y / (float)by : 0};
     renderer_set_window(t->renderer, at, w ? camera.width / by : 0, w ? camera.height / by : 0);
     if (w) {
         camera.width = w->width, camera.height = w->height;
@@ -51,18 +56,19 @@ static oxl_camera step_camera(struct train *t, int view)
 /* Loads the image into target and weight on the host. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
-    const struct training_image *image  = scene_image(t->ctx, t->scene, view);
-    const struct image_window   *window = step_window(t, view);
-    int                          width, height;
-    oxl_result                   rc;
-    size_t                       pixels;
+    const struct training_image *image = scene_image(t->ctx, t->scene, view);
+    const struct image_window *window = step_window(t, view);
+    int width, height;
+    oxl_result rc;
+    size_t pixels;
     if (!image) return t->ctx->failed;
-    width     = window ? window->width : image->width;
-    height    = window ? window->height : image->height;
-    pixels    = (size_t)width * (size_t)height;
-    rc        = oxl_reserve(t->ctx, &t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    width = window ? window->width : image->width;
+    height = window ? window->height : image->height;
+    pixels = (size_t)width * (size_t)height;
+    rc = oxl_reserve(t->ctx, &t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = image->mask != NULL;
-    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc == OXL_OK && t->masked)
+        rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
     image_from_training(t->ctx, image, window, t->target, t->masked ? t->weight : NULL);
     if (t->halved) image_halve(width, height, t->target, t->masked ? t->weight : NULL);
@@ -77,12 +83,13 @@ static int step_loss_on_host(const struct train *t)
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
-    const struct image_window   *window = step_window(t, view);
+    const struct image_window *window = step_window(t, view);
     const struct training_image *image;
-    oxl_result                   rc = OXL_ERR_MEMORY;
-    t->halved                       = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    oxl_result rc = OXL_ERR_MEMORY;
+    t->halved = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     if (step_loss_on_host(t)) return step_load_image_on_host(t, view);
-    if (renderer_has_image(t->renderer, view)) rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
+    if (renderer_has_image(t->renderer, view))
+        rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
     image = scene_image(t->ctx, t->scene, view);
     return image ? renderer_set_image(t->ctx, t->renderer, view, image, window, t->halved) : t->ctx->failed;
@@ -101,7 +108,7 @@ static void step_read_ahead(struct train *t, int slot)
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
-        const int  step = t->step - 1 - (t->output ? t->output->first : 0), slot = step % t->views;
+        const int step = t->step - 1 - (t->output ? t->output->first : 0), slot = step % t->views;
         oxl_result rc;
         if (slot == 0) step_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
@@ -111,20 +118,22 @@ static oxl_result step_next_image(struct train *t, int *view)
         nonfinite_count_unreadable(t->ctx, &t->nonfinite);
         t->view[slot] = t->view[--t->views];
     }
-    return oxl_fail(t->ctx, OXL_ERR_INPUT,
-                    "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
+    return oxl_fail(
+        t->ctx, OXL_ERR_INPUT,
+        "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
 /* What the image has and the scene has not. */
 static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera)
 {
-    const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     const float *rendered = NULL;
-    oxl_result   rc       = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    oxl_result rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc == OXL_OK) {
-        const struct transients_view view = {camera, t->render.near_plane, rendered, t->target, t->weight, t->masked};
-        rc                                = transients_mask(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
+        const struct transients_view view = {camera,   t->render.near_plane, rendered, t->target, t->weight,
+                                             t->masked};
+        rc = transients_mask(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
     }
     t->masked = 1;
     return rc;
@@ -159,17 +168,18 @@ static const struct lamp *step_lamp(const struct train *t, int view)
 }
 
 /* The model rendered from a view, times its gain, against its image as step_load_image has left it. */
-static oxl_result step_forward_loss(struct train *t, int view, const float gain[3], int learns, struct renderer_loss *loss)
+static oxl_result step_forward_loss(struct train *t, int view, const float gain[3], int learns,
+                                    struct renderer_loss *loss)
 {
-    const float          ssim_weight = t->options->ssim_weight;
-    const oxl_camera     camera      = step_camera(t, view);
-    const struct imaging m           = step_imaging(t);
-    oxl_result           rc;
+    const float ssim_weight = t->options->ssim_weight;
+    const oxl_camera camera = step_camera(t, view);
+    const struct imaging m = step_imaging(t);
+    oxl_result rc;
     renderer_set_medium(t->renderer, &m.medium, learns && !t->medium_fit.fixed);
     renderer_set_lamp(t->renderer, step_lamp(t, view));
     if (learns)
-        renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations, STEP_DROPOUT ^ t->ctx->options.seed,
-                             t->step);
+        renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations,
+                             STEP_DROPOUT ^ t->ctx->options.seed, t->step);
     rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &camera, &t->render);
     renderer_set_dropout(t->renderer, 0, 0, 0);
     renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
@@ -192,24 +202,28 @@ OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct rend
 static oxl_result step_skip(struct train *t, int step, int view)
 {
     struct renderer_nonfinite cleared;
-    oxl_result                rc = OXL_OK;
-    if (renderer_has_device(t->renderer)) rc = renderer_clear_nonfinite(t->ctx, t->renderer, &t->trained, &cleared);
+    oxl_result rc = OXL_OK;
+    if (renderer_has_device(t->renderer))
+        rc = renderer_clear_nonfinite(t->ctx, t->renderer, &t->trained, &cleared);
     else cleared = nonfinite_clear(t->renderer, &t->trained);
     if (rc != OXL_OK) return rc;
     nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, cleared);
-    return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
+    /* later code must not read gradients of an earlier step */
+    return renderer_clear_visible(t->ctx, t->renderer);
 }
 
 /* What is known of a step when it is done. */
-static void step_update_means(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
-                              struct renderer_nonfinite skipped)
+static void step_update_means(struct train *t, const struct train_deferred *of,
+                              const struct renderer_loss *loss, struct renderer_nonfinite skipped)
 {
-    const double psnr = -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
-    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
-    const struct exposure_gradient gradient = {.step      = of->step,
-                                               .view      = of->view,
-                                               .progress  = (double)of->step / t->options->iterations,
-                                               .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
+    const double psnr =
+        -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
+    const double k = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
+    const struct exposure_gradient gradient = {
+        .step = of->step,
+        .view = of->view,
+        .progress = (double)of->step / t->options->iterations,
+        .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
     exposure_set_pending(&t->exposure, &gradient);
     if (!renderer_has_device(t->renderer)) exposure_apply_pending(&t->exposure, of->step);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
@@ -223,13 +237,14 @@ static void step_update_means(struct train *t, const struct train_deferred *of, 
 /* The tracks' depths of a view, at this step's window and resolution, for the backward pass. */
 static oxl_result step_set_depths(struct train *t, int view, double progress)
 {
-    const struct image_window *w    = step_window(t, view);
-    const float                side = t->halved ? 0.5f : 1;
-    struct depth_point         point[DEPTH_POINTS];
-    int                        count = 0;
-    double                     weight;
-    oxl_result                 rc = OXL_OK;
-    if (!t->track_depth.started) rc = track_depth_begin(t->ctx, &t->track_depth, t->scene, t->output ? t->output->window : NULL);
+    const struct image_window *w = step_window(t, view);
+    const float side = t->halved ? 0.5f : 1;
+    struct depth_point point[DEPTH_POINTS];
+    int count = 0;
+    double weight;
+    oxl_result rc = OXL_OK;
+    if (!t->track_depth.started)
+        rc = track_depth_begin(t->ctx, &t->track_depth, t->scene, t->output ? t->output->window : NULL);
     if (rc != OXL_OK) return rc;
     weight = track_depth_of_step(&t->track_depth, view, t->step, progress, &count, point);
     for (int i = 0; i < count; i++) {
@@ -240,26 +255,27 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
     return OXL_OK;
 }
 
-/* Forward, loss, backward, step. Deferred, they are only recorded: what becomes of them is in the step's report. */
+/* Forward, loss, backward, step. Deferred, they are only recorded: what becomes of them is in the step's
+ * report. */
 static oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
 {
-    const double              progress = (double)t->step / t->options->iterations;
-    const int                 view     = here->view;
-    const struct lamp        *lamp     = step_lamp(t, view);
-    struct adam_params        adam;
-    struct renderer_loss      loss;
+    const double progress = (double)t->step / t->options->iterations;
+    const int view = here->view;
+    const struct lamp *lamp = step_lamp(t, view);
+    struct adam_params adam;
+    struct renderer_loss loss;
     struct renderer_nonfinite skipped;
-    oxl_result                rc;
+    oxl_result rc;
     if (!deferred) t->last_loss = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc                  = step_forward_loss(t, view, here->gain, 1, &loss);
+    rc = step_forward_loss(t, view, here->gain, 1, &loss);
     if (rc != OXL_OK) return rc;
     if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
     if (t->medium_fit.on) rc = step_set_depths(t, view, progress);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
-    rc   = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
+    rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
     if (t->medium_fit.on) medium_fit_step(&t->medium_fit, progress, renderer_medium_gradient(t->renderer));
     if (lamp)
@@ -269,7 +285,7 @@ static oxl_result step_on_view(struct train *t, const struct train_deferred *her
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- deferred steps: the device works while the host goes on */
+/* ---------------- deferred steps: the device works while the host goes on */
 
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
@@ -280,14 +296,15 @@ static int step_can_be_deferred(const struct train *t)
 /* A deferred step that halted, or came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
 {
-    const int  step = t->step, trial = t->trial_is_next;
+    const int step = t->step, trial = t->trial_is_next;
     oxl_result rc;
-    t->step          = which->step;
+    t->step = which->step;
     t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
-    rc               = step_load_image(t, which->view);
+    rc = step_load_image(t, which->view);
     if (rc == OXL_OK) rc = step_on_view(t, which, 0);
-    if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
-    t->step          = step;
+    if (rc == OXL_OK && which->observed)
+        rc = density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
+    t->step = step;
     t->trial_is_next = trial;
     return rc;
 }
@@ -295,11 +312,11 @@ static oxl_result step_repeat(struct train *t, const struct train_deferred *whic
 static oxl_result step_after_halt(struct train *t, enum renderer_halt halt)
 {
     const struct train_deferred first = t->deferred[0], second = t->deferred[1];
-    const int                   steps = t->deferred_steps;
-    oxl_result                  rc;
+    const int steps = t->deferred_steps;
+    oxl_result rc;
     renderer_defer(t->renderer, 0);
     t->deferred_steps = 0;
-    rc                = halt == HALT_LOSS ? step_skip(t, first.step, first.view) : step_repeat(t, &first);
+    rc = halt == HALT_LOSS ? step_skip(t, first.step, first.view) : step_repeat(t, &first);
     if (halt == HALT_LOSS) t->last_loss = NAN;
     return rc == OXL_OK && steps > 1 ? step_repeat(t, &second) : rc;
 }
@@ -339,7 +356,8 @@ OXL_INTERNAL oxl_result step_observe(struct train *t)
     return density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
 }
 
-/* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
+/* A step for which a device had not enough memory: it may have when the others have ended, or the CPU
+ * continues. */
 static oxl_result step_retry_after_flush(struct train *t, const struct train_deferred *here)
 {
     oxl_result rc = step_flush(t);
@@ -357,10 +375,10 @@ static oxl_result step_deferred(struct train *t, const struct train_deferred *he
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    const int             deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
-    int                   view     = -1;
+    const int deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
+    int view = -1;
     struct train_deferred here;
-    oxl_result            rc = deferred ? OXL_OK : step_flush(t);
+    oxl_result rc = deferred ? OXL_OK : step_flush(t);
     if (rc == OXL_OK) rc = step_next_image(t, &view);
     if (rc != OXL_OK && view < 0) return rc;
     here = step_begin(t, view);
@@ -368,15 +386,15 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
 
-/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL: all), to a model of this
- * degree. */
-static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep, int sh_degree,
-                                 int *moved)
+/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL:
+ * all), to a model of this degree. */
+static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep,
+                                 int sh_degree, int *moved)
 {
-    const size_t         count = t->trained.model.count + (change ? change->split - change->removed : 0);
-    uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
-    struct renderer_move move  = {.from = from, .sh_degree = sh_degree};
-    oxl_result           rc;
+    const size_t count = t->trained.model.count + (change ? change->split - change->removed : 0);
+    uint32_t *from = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
+    struct renderer_move move = {.from = from, .sh_degree = sh_degree};
+    oxl_result rc;
     if (renderer_has_device(t->renderer) && !from)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
     if (from && change) move.count = count, move.lobes = density_sources(t->density, &t->trained.model, from);
@@ -389,17 +407,18 @@ static oxl_result step_move_rows(struct train *t, const struct density_change *c
 
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
 {
-    const oxl_train_options *o      = t->options;
-    struct density_rules     rules  = {.gradient    = o->densify_gradient,
-                                       .f_mid       = f[0],
-                                       .f_far       = f[1],
-                                       .extent      = oxl_scene_extent(t->scene),
-                                       .split_large = o->opacity_reset_interval > 0 && t->step > schedule_reset_interval(o),
-                                       .cap         = schedule_gaussian_cap(t->scene, o)};
-    struct density_change    change = {0};
-    uint8_t                 *carved = NULL;
-    int                      moved  = 0;
-    oxl_result               rc     = step_download(t, DOWNLOAD_SHAPE);
+    const oxl_train_options *o = t->options;
+    struct density_rules rules = {.gradient = o->densify_gradient,
+                                  .f_mid = f[0],
+                                  .f_far = f[1],
+                                  .extent = oxl_scene_extent(t->scene),
+                                  .split_large =
+                                      o->opacity_reset_interval > 0 && t->step > schedule_reset_interval(o),
+                                  .cap = schedule_gaussian_cap(t->scene, o)};
+    struct density_change change = {0};
+    uint8_t *carved = NULL;
+    int moved = 0;
+    oxl_result rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, &t->trained.model, &carved);
     rules.carved = carved;
     if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, &t->trained.model, &rules, &change);
@@ -409,23 +428,25 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, &t->trained, &change, moved);
     if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
     if (rc == OXL_OK && t->trained.model.count == 0) {
-        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points",
-                      t->step);
+        rc =
+            oxl_fail(t->ctx, OXL_ERR_FAILED,
+                     "step %d: no Gaussian is left\nfix: oceanxl check looks at cameras and points", t->step);
     }
     if (rc != OXL_OK) return rc;
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split, change.removed,
-            t->trained.model.count);
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split,
+            change.removed, t->trained.model.count);
     return OXL_OK;
 }
 
 /* Gaussians, with their moments and statistics. */
 static oxl_result step_remove_rows(struct train *t, size_t drop)
 {
-    const struct prune_of of    = {t->renderer, t->scene, &t->render, &t->trained.model};
-    const size_t          count = t->trained.model.count;
-    uint8_t              *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
-    int                   moved = 0;
-    oxl_result            rc = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    const struct prune_of of = {t->renderer, t->scene, &t->render, &t->trained.model};
+    const size_t count = t->trained.model.count;
+    uint8_t *keep = oxl_alloc(t->ctx, count, sizeof *keep);
+    int moved = 0;
+    oxl_result rc =
+        keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_flush(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, &of, drop, keep);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
@@ -442,15 +463,15 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
 /* Pruning, when it is due. validation_loss: mean loss of the validation views; only --keep auto reads it. */
 OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
 {
-    size_t     drop;
+    size_t drop;
     oxl_result rc;
     t->prune.row_bytes = prune_row_bytes(t->trained.model.sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop               = prune_due(&t->prune, t->step, t->trained.model.count, validation_loss);
+    drop = prune_due(&t->prune, t->step, t->trained.model.count, validation_loss);
     if (drop == 0) return OXL_OK;
     rc = step_remove_rows(t, drop);
     if (rc == OXL_OK)
-        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step, drop,
-                t->trained.model.count);
+        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step,
+                drop, t->trained.model.count);
     return rc;
 }
 
@@ -458,9 +479,10 @@ OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
 {
     const int wanted =
-        OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + STEP_ROUNDING));
-    int        moved = 0;
-    oxl_result rc    = OXL_OK;
+        OXL_MIN(t->sh_degree,
+                (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + STEP_ROUNDING));
+    int moved = 0;
+    oxl_result rc = OXL_OK;
     if (wanted <= t->trained.model.sh_degree) return OXL_OK;
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
@@ -477,18 +499,19 @@ OXL_INTERNAL double step_seconds(const struct train *t)
 OXL_INTERNAL int step_report(const struct train *t, int trial)
 {
     const oxl_callback *callback = t->callback;
-    const double        seconds = step_seconds(t), here = os_seconds() - t->started;
-    oxl_progress        progress = {.iteration    = t->step,
-                                    .iterations   = t->options->iterations,
-                                    .gaussians    = t->trained.model.count,
-                                    .loss         = t->loss,
-                                    .psnr         = t->psnr,
-                                    .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
-                                    .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
-                                    .seconds      = seconds,
-                                    .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
-                                    .model        = &t->trained.model,
-                                    .nonfinite    = t->nonfinite,
-                                    .trial        = trial};
+    const double seconds = step_seconds(t), here = os_seconds() - t->started;
+    oxl_progress progress = {.iteration = t->step,
+                             .iterations = t->options->iterations,
+                             .gaussians = t->trained.model.count,
+                             .loss = t->loss,
+                             .psnr = t->psnr,
+                             .f_mid = t->ucd.on ? t->ucd.f[0] : 1,
+                             .f_far = t->ucd.on ? t->ucd.f[1] : 1,
+                             .seconds = seconds,
+                             .seconds_left = here / OXL_MAX(1, t->step - t->first_step) *
+                                             (t->options->iterations - t->step),
+                             .model = &t->trained.model,
+                             .nonfinite = t->nonfinite,
+                             .trial = trial};
     return context_report(callback, &progress);
 }

@@ -1,7 +1,9 @@
-/* track_depth.c - depths from the tracks: for each training view, the pixel and camera z of each point that it observes.
+/* track_depth.c - depths from the tracks: for each training view, the pixel and camera z of each point that
+ * it observes.
  *
- * While a medium is modelled, each step compares some depths of its view with the rendered ones (render/depth_loss.c). Without a medium,
- * Gaussians near the camera stand in for haze, which the images need (docs/log/ROBUST.md).
+ * While a medium is modelled, each step compares some depths of its view with the rendered ones
+ * (render/depth_loss.c). Without a medium, Gaussians near the camera stand in for haze, which the images need
+ * (docs/log/ROBUST.md).
  *
  * Invariant: a function of the scene and the step, so there is no state to archive.
  */
@@ -10,31 +12,36 @@
 #include "../survey/scene.h"
 
 #define TRACK_DEPTH_STREAM 0x4465707468 /* a random stream of its own */
-#define TRACK_DEPTH_WEIGHT 0.02         /* of the mean over the points, at the start of the run; 0 at its end */
+/* of the mean over the points, at the start of the run; 0 at its end */
+#define TRACK_DEPTH_WEIGHT 0.02
 enum {
-    TRACK_DEPTH_TRACK  = 3,    /* views that a point must have been seen from: two rays almost always meet somewhere */
-    TRACK_DEPTH_MAX    = 1024, /* of a view, a random choice of more */
-    TRACK_DEPTH_STRIDE = 7919  /* a prime above it: neighbours in the list are often neighbours in the image */
+    /* views that a point must have been seen from: two rays almost always meet somewhere */
+    TRACK_DEPTH_TRACK = 3,
+    TRACK_DEPTH_MAX = 1024,   /* of a view, a random choice of more */
+    TRACK_DEPTH_STRIDE = 7919 /* a prime above it: neighbours in the list are often neighbours in the image */
 };
 
 /* Keeps each of the points seen with equal probability (Vitter 1985, algorithm R). */
 static void track_depth_sample(struct track_depth_view *v, int view, struct depth_point p)
 {
-    const uint64_t seen  = (uint64_t)v->seen++;
-    const uint64_t place = seen < TRACK_DEPTH_MAX ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
+    const uint64_t seen = (uint64_t)v->seen++;
+    const uint64_t place =
+        seen < TRACK_DEPTH_MAX ? seen : random_bits(TRACK_DEPTH_STREAM, (uint64_t)view, seen) % (seen + 1);
     if (v->point && place < TRACK_DEPTH_MAX) v->point[place] = p; /* else it is counted only */
 }
 
 static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, size_t index)
 {
-    const struct colmap       *c     = scene_colmap(scene);
+    const struct colmap *c = scene_colmap(scene);
     const struct colmap_point *point = &c->point[index];
-    if (point->track_count < TRACK_DEPTH_TRACK || !scene_accepts_point(point, oxl_scene_origin(scene))) return;
+    if (point->track_count < TRACK_DEPTH_TRACK || !scene_accepts_point(point, oxl_scene_origin(scene)))
+        return;
     for (uint32_t k = 0; k < point->track_count; k++) {
         const int view = view_of[c->track[point->first_track + k].image_row];
-        double    x[3], pixel[2];
+        double x[3], pixel[2];
         if (view >= 0 && scene_project_point(scene, view, index, x, pixel))
-            track_depth_sample(&d->view[view], view, (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
+            track_depth_sample(&d->view[view], view,
+                               (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
     }
 }
 
@@ -63,15 +70,16 @@ static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, 
 OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *d, const oxl_scene *scene,
                                           const struct image_window *window)
 {
-    const struct colmap *c     = scene_colmap(scene);
-    const int            views = oxl_scene_view_count(scene);
-    int                 *view_of;
-    oxl_result           rc = OXL_OK;
-    d->started              = 1;
+    const struct colmap *c = scene_colmap(scene);
+    const int views = oxl_scene_view_count(scene);
+    int *view_of;
+    oxl_result rc = OXL_OK;
+    d->started = 1;
     if (!c || c->track_count == 0) return OXL_OK;
     view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN);
     d->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *d->view);
-    if (!view_of || !d->view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    if (!view_of || !d->view)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
     if (rc == OXL_OK) {
         for (int v = 0; v < views && window; v++)
             if (window[v].width <= 0) view_of[scene_source_image(scene, v) - c->image] = -1;
@@ -96,13 +104,13 @@ OXL_INTERNAL void track_depth_free(oxl_context *ctx, struct track_depth *d)
     *d = (struct track_depth){0};
 }
 
-OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, int step, double progress, int *count,
-                                        struct depth_point out[DEPTH_POINTS])
+OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, int step, double progress,
+                                        int *count, struct depth_point out[DEPTH_POINTS])
 {
-    const struct track_depth_view *v     = d->view ? &d->view[view] : NULL;
-    const int                      n     = v ? OXL_MIN(v->seen, TRACK_DEPTH_MAX) : 0;
-    const int                      first = n ? (int)(random_bits(TRACK_DEPTH_STREAM, (uint64_t)step, 0) % (uint64_t)n) : 0;
-    *count                               = OXL_MIN(n, DEPTH_POINTS);
+    const struct track_depth_view *v = d->view ? &d->view[view] : NULL;
+    const int n = v ? OXL_MIN(v->seen, TRACK_DEPTH_MAX) : 0;
+    const int first = n ? (int)(random_bits(TRACK_DEPTH_STREAM, (uint64_t)step, 0) % (uint64_t)n) : 0;
+    *count = OXL_MIN(n, DEPTH_POINTS);
     for (int i = 0; i < *count; i++) out[i] = v->point[(first + i * TRACK_DEPTH_STRIDE) % n];
     return *count ? TRACK_DEPTH_WEIGHT * OXL_MAX(0, 1 - progress) / *count : 0;
 }

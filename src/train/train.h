@@ -5,65 +5,73 @@
 #include "../survey/image.h"
 #include "../model/model.h"
 
-/* ---------------------------------------------------------------- train_loop.c: a run */
+/* ---------------- train_loop.c: a run */
 
 /* Where a run keeps its state. */
 struct train_output {
-    const char                *folder;    /* of the checkpoints */
-    const char                *key;       /* all inputs of the result */
-    struct text               *log;       /* the caller's; saved with the state */
-    struct text               *notes;     /* likewise */
-    const oxl_model           *start;     /* trained model to continue, with the scene's imaging; NULL: `from`, else the points */
-    struct text               *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
-    oxl_nonfinite             *nonfinite; /* out: of the whole run; or NULL */
-    int                       *trained;   /* out: 1: the run is complete; or NULL */
-    const oxl_model           *from;      /* model that replaces the scene's points; or NULL */
+    const char *folder; /* of the checkpoints */
+    const char *key;    /* all inputs of the result */
+    struct text *log;   /* the caller's; saved with the state */
+    struct text *notes; /* likewise */
+    /* trained model to continue, with the scene's imaging; NULL: `from`, else the points */
+    const oxl_model *start;
+    struct text *decisions;   /* receives members of a JSON object, decisions and evidence; or NULL */
+    oxl_nonfinite *nonfinite; /* out: of the whole run; or NULL */
+    int *trained;             /* out: 1: the run is complete; or NULL */
+    const oxl_model *from;    /* model that replaces the scene's points; or NULL */
     /* of one block of a survey (src/job/rounds.c): */
-    const oxl_model           *context; /* Gaussians that are rendered but not trained; NULL: none */
-    const struct image_window *window;  /* (views) trained part of each view, width 0: none; NULL: whole views */
-    struct trained_model      *moments; /* mean and square of `start`: consumed, and returned with the model; NULL: 0 */
-    int                        first;   /* step that `start` is at */
-    int                        frozen;  /* 1: gains and lamp stay as they are */
-    int                        until;   /* the run pauses after this step and writes a checkpoint; 0: no pause */
+    const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
+    /* (views) trained part of each view, width 0: none; NULL: whole views */
+    const struct image_window *window;
+    /* mean and square of `start`: consumed, and returned with the model; NULL: 0 */
+    struct trained_model *moments;
+    int first;  /* step that `start` is at */
+    int frozen; /* 1: gains and lamp stay as they are */
+    /* the run pauses after this step and writes a checkpoint; 0: no pause */
+    int until;
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_output *output, oxl_model *out);
+                                  const oxl_callback *callback, const struct train_output *output,
+                                  oxl_model *out);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
 
-/* ---------------------------------------------------------------- schedule.c: functions of options and step */
+/* ---------------- schedule.c: functions of options and step */
 
 /* Largest number of Gaussians for this scene. */
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* Factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
 OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *options);
-OXL_INTERNAL float  schedule_scale_rate(const oxl_train_options *options);
+OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training views */
 /* Fraction of the run in which images of this size are trained at half resolution. */
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
-OXL_INTERNAL int    schedule_densifies_at(const oxl_train_options *options, int step);
-OXL_INTERNAL int    schedule_densifications(const oxl_train_options *options); /* in a whole run */
-OXL_INTERNAL int    schedule_has_trials(const oxl_train_options *options);     /* 1: trials, which copy the model, are possible */
-OXL_INTERNAL int    schedule_training_views(const oxl_scene *scene);
+OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
+/* 1: trials, which copy the model, are possible */
+OXL_INTERNAL int schedule_has_trials(const oxl_train_options *options);
+OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
 
-/* ---------------------------------------------------------------- model_selection.c: trials */
+/* ---------------- model_selection.c: trials */
 
-/* Upper bound of the steps that the trials of a whole run take beyond its iterations. views: number of training views. */
+/* Upper bound of the steps that the trials of a whole run take beyond its iterations. views: number of
+ * training views. */
 OXL_INTERNAL int selection_trial_steps(const oxl_train_options *options, int views);
 
-/* ---------------------------------------------------------------- nonfinite.c: counts of numbers that are not finite */
+/* ---------------- nonfinite.c: counts of numbers that are not finite */
 
 OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n); /* members, each followed by a comma */
+/* members, each followed by a comma */
+OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
 OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 
-/* ---------------------------------------------------------------- checkpoint.c: files of a run's state */
+/* ---------------- checkpoint.c: files of a run's state */
 
-OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size);    /* the checksum of checkpoints */
-OXL_INTERNAL void     checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
+OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
+OXL_INTERNAL void checkpoint_remove(const char *folder, int others);  /* others: also NAME.other */
 
-/* ---------------------------------------------------------------- track_depth.c: depths from the tracks */
+/* ---------------- track_depth.c: depths from the tracks */
 
 OXL_INTERNAL double track_depth_bytes(double observations, int views); /* upper bound of the memory */
 

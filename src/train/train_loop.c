@@ -1,4 +1,5 @@
-/* train_loop.c - the loop over steps (Kerbl et al. 2023, Alg. 1), from the first model to the last checkpoint.
+/* train_loop.c - the loop over steps (Kerbl et al. 2023, Alg. 1), from the first model to the last
+ * checkpoint.
  *
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
@@ -6,20 +7,21 @@
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define TRAIN_RANDOM_POINTS     10000 /* to start from when the scene has none */
-#define TRAIN_SHORT_RUN_WIDTH   0.3   /* power of the short-run factor by which the first widths are divided */
-#define TRAIN_SHORT_RUN_OPACITY 0.7   /* power of it by which the first opacities are multiplied */
-#define TRAIN_OPACITY_MAX       0.3   /* the most that this makes of an opacity */
-#define TRAIN_SAVE_STEPS        500   /* iterations between checkpoints, at most */
-#define TRAIN_SAVE_SECONDS      60.0  /* s between checkpoints, at most */
+#define TRAIN_RANDOM_POINTS 10000   /* to start from when the scene has none */
+#define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
+#define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
+#define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
+#define TRAIN_SAVE_STEPS 500        /* iterations between checkpoints, at most */
+#define TRAIN_SAVE_SECONDS 60.0     /* s between checkpoints, at most */
 
-/* ---------------------------------------------------------------- the run */
+/* ---------------- the run */
 
 static oxl_result train_first_from_points(struct train *t, const oxl_point *points, size_t count)
 {
     const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, &t->trained.model);
     if (rc == OXL_OK && t->trained.model.count < count)
-        oxl_log(t->ctx, OXL_LOG_INFO, "%zu of %zu points coincide with others; training starts from the %zu different ones",
+        oxl_log(t->ctx, OXL_LOG_INFO,
+                "%zu of %zu points coincide with others; training starts from the %zu different ones",
                 count - t->trained.model.count, count, t->trained.model.count);
     return rc;
 }
@@ -28,11 +30,12 @@ static oxl_result train_first_from_points(struct train *t, const oxl_point *poin
 static oxl_result train_first_from_subset(struct train *t, const oxl_point *points, size_t count)
 {
     const size_t most = (size_t)t->options->max_gaussians;
-    oxl_point   *some = oxl_alloc(t->ctx, most, sizeof *some);
-    oxl_result   rc;
+    oxl_point *some = oxl_alloc(t->ctx, most, sizeof *some);
+    oxl_result rc;
     if (!some) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for %zu points", most);
     for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
-    oxl_log(t->ctx, OXL_LOG_WARNING, "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
+    oxl_log(t->ctx, OXL_LOG_WARNING,
+            "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
             count);
     rc = train_first_from_points(t, some, most);
     oxl_free(t->ctx, some);
@@ -43,9 +46,10 @@ static oxl_result train_first_from_subset(struct train *t, const oxl_point *poin
 static void train_sharpen_start(struct train *t)
 {
     const double short_run_factor = schedule_short_run_factor(t->options),
-                 narrower         = TRAIN_SHORT_RUN_WIDTH * vecmath_log(short_run_factor);
+                 narrower = TRAIN_SHORT_RUN_WIDTH * vecmath_log(short_run_factor);
     const double opacity =
-        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_factor)), TRAIN_OPACITY_MAX);
+        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_factor)),
+                TRAIN_OPACITY_MAX);
     if (!(short_run_factor > 1)) return;
     for (size_t i = 0; i < t->trained.model.count; i++) {
         for (int a = 0; a < 3; a++) t->trained.model.plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
@@ -57,13 +61,14 @@ static void train_sharpen_start(struct train *t)
 static oxl_result train_fresh_model(struct train *t)
 {
     const oxl_point *points = oxl_scene_points(t->scene);
-    const size_t     count  = oxl_scene_point_count(t->scene);
-    oxl_point       *random = NULL;
-    oxl_result       rc;
+    const size_t count = oxl_scene_point_count(t->scene);
+    oxl_point *random = NULL;
+    oxl_result rc;
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
         return train_first_from_subset(t, points, count);
     if (count > 0) return train_first_from_points(t, points, count);
-    oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
+    oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones",
+            TRAIN_RANDOM_POINTS);
     rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
     if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, &t->trained.model);
     oxl_free(t->ctx, random);
@@ -73,12 +78,14 @@ static oxl_result train_fresh_model(struct train *t)
 /* Density control cannot split rows with second lobes. */
 static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 {
-    const int  most = t->options->sh_degree;
-    oxl_result rc   = model_copy(t->ctx, from, &t->trained.model);
+    const int most = t->options->sh_degree;
+    oxl_result rc = model_copy(t->ctx, from, &t->trained.model);
     if (rc == OXL_OK && t->trained.model.lobes > 0)
-        oxl_log(t->ctx, OXL_LOG_WARNING, "the model to start from has second lobes: they are removed, since Gaussians are split");
+        oxl_log(t->ctx, OXL_LOG_WARNING,
+                "the model to start from has second lobes: they are removed, since Gaussians are split");
     if (rc == OXL_OK) model_drop_lobes(&t->trained.model);
-    if (rc == OXL_OK && most >= 0 && most < t->trained.model.sh_degree) rc = model_set_degree(t->ctx, &t->trained.model, most);
+    if (rc == OXL_OK && most >= 0 && most < t->trained.model.sh_degree)
+        rc = model_set_degree(t->ctx, &t->trained.model, most);
     return rc;
 }
 
@@ -96,14 +103,15 @@ static oxl_result train_first_model(struct train *t)
 /* Depth weights and pruning. */
 static oxl_result train_begin_control(struct train *t)
 {
-    const oxl_train_options *o     = t->options;
-    const int                until = (int)(o->densify_until * o->iterations), views = schedule_training_views(t->scene);
-    char                     words[320];
-    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd);
+    const oxl_train_options *o = t->options;
+    const int until = (int)(o->densify_until * o->iterations), views = schedule_training_views(t->scene);
+    char words[320];
+    oxl_result rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd);
     if (rc != OXL_OK) return rc;
     ucd_describe(&t->ucd, words, sizeof words);
     if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
-    if (t->ucd.on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, t->ucd.z_near, t->ucd.z_far);
+    if (t->ucd.on)
+        rc = density_set_bands(t->ctx, t->density, t->trained.model.count, t->ucd.z_near, t->ucd.z_far);
     prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(3, o->dog != OXL_DOG_OFF));
     return rc;
 }
@@ -121,19 +129,20 @@ static oxl_result train_begin_moments(struct train *t)
 static oxl_result train_begin_dropout(struct train *t)
 {
     const int device = renderer_has_device(t->renderer);
-    t->dropout       = device && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene);
+    t->dropout = device && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene);
     if (!device || !(t->dropout > 0)) return OXL_OK;
-    return oxl_fail(t->ctx, OXL_ERR_USAGE, "a device does not leave out Gaussians\nfix: --dropout auto, or --backend cpu");
+    return oxl_fail(t->ctx, OXL_ERR_USAGE,
+                    "a device does not leave out Gaussians\nfix: --dropout auto, or --backend cpu");
 }
 
 static oxl_result train_begin(struct train *t)
 {
-    oxl_context *ctx       = t->ctx;
-    const int    continued = t->output && t->output->start;
-    oxl_result   rc        = train_first_model(t);
+    oxl_context *ctx = t->ctx;
+    const int continued = t->output && t->output->start;
+    oxl_result rc = train_first_model(t);
     if (rc != OXL_OK) return rc;
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
-    t->render            = oxl_render_options_default();
+    t->render = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
     rc = train_begin_moments(t);
@@ -152,7 +161,8 @@ static oxl_result train_begin(struct train *t)
         medium_fit_begin(&t->medium_fit, t->scene, continued ? &t->scene->imaging.medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)
         lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? &t->scene->imaging : NULL);
-    t->lamp.frozen = t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
+    /* a block sees a part of each image */
+    t->lamp.frozen = t->output && (t->output->frozen || t->output->context);
     if (t->output && t->output->frozen) t->exposure.known_until = 2;
     if (rc == OXL_OK && !continued) rc = train_imaging_begin(t);
     if (rc == OXL_OK && continued) medium_fit_scale_colours(&t->medium_fit, 0, &t->trained.model);
@@ -174,7 +184,7 @@ static void train_end(struct train *t)
     text_free(&t->decisions);
 }
 
-/* ---------------------------------------------------------------- checkpoints */
+/* ---------------- checkpoints */
 
 static int train_same_shape(const oxl_model *a, const oxl_model *b)
 {
@@ -193,9 +203,9 @@ static int train_are_nonnegative(const oxl_model *square)
 /* All state that later steps depend on. */
 static void train_archive(struct archive *a, void *user)
 {
-    struct train *t     = user;
-    size_t        views = (size_t)t->views;
-    double        spent = step_seconds(t);
+    struct train *t = user;
+    size_t views = (size_t)t->views;
+    double spent = step_seconds(t);
     archive_int(a, &t->step);
     archive_doubles(a, &t->loss, 1);
     archive_doubles(a, &t->psnr, 1);
@@ -219,12 +229,13 @@ static void train_archive(struct archive *a, void *user)
     medium_fit_archive(a, &t->medium_fit, t->options->medium != OXL_OFF);
     lamp_archive(a, &t->lamp, t->options->lamp != OXL_OFF);
     selection_archive(a, t);
-    archive_expect(a, views + (size_t)t->validation_views <=
-                          (size_t)schedule_training_views(t->scene)); /* those held come back to `view` */
+    archive_expect(a,
+                   /* those held come back to `view` */
+                   views + (size_t)t->validation_views <= (size_t)schedule_training_views(t->scene));
     archive_text(a, t->output->log);
     archive_text(a, t->output->notes);
     if (!a->reading || a->rc != OXL_OK) return;
-    t->views   = (int)views;
+    t->views = (int)views;
     t->seconds = spent;
 }
 
@@ -232,10 +243,11 @@ static oxl_result train_save(struct train *t)
 {
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     t->saved_step = t->step;
-    t->saved_at   = os_seconds();
+    t->saved_at = os_seconds();
     if (rc != OXL_OK || !t->output) return rc;
     rc = checkpoint_write(t->ctx, t->output->folder, t->output->key, train_archive, t);
-    if (rc == OXL_ERR_IO && !os_is_folder(t->output->folder)) /* it was deleted meanwhile, and is made again */
+    /* it was deleted meanwhile, and is made again */
+    if (rc == OXL_ERR_IO && !os_is_folder(t->output->folder))
         rc = checkpoint_write(t->ctx, t->output->folder, t->output->key, train_archive, t);
     return rc;
 }
@@ -248,22 +260,22 @@ static int train_save_is_due(const struct train *t)
 
 static oxl_result train_resume(struct train *t)
 {
-    int        found = 0;
-    oxl_result rc    = OXL_OK;
-    t->saved_at      = t->started;
+    int found = 0;
+    oxl_result rc = OXL_OK;
+    t->saved_at = t->started;
     if (t->output) rc = checkpoint_read(t->ctx, t->output->folder, t->output->key, train_archive, t, &found);
     if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
     t->saved_step = t->step;
     return rc;
 }
 
-/* ---------------------------------------------------------------- one step with the decisions after it */
+/* ---------------- one step with the decisions after it */
 
 static oxl_result train_density(struct train *t)
 {
-    const oxl_train_options *o  = t->options;
-    oxl_result               rc = OXL_OK;
-    double                   f[2];
+    const oxl_train_options *o = t->options;
+    oxl_result rc = OXL_OK;
+    double f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
     if (t->ucd.learns) rc = step_flush(t); /* it sums this step's loss */
     if (rc != OXL_OK) return rc;
@@ -283,8 +295,8 @@ static oxl_result train_density(struct train *t)
 
 static oxl_result train_prune(struct train *t)
 {
-    double     validation = NAN, psnr;
-    oxl_result rc         = OXL_OK;
+    double validation = NAN, psnr;
+    oxl_result rc = OXL_OK;
     if (!prune_is_check_step(&t->prune, t->step)) return OXL_OK;
     rc = step_flush(t);
     if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
@@ -298,22 +310,24 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     oxl_result rc = step_raise_sh_degree(t);
     if (rc == OXL_OK) rc = step_on_next_view(t);
     if (rc == OXL_OK) rc = train_density(t);
-    if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
+    /* it reads the step's statistics, a row each: before rows go */
+    if (rc == OXL_OK) rc = selection_lobes(t);
     if (rc == OXL_OK) rc = train_prune(t);
     if (rc == OXL_OK) rc = train_imaging_start_medium(t);
     if (rc == OXL_OK) selection_sh_degree(t);
     return rc;
 }
 
-/* ---------------------------------------------------------------- the loop */
+/* ---------------- the loop */
 
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
     if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "second lobes from %g of the run: expected more than %g, the end of density control, and at most 1\n"
-                        "fix: rows with a second lobe cannot be split; give lobes later or end density control earlier",
-                        o->dog_from, o->densify_until);
+        return oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "second lobes from %g of the run: expected more than %g, the end of density control, and at most 1\n"
+            "fix: rows with a second lobe cannot be split; give lobes later or end density control earlier",
+            o->dog_from, o->densify_until);
     return oxl_train_options_check(ctx, o);
 }
 
@@ -326,10 +340,11 @@ static oxl_result train_stop(struct train *t)
 
 static oxl_result train_loop(struct train *t)
 {
-    const oxl_train_options *o   = t->options;
-    const int                end = t->output && t->output->until > 0 ? OXL_MIN(t->output->until, o->iterations) : o->iterations;
-    oxl_result               rc  = OXL_OK;
-    t->first_step                = t->step;
+    const oxl_train_options *o = t->options;
+    const int end =
+        t->output && t->output->until > 0 ? OXL_MIN(t->output->until, o->iterations) : o->iterations;
+    oxl_result rc = OXL_OK;
+    t->first_step = t->step;
     if (t->step > 0 && step_report(t, 0)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < end) {
         if (t->trial_is_next) {
@@ -342,7 +357,8 @@ static oxl_result train_loop(struct train *t)
         if (rc != OXL_OK) break;
         if (step_report(t, 0)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->started > o->max_seconds && t->step < o->iterations) {
-            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time limit is reached", t->step, o->iterations);
+            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time limit is reached",
+                    t->step, o->iterations);
             return train_save(t);
         }
         if (train_save_is_due(t)) rc = train_save(t);
@@ -367,18 +383,19 @@ static void train_return_decisions(struct train *t)
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_output *output, oxl_model *out)
+                                  const oxl_callback *callback, const struct train_output *output,
+                                  oxl_model *out)
 {
-    struct train t  = {.ctx       = ctx,
-                       .scene     = scene,
-                       .options   = options,
-                       .started   = os_seconds(),
-                       .output    = output,
-                       .step      = output ? output->first : 0,
-                       .callback  = callback,
-                       .decisions = {.ctx = ctx}};
-    oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
-    int          started; /* 0: stopped before out is the state that there is */
+    struct train t = {.ctx = ctx,
+                      .scene = scene,
+                      .options = options,
+                      .started = os_seconds(),
+                      .output = output,
+                      .step = output ? output->first : 0,
+                      .callback = callback,
+                      .decisions = {.ctx = ctx}};
+    oxl_result rc = train_check(ctx, options), ended = OXL_OK;
+    int started; /* 0: stopped before out is the state that there is */
     *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
@@ -392,7 +409,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (ended != OXL_OK) rc = ended;
     if (output && output->nonfinite) *output->nonfinite = t.nonfinite;
     if (output && output->trained) *output->trained = rc == OXL_OK && t.step == options->iterations;
-    if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
+    if (rc == OXL_ERR_INTERRUPTED)
+        oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
     if (started) medium_fit_scale_colours(&t.medium_fit, 1, out);
     train_return_decisions(&t);
@@ -402,8 +420,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     return rc;
 }
 
-oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
-                     oxl_model *out)
+oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                     const oxl_callback *callback, oxl_model *out)
 {
     return train_run(ctx, scene, options, callback, NULL, out);
 }

@@ -1,47 +1,55 @@
-/* transients.c - masks transients (fish, divers): squares of pixels with a large error in one image where other images of the same
- * place have a small one.
+/* transients.c - masks transients (fish, divers): squares of pixels with a large error in one image where
+ * other images of the same place have a small one.
  *
- * From RobustNeRF (Sabour et al. 2023, arXiv 2302.00833, trimmed least squares): the residual, the vote of the neighbourhood, and
- * weights of 0 or 1 computed in each step. Its threshold, the median of a batch's residuals, is not used: it masks half of all pixels
- * at first, and always what is hard to model (thin corals, the survey's border), which is then never learned. A fish and a coral that
- * is not learned yet have the same residual in one image; they differ in the others. So each sparse point keeps its `expected` error,
- * the running mean over the views that see it: small behind a fish, since other views explain the ground; large at the coral until it
- * is learned; TRANSIENTS_MAX at first, so that little is masked before errors have been observed.
+ * From RobustNeRF (Sabour et al. 2023, arXiv 2302.00833, trimmed least squares): the residual, the vote of
+ * the neighbourhood, and weights of 0 or 1 computed in each step. Its threshold, the median of a batch's
+ * residuals, is not used: it masks half of all pixels at first, and always what is hard to model (thin
+ * corals, the survey's border), which is then never learned. A fish and a coral that is not learned yet have
+ * the same residual in one image; they differ in the others. So each sparse point keeps its `expected` error,
+ * the running mean over the views that see it: small behind a fish, since other views explain the ground;
+ * large at the coral until it is learned; TRANSIENTS_MAX at first, so that little is masked before errors
+ * have been observed.
  *
- * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image| (signed: texture that is not
- * learned yet averages out, a fish does not), and m the largest expected error of the points around it,
+ * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image|
+ * (signed: texture that is not learned yet averages out, a fish does not), and m the largest expected error
+ * of the points around it,
  *     outlier  e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
  *     core     outlier, and e > TRANSIENTS_TIMES m
  *     masked   core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
  *     expected <- expected + TRANSIENTS_RATE (min(e, TRANSIENTS_MAX) - expected), for each point in view
- * Squares without points around are never masked. docs/log/ROBUST.md has gains, cost and rejected alternatives.
+ * Squares without points around are never masked. docs/log/ROBUST.md has gains, cost and rejected
+ * alternatives.
  *
- * Invariant: weights and expected errors are a function of the model, the view and the previous expected errors; no sum depends on the
- * number of threads.
+ * Invariant: weights and expected errors are a function of the model, the view and the previous expected
+ * errors; no sum depends on the number of threads.
  */
 #include "train_parts.h"
 #include "../survey/sparse.h"
 
-#define TRANSIENTS_ERROR     0.05f /* of white: a visible difference */
-#define TRANSIENTS_TIMES     4.0f  /* x the expected error around */
-#define TRANSIENTS_MAX       0.05f /* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
-#define TRANSIENTS_RATE      0.1f /* about the last ten views */
+#define TRANSIENTS_ERROR 0.05f /* of white: a visible difference */
+#define TRANSIENTS_TIMES 4.0f  /* x the expected error around */
+/* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
+#define TRANSIENTS_MAX 0.05f
+#define TRANSIENTS_RATE 0.1f      /* about the last ten views */
 #define TRANSIENTS_SMOOTHING 0.02 /* of the logged fraction: about the last 50 views */
 enum {
-    TRANSIENTS_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has fewer, thin objects have them */
+    /* of the 3 x 3 squares, with the one in the middle: noise has fewer, thin objects have them */
+    TRANSIENTS_VOTES = 3,
     TRANSIENTS_ACROSS = 100, /* maximum of squares along the longer side of an image */
-    TRANSIENTS_SIDE   = 4,   /* px: minimum of a square */
-    TRANSIENTS_NEAR   = 2    /* squares: radius in which points count for a square */
+    TRANSIENTS_SIDE = 4,     /* px: minimum of a square */
+    TRANSIENTS_NEAR = 2      /* squares: radius in which points count for a square */
 };
 enum { TRANSIENTS_ABOVE = 1, TRANSIENTS_OUTLIER = 2, TRANSIENTS_CORE = 4, TRANSIENTS_MASKED = 8 };
 
-OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene, int on)
+OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
+                                         int on)
 {
     *t = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
-    if (on && t->points == 0) oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: transients are not masked");
+    if (on && t->points == 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: transients are not masked");
     if (t->points == 0) return OXL_OK;
     t->expected = oxl_alloc(ctx, t->points, sizeof *t->expected);
-    t->place    = oxl_alloc(ctx, t->points, sizeof *t->place);
+    t->place = oxl_alloc(ctx, t->points, sizeof *t->place);
     if (!t->expected || !t->place)
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the expected errors of %zu points", t->points);
     for (size_t i = 0; i < t->points; i++) t->expected[i] = TRANSIENTS_MAX;
@@ -56,10 +64,11 @@ OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *t)
 
 OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size)
 {
-    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images", 100 * t->masked_fraction);
+    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images",
+             100 * t->masked_fraction);
 }
 
-/* ---------------------------------------------------------------- squares of pixels */
+/* ---------------- squares of pixels */
 
 struct transients_grid {
     int width, height; /* px */
@@ -69,21 +78,23 @@ struct transients_grid {
 static struct transients_grid transients_grid(int width, int height)
 {
     const int longer = OXL_MAX(width, height),
-              side   = OXL_MAX(TRANSIENTS_SIDE, (longer + TRANSIENTS_ACROSS - 1) / TRANSIENTS_ACROSS);
-    return (struct transients_grid){width, height, side, (width + side - 1) / side, (height + side - 1) / side};
+              side = OXL_MAX(TRANSIENTS_SIDE, (longer + TRANSIENTS_ACROSS - 1) / TRANSIENTS_ACROSS);
+    return (struct transients_grid){width, height, side, (width + side - 1) / side,
+                                    (height + side - 1) / side};
 }
 
 /* Of the unmasked pixels of square (x, y); -1: none. weight (H,W) NULL: no mask. */
-static float transients_error(const struct transients_grid *g, const float *rendered, const float *image, const float *weight,
-                              int x, int y)
+static float transients_error(const struct transients_grid *g, const float *rendered, const float *image,
+                              const float *weight, int x, int y)
 {
     const size_t plane = (size_t)g->width * (size_t)g->height;
-    const int    left = x * g->side, right = OXL_MIN(left + g->side, g->width), end = OXL_MIN((y + 1) * g->side, g->height);
-    float        sum[3] = {0, 0, 0}, count = 0;
+    const int left = x * g->side, right = OXL_MIN(left + g->side, g->width),
+              end = OXL_MIN((y + 1) * g->side, g->height);
+    float sum[3] = {0, 0, 0}, count = 0;
     for (int row = y * g->side; row < end; row++)
         for (int column = left; column < right; column++) {
             const size_t at = (size_t)row * (size_t)g->width + (size_t)column;
-            const float  w  = weight ? weight[at] : 1;
+            const float w = weight ? weight[at] : 1;
             count += w;
             for (size_t c = 0; c < 3; c++) sum[c] += w * (rendered[at + c * plane] - image[at + c * plane]);
         }
@@ -91,10 +102,11 @@ static float transients_error(const struct transients_grid *g, const float *rend
 }
 
 /* How many of the 3 x 3 squares around the i-th have the mark. */
-static int transients_votes(const struct transients_grid *g, const struct transients_square *square, int i, unsigned mark)
+static int transients_votes(const struct transients_grid *g, const struct transients_square *square, int i,
+                            unsigned mark)
 {
     const int x = i % g->across, y = i / g->across;
-    int       votes = 0;
+    int votes = 0;
     for (int row = OXL_MAX(y - 1, 0); row <= OXL_MIN(y + 1, g->down - 1); row++)
         for (int column = OXL_MAX(x - 1, 0); column <= OXL_MIN(x + 1, g->across - 1); column++)
             votes += (square[row * g->across + column].marks & mark) != 0;
@@ -102,12 +114,14 @@ static int transients_votes(const struct transients_grid *g, const struct transi
 }
 
 /* The largest expected error of the points near the i-th square; HUGE_VALF without any. */
-static float transients_expected(const struct transients_grid *g, const struct transients_square *square, int i)
+static float transients_expected(const struct transients_grid *g, const struct transients_square *square,
+                                 int i)
 {
     const int x = i % g->across, y = i / g->across;
-    float     expected = -1;
+    float expected = -1;
     for (int row = OXL_MAX(y - TRANSIENTS_NEAR, 0); row <= OXL_MIN(y + TRANSIENTS_NEAR, g->down - 1); row++)
-        for (int column = OXL_MAX(x - TRANSIENTS_NEAR, 0); column <= OXL_MIN(x + TRANSIENTS_NEAR, g->across - 1); column++)
+        for (int column = OXL_MAX(x - TRANSIENTS_NEAR, 0);
+             column <= OXL_MIN(x + TRANSIENTS_NEAR, g->across - 1); column++)
             expected = OXL_MAX(expected, square[row * g->across + column].expected);
     return expected < 0 ? HUGE_VALF : expected;
 }
@@ -128,10 +142,11 @@ static void transients_mark(const struct transients_grid *g, struct transients_s
             s[i].marks |= TRANSIENTS_MASKED;
 }
 
-/* ---------------------------------------------------------------- points */
+/* ---------------- points */
 
 /* The square that a point lies in, or -1. */
-static int32_t transients_cell(const struct transients_grid *g, const oxl_camera *c, double near_plane, const double *p)
+static int32_t transients_cell(const struct transients_grid *g, const oxl_camera *c, double near_plane,
+                               const double *p)
 {
     double x[3], pixel[2];
     if (!camera_project(c, p, NULL, x, pixel) || !(x[2] > near_plane)) return -1;
@@ -145,7 +160,8 @@ static void transients_project_points(oxl_context *ctx, struct transients *t, co
     const oxl_point *point = oxl_scene_points(scene);
     (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)t->points; i++) t->place[i] = transients_cell(g, camera, near_plane, point[i].position);
+    for (int64_t i = 0; i < (int64_t)t->points; i++)
+        t->place[i] = transients_cell(g, camera, near_plane, point[i].position);
     for (size_t i = 0; i < t->points; i++) {
         struct transients_square *s = t->place[i] < 0 ? NULL : &t->square[t->place[i]];
         if (s) s->expected = OXL_MAX(s->expected, t->expected[i]);
@@ -160,16 +176,17 @@ static void transients_update_points(struct transients *t)
     }
 }
 
-/* ---------------------------------------------------------------- an image */
+/* ---------------- an image */
 
 /* Returns the number of masked pixels. */
-static size_t transients_fill(const struct transients_grid *g, const struct transients_square *square, int has_mask,
-                              float *weight)
+static size_t transients_fill(const struct transients_grid *g, const struct transients_square *square,
+                              int has_mask, float *weight)
 {
     size_t count = 0;
     for (int y = 0; y < g->height; y++)
         for (int x = 0; x < g->width; x++, weight++) {
-            const int is_masked = (square[y / g->side * g->across + x / g->side].marks & TRANSIENTS_MASKED) != 0;
+            const int is_masked =
+                (square[y / g->side * g->across + x / g->side].marks & TRANSIENTS_MASKED) != 0;
             if (is_masked) *weight = 0;
             else if (!has_mask) *weight = 1;
             count += (size_t)is_masked;
@@ -181,14 +198,14 @@ OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, 
                                         const struct transients_view *v, int update)
 {
     const struct transients_grid g = transients_grid(v->camera->width, v->camera->height);
-    const int                    n = g.across * g.down;
-    double                       fraction;
-    oxl_result                   rc = oxl_reserve(ctx, &t->square, &t->square_capacity, (size_t)n, sizeof *t->square);
+    const int n = g.across * g.down;
+    double fraction;
+    oxl_result rc = oxl_reserve(ctx, &t->square, &t->square_capacity, (size_t)n, sizeof *t->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {
-        t->square[i].error =
-            transients_error(&g, v->rendered, v->image, v->has_mask ? v->weight : NULL, i % g.across, i / g.across);
+        t->square[i].error = transients_error(&g, v->rendered, v->image, v->has_mask ? v->weight : NULL,
+                                              i % g.across, i / g.across);
         t->square[i].expected = -1;
     }
     transients_project_points(ctx, t, &g, scene, v->camera, v->near_plane);
@@ -205,6 +222,7 @@ OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t)
     if (t->points == 0) return; /* off: that follows from the options and the scene */
     archive_floats(a, t->expected, t->points);
     archive_doubles(a, &t->masked_fraction, 1);
-    for (size_t i = 0; i < t->points; i++) archive_expect(a, t->expected[i] >= 0 && t->expected[i] <= TRANSIENTS_MAX);
+    for (size_t i = 0; i < t->points; i++)
+        archive_expect(a, t->expected[i] >= 0 && t->expected[i] <= TRANSIENTS_MAX);
     archive_expect(a, t->masked_fraction >= 0 && t->masked_fraction <= 1);
 }

@@ -1,65 +1,73 @@
-/* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper sec. 3.2, eq. 2).
+/* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper
+ * sec. 3.2, eq. 2).
  *
- * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient observed at a depth
- * from z_near to z_far is weighted by f_mid, beyond z_far by f_far: in density control only, never in the optimizer.
+ * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient
+ * observed at a depth from z_near to z_far is weighted by f_mid, beyond z_far by f_far: in density control
+ * only, never in the optimizer.
  *
- * Both are fixed, or corrected during the run by SPSA (Spall 1998, "Implementation of the simultaneous perturbation algorithm for
- * stochastic optimization", IEEE Trans. AES 34(3)): no step is spent on it. For UCD_SPAN densifications both weights are moved by random
- * signs, for the next UCD_SPAN against them; the difference of the two costs over the distance of the two points estimates the slope. The
- * cost of a point is
+ * Both are fixed, or corrected during the run by SPSA (Spall 1998, "Implementation of the simultaneous
+ * perturbation algorithm for stochastic optimization", IEEE Trans. AES 34(3)): no step is spent on it. For
+ * UCD_SPAN densifications both weights are moved by random signs, for the next UCD_SPAN against them; the
+ * difference of the two costs over the distance of the two points estimates the slope. The cost of a point is
  *     change of the mean log loss  +  UCD_GROWTH x dN / N,
- * dN the number of added Gaussians: without it more would always be better. Costs are nearly flat and noisy (docs/log/ABLATION.md), so a
- * prior with precision P holds the weights where they begin: the estimate is the mean of the prior's and of (prior - slope / P) of
- * each pair, each at most UCD_OFFSET_MAX away. Every second pair is perpendicular to the one before it (Bhatnagar 2003). The
- * search moves in f_mid and f_far - f_mid, so that neither is stuck where f_far = f_mid.
+ * dN the number of added Gaussians: without it more would always be better. Costs are nearly flat and noisy
+ * (docs/log/ABLATION.md), so a prior with precision P holds the weights where they begin: the estimate is the
+ * mean of the prior's and of (prior - slope / P) of each pair, each at most UCD_OFFSET_MAX away. Every second
+ * pair is perpendicular to the one before it (Bhatnagar 2003). The search moves in f_mid and f_far - f_mid,
+ * so that neither is stuck where f_far = f_mid.
  *
- * Model only what a scene requires: `auto` turns the weights on where contrast falls with depth (contrast.c), and logs what was measured.
+ * Model only what a scene requires: `auto` turns the weights on where contrast falls with depth (contrast.c),
+ * and logs what was measured.
  *
- * Invariants: cap >= f_far >= f_mid >= 1, for the estimate and each point. The state is a function of the scene, the options, the seed and
- * the losses.
+ * Invariants: cap >= f_far >= f_mid >= 1, for the estimate and each point. The state is a function of the
+ * scene, the options, the seed and the losses.
  */
 #include "train_parts.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
-#define UCD_FADE_MIN   0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
-#define UCD_ERRORS     3.0  /* auto: standard errors from 0 */
-#define UCD_DEPTH_MAX  0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
-#define UCD_FRONT      0.10 /* quantiles of depth that auto compares */
-#define UCD_BACK       0.90
-#define UCD_GROWTH     0.02 /* cost of a doubling, in log loss: about what it gains in four densifications (docs/log/ABLATION.md) */
-#define UCD_PRECISION  0.2                         /* of the prior: half of it in log loss for a weight 1 away */
-#define UCD_OFFSET_MAX 1.0                         /* limit of a single pair's distance from the prior */
-#define UCD_SHIFT      0.5                         /* of a point from the estimate: differences over less are lost in noise */
-#define UCD_STREAM     (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
+#define UCD_FADE_MIN 0.22  /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
+#define UCD_ERRORS 3.0     /* auto: standard errors from 0 */
+#define UCD_DEPTH_MAX 0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
+#define UCD_FRONT 0.10     /* quantiles of depth that auto compares */
+#define UCD_BACK 0.90
+/* cost of a doubling, in log loss: about what it gains in four densifications (docs/log/ABLATION.md) */
+#define UCD_GROWTH 0.02
+#define UCD_PRECISION 0.2  /* of the prior: half of it in log loss for a weight 1 away */
+#define UCD_OFFSET_MAX 1.0 /* limit of a single pair's distance from the prior */
+#define UCD_SHIFT 0.5      /* of a point from the estimate: differences over less are lost in noise */
+#define UCD_STREAM (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
 enum { UCD_SPAN = 4 /* densifications for a cost: the gain of the first shows after the third alone */ };
 
-/* ---------------------------------------------------------------- the bands, and the decision */
+/* ---------------- the bands, and the decision */
 
 /* Whether contrast falls enough, and the measurement as text. */
 static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 {
-    const struct contrast *c     = &u->contrast;
-    const double           front = scene_depth_quantile(scene, UCD_FRONT), back = scene_depth_quantile(scene, UCD_BACK);
-    const double           fade = c->beta * (back - front), error = c->error * (back - front);
+    const struct contrast *c = &u->contrast;
+    const double front = scene_depth_quantile(scene, UCD_FRONT), back = scene_depth_quantile(scene, UCD_BACK);
+    const double fade = c->beta * (back - front), error = c->error * (back - front);
     u->on = c->measured && fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
-    if (!c->measured) snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
+    if (!c->measured)
+        snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
     else
-        snprintf(u->reason, sizeof u->reason,
-                 "%s: from depth %.3g to %.3g the images' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
-                 u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
+        snprintf(
+            u->reason, sizeof u->reason,
+            "%s: from depth %.3g to %.3g the images' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
+            u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points,
+            UCD_FADE_MIN);
 }
 
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options)
 {
     const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
-    oxl_result   rc    = OXL_OK;
-    *u                 = (struct ucd){.on     = options->mode == OXL_UCD_ON,
-                                      .z_near = z_max / 3,
-                                      .z_far  = 2 * z_max / 3,
-                                      .f      = {options->f_mid, options->f_far},
-                                      .prior  = {options->f_mid, options->f_far},
-                                      .seed   = ctx->options.seed};
+    oxl_result rc = OXL_OK;
+    *u = (struct ucd){.on = options->mode == OXL_UCD_ON,
+                      .z_near = z_max / 3,
+                      .z_far = 2 * z_max / 3,
+                      .f = {options->f_mid, options->f_far},
+                      .prior = {options->f_mid, options->f_far},
+                      .seed = ctx->options.seed};
     snprintf(u->reason, sizeof u->reason, "%s: as set", u->on ? "on" : "off");
     if (options->mode == OXL_UCD_AUTO) rc = contrast_measure(ctx, scene, &u->contrast);
     if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);
@@ -78,21 +86,23 @@ OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
              u->z_near, u->f[0], u->z_far, u->f[1], u->pairs);
 }
 
-/* ---------------------------------------------------------------- the search */
+/* ---------------- the search */
 
 /* f moved by so much in f_mid and in f_far - f_mid, within the bounds. */
 static void ucd_move(const double f[2], double by_mid, double by_beyond, double out[2])
 {
     const double beyond = OXL_MAX(0, f[1] - f[0] + by_beyond);
-    out[0]              = OXL_CLAMP(f[0] + by_mid, 1.0, UCD_CAP);
-    out[1]              = OXL_MIN(out[0] + beyond, UCD_CAP);
+    out[0] = OXL_CLAMP(f[0] + by_mid, 1.0, UCD_CAP);
+    out[1] = OXL_MIN(out[0] + beyond, UCD_CAP);
 }
 
-/* The first or second point of the pair in progress; the signs are random, so a drift of the loss has no bias. */
+/* The first or second point of the pair in progress; the signs are random, so a drift of the loss has no
+ * bias. */
 static void ucd_point(const struct ucd *u, int second, double out[2])
 {
-    const uint64_t signs = (random_bits(u->seed, UCD_STREAM, (uint64_t)u->pairs / 2) >> 62) ^ (uint64_t)(u->pairs % 2);
-    const double   shift = second ? -UCD_SHIFT : UCD_SHIFT;
+    const uint64_t signs =
+        (random_bits(u->seed, UCD_STREAM, (uint64_t)u->pairs / 2) >> 62) ^ (uint64_t)(u->pairs % 2);
+    const double shift = second ? -UCD_SHIFT : UCD_SHIFT;
     ucd_move(u->f, signs & 2 ? shift : -shift, signs & 1 ? shift : -shift, out);
 }
 
@@ -115,8 +125,9 @@ static void ucd_step(struct ucd *u)
     ucd_point(u, 0, p);
     ucd_point(u, 1, q);
     for (int i = 0; i < 2; i++) {
-        const double distance = i == 0 ? p[0] - q[0] : p[1] - p[0] - (q[1] - q[0]); /* as projected, not as meant */
-        const double slope    = fabs(distance) >= UCD_SHIFT ? (u->cost[0] - u->cost[1]) / distance : 0;
+        /* as projected, not as meant */
+        const double distance = i == 0 ? p[0] - q[0] : p[1] - p[0] - (q[1] - q[0]);
+        const double slope = fabs(distance) >= UCD_SHIFT ? (u->cost[0] - u->cost[1]) / distance : 0;
         u->offset[i] += OXL_CLAMP(-slope / UCD_PRECISION, -UCD_OFFSET_MAX, UCD_OFFSET_MAX);
     }
     u->pairs++;
@@ -130,7 +141,7 @@ static void ucd_close_span(struct ucd *u, double loss, double count)
     u->costs = u->costs >= 0 && !(fabs(u->cost[u->costs]) <= DBL_MAX) ? 0 : u->costs + 1;
     if (u->costs == 2) ucd_step(u);
     u->costs %= 2;
-    u->loss  = loss;
+    u->loss = loss;
     u->count = count;
 }
 
@@ -141,7 +152,7 @@ OXL_INTERNAL void ucd_weights(struct ucd *u, size_t count, double f[2])
         u->spans = 1;
     }
     u->loss_sum = 0;
-    u->losses   = 0;
+    u->losses = 0;
     memcpy(f, u->f, sizeof u->f);
     if (u->learns && u->costs >= 0) ucd_point(u, u->costs, f);
 }
@@ -159,6 +170,6 @@ OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
     archive_int(a, &u->pairs);
     archive_int(a, &u->costs);
     archive_int(a, &u->spans);
-    archive_expect(a,
-                   u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 && u->spans <= UCD_SPAN);
+    archive_expect(a, u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 &&
+                          u->spans <= UCD_SPAN);
 }
