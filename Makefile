@@ -1,8 +1,10 @@
 # OceanXL - `make help` lists the targets. GNU make; a C99 compiler; stb (Debian: libstb-dev).
 
-CFLAGS ?= -O3 -g
+# DEV=1: for work on the code: objects in build/dev at -O1, for this machine's vectors alone.
+DEV    ?=
+CFLAGS ?= $(if $(DEV),-O1,-O3) -g
 WERROR ?=
-BUILD  ?= build
+BUILD  ?= $(if $(DEV),build/dev,build)
 PREFIX ?= /usr/local
 STB    ?=
 
@@ -31,13 +33,17 @@ STB_FLAGS := $(if $(STB),-I$(STB) -I$(BUILD)/include)
 VULKAN ?=
 VULKAN_FLAGS := $(if $(filter-out 0,$(VULKAN)),-DOXL_VULKAN)
 
-BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS)
+DEV_FLAGS := $(if $(DEV),-DOXL_ONE_ISA=$(shell grep -qw avx512bw /proc/cpuinfo 2>/dev/null && echo 2 || \
+               { grep -qw avx2 /proc/cpuinfo 2>/dev/null && echo 1 || echo 0; }))
+
+BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS) $(DEV_FLAGS)
 FLAGS = $(CFLAGS) $(BASE)
 LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 
 TOOLS   := $(wildcard cli/*.c lab/*.c)
 VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
+LIBRARY := $(MODULES:%.c=$(BUILD)/%.o)
 SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
@@ -54,15 +60,20 @@ help: ## this list
 
 # ------------------------------------------------------------------------------------------------ program, library
 
-$(BUILD)/oceanxl: $(BUILD)/main.o $(TOOLS:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o
+$(BUILD)/oceanxl: $(BUILD)/main.o $(TOOLS:%.c=$(BUILD)/%.o) $(LIBRARY)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
+# The library as one translation unit, whose internal names are static: what is installed.
+unity: $(BUILD)/unity/oceanxl ## the program with the library as one translation unit: the same bytes, a minute to compile
+$(BUILD)/unity/oceanxl: $(BUILD)/main.o $(TOOLS:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o
+	@mkdir -p $(@D)
+	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 $(BUILD)/liboceanxl.a: $(BUILD)/oceanxl.o
 	$(AR) rcs $@ $^
 
 $(BUILD)/%.o: %.c $(BUILD)/flags
 	@mkdir -p $(@D)
-	$(CC) $(FLAGS) -MMD -MP -c $< -o $@
+	$(CC) $(if $(filter tests/test%,$<),$(TEST_CFLAGS) -I$(BUILD),$(CFLAGS)) $(BASE) -MMD -MP -c $< -o $@
 
 # Objects depend on this: it changes with the compiler and its flags. A missing stb is said in one line, before the compiler
 # says it in twenty; STB=folder is linked to a name that #include <stb/stb_image.h> finds.
@@ -80,19 +91,19 @@ test: $(BUILD)/test $(BUILD)/oceanxl ## all tests: of the library, then of the c
 	$(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
 
-# The lists are made from the lines that begin with TEST( and replaced only when they change.
+# The list is made from the lines that begin with TEST( and replaced only when it changes.
 $(BUILD)/test_list.h: FORCE
 	@mkdir -p $(BUILD)
-	@for f in $(TESTS); do echo "#include \"$$f\""; done > $(BUILD)/test_files.new
 	@cat $(TESTS) /dev/null | sed -n 's/^TEST(\([A-Za-z0-9_]*\)).*/ENTRY(\1)/p' > $(BUILD)/test_list.new
-	@cmp -s $(BUILD)/test_files.new $(BUILD)/test_files.h || mv $(BUILD)/test_files.new $(BUILD)/test_files.h
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
 # The reference and the kernels in double: units of their own, see tests/wide.h.
 WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o
-TEST_FLAGS = $(if $(filter -O3,$(CFLAGS)),-O2 -g,$(CFLAGS))
-$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(WIDE) $(BUILD)/flags
-	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c $(WIDE) -o $@ $(LIBS)
+TEST_CFLAGS = $(if $(filter -O3,$(CFLAGS)),-O1 -g,$(CFLAGS)) # of the tests themselves: they are to be built fast
+TEST_O := $(patsubst %.c,$(BUILD)/%.o,tests/test.c $(TESTS))
+$(BUILD)/tests/test.o: $(BUILD)/test_list.h
+$(BUILD)/test: $(TEST_O) $(WIDE) $(LIBRARY)
+	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
 coverage: ## lines and branches of src/ that the tests reach (gcov)
 	tests/coverage.sh
@@ -151,7 +162,7 @@ $(BUILD)/bench: SOURCE = bench/bench.c
 $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
 $(BUILD)/vulkan_compile: SOURCE = tests/vulkan_compile.c
-$(BUILD)/extremes: $(WIDE)
+$(BUILD)/extremes: $(WIDE) $(LIBRARY)
 $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/borders $(BUILD)/vulkan_compile: \
   bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c bench/borders.c tests/vulkan_compile.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) $(filter %.o,$^) -o $@ $(LIBS)
@@ -171,13 +182,8 @@ shaders-check: ## fails when the committed SPIR-V does not match the shaders
 rooms: ## the layers of src/: includes go downwards only; line counts
 	scripts/rooms.sh
 
-modules: $(BUILD)/modules/oceanxl ## every module compiled alone: finds dependencies that are not declared, and calls into higher layers
-$(BUILD)/modules/oceanxl: $(patsubst %.c,$(BUILD)/modules/%.o,main.c $(TOOLS) $(MODULES))
-	scripts/rooms.sh links $(BUILD)/modules
-	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
-$(BUILD)/modules/%.o: %.c $(BUILD)/flags
-	@mkdir -p $(@D)
-	$(CC) $(FLAGS) -Werror -DOXL_MODULES -MMD -MP -c $< -o $@
+modules: $(LIBRARY) ## from the objects: no file calls a higher layer, and no files call each other in a cycle
+	scripts/rooms.sh links $(BUILD)
 
 dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.c with its two headers, and dist/single/oceanxl.h, all in one file; both are compiled and run
 	$(BUILD)/dist/pair

@@ -2,6 +2,7 @@
  *
  *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
  */
+#define OXL_UNITY
 #include "src/core/core.h"  /* context, errors, memory, text, numbers, files */
 #include "src/core/simd.h"  /* run-time selection of the instruction set */
 #include "src/core/bytes.h" /* little-endian numbers in files */
@@ -15,6 +16,8 @@
 #include "src/core/lock.c"       /* one process at a time writes to a folder */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
+#include "src/core/codec.h"
+#include "src/core/codec.c"     /* JPEG, PNG and deflate, by stb */
 #include "src/core/options.c"    /* the table of options, parsing and printing */
 
 /* input: the survey */

@@ -3,7 +3,7 @@
 # 320 lines, and so have the headers of its layer that it brings with it, together; line counts. Exemptions are printed: the public headers, which every layer may include, and the backend.
 #
 # write: puts the table between the marks in docs/ARCHITECTURE.md. Without it, the table there must be the current one.
-# links: in the objects of `make modules`, no file calls a function of a higher layer, and no files call each other in a cycle.
+# links: in the objects of a build, no file calls a function of a higher layer, and no files call each other in a cycle.
 set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model render train blocks job'

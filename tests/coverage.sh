@@ -8,7 +8,7 @@ make -j1 BUILD=$build CFLAGS='-O0 -g -DOXL_NO_SIMD --coverage' $build/test >$bui
 find $build -name '*.gcda' -delete
 $build/test "$@" >$build/test.log
 tail -n 1 $build/test.log
-(cd $build && gcov -b -o . "$(basename "$(find . -maxdepth 1 -name '*.gcno')")" 2>/dev/null) | awk '
+(cd $build && for file in src/*/*.gcno; do gcov -b -o "$(dirname "$file")" "$file" 2>/dev/null; done) | awk '
     /^File / { name = $2; gsub(/\047/, "", name); sub(/.*\/src\//, "src/", name); ours = name ~ /^src\// }
     ours && /^Branches executed/ { split($0, part, /[:% ]+/); split($0, of, " of "); branch_hit[name] += part[3] * of[2] / 100; branches[name] += of[2] }
     /^Creating/ { ours = 0 } # the sum of all files comes last, without a name

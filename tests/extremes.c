@@ -3,8 +3,7 @@
  *
  * Exit code 1: some bound does not hold; the row says so.
  */
-#include "../oceanxl.c"
-
+#include "library.h"
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
 #include "../cli/output.c"
@@ -14,6 +13,7 @@
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
 #include "../lab/synth_world.c"
+
 #include "extreme_runs.c"
 
 enum { EXTREME_LONG = 40000 }; /* iterations: the paper's */

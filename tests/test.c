@@ -1,9 +1,9 @@
 /* test.c - runs the tests: all, or those whose names hold one of the words given. One line a test, then a
  * sum.
  *
- * The library is included whole, so tests see its internals. Each test gets a context that counts memory.
+ * Test files are objects that link the library's objects and see its internal headers. Each test gets a
+ * context that counts memory.
  */
-#include "../oceanxl.c"
 #include "test.h"
 
 oxl_context *test_ctx;
@@ -11,9 +11,9 @@ int test_failed;
 const char *test_skip;
 
 static char folder[256];
-static long blocks_held; /* given by the counting allocator and not yet freed */
+long blocks_held; /* given by the counting allocator and not yet freed */
 
-static void *counting_reallocate(void *user, void *old, size_t size)
+void *counting_reallocate(void *user, void *old, size_t size)
 {
     (void)user;
     if (size == 0) {
@@ -26,10 +26,7 @@ static void *counting_reallocate(void *user, void *old, size_t size)
 }
 
 /* An allocator that never grows in place and counts what is held as realloc would. */
-static struct {
-    size_t held, most; /* bytes */
-    int calls;         /* each moves the memory to another place within a cache line */
-} memory_weighed;
+struct memory_weighed memory_weighed;
 
 enum { MEMORY_HEAD = 128 };
 
@@ -54,13 +51,13 @@ static void *memory_weigh(void *user, void *old, size_t size)
     return memory;
 }
 
-static void memory_weigh_start(void)
+void memory_weigh_start(void)
 {
     memory_weighed.held = memory_weighed.most = 0;
     test_ctx->options.reallocate = memory_weigh;
 }
 
-static void memory_weigh_end(void)
+void memory_weigh_end(void)
 {
     CHECK(memory_weighed.held == 0);
     test_ctx->options.reallocate = counting_reallocate;
@@ -116,14 +113,16 @@ static void remove_folder(void)
     folder[0] = 0;
 }
 
-#include "test_files.h" /* generated: #include "../tests/test_<module>.c" for each */
+#define ENTRY(name) void test_##name(void);
+#include "test_list.h" /* generated: ENTRY(name) for each TEST(name) */
+#undef ENTRY
 
 static const struct {
     const char *name;
     void (*run)(void);
 } tests[] = {
 #define ENTRY(name) {#name, test_##name},
-#include "test_list.h" /* generated: ENTRY(name) for each TEST(name) */
+#include "test_list.h"
 };
 
 static int wanted(const char *name, int argc, char **argv)

@@ -7,6 +7,9 @@
 #ifndef TEST_H
 #define TEST_H
 
+#include "library.h" /* first: it chooses POSIX before any system header */
+#include "cases.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +18,9 @@ extern oxl_context *test_ctx; /* fresh for every test; memory still held at its 
 extern int test_failed;       /* in the running test */
 extern const char *test_skip; /* why the running test was skipped, or NULL */
 
-#define TEST(name) static void test_##name(void)
+#define TEST(name)          \
+    void test_##name(void); \
+    void test_##name(void)
 
 #define CHECK(condition)                                                       \
     do {                                                                       \

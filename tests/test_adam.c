@@ -1,4 +1,5 @@
 /* test_adam.c - the optimiser against Kingma & Ba's formulas in double. */
+#include "test.h"
 
 enum { ADAM_ROWS = 2 * PACK };
 

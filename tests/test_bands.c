@@ -1,4 +1,5 @@
 /* test_bands.c - assignment of pixels to the depth bands near, mid and far by the points. */
+#include "test.h"
 
 enum { BANDS_W = 64, BANDS_H = 48 }; /* a reach of 4 px */
 

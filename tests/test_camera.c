@@ -1,5 +1,6 @@
 /* test_camera.c - camera models against values computed apart (Python, from the formulas), undistortion
  * against COLMAP. */
+#include "test.h"
 
 static struct colmap_camera camera_make(const char *model, int width, int height, int count,
                                         const double *parameter)

@@ -1,20 +1,21 @@
 /* test_colmap.c - the text export with its traps: what is read, what is mended, what is refused and with
  * which words. */
+#include "test.h"
 #include <locale.h>
 
-static const char colmap_good_cameras[] = "# Camera list\n"
-                                          "1 PINHOLE 640 480 500.5 501.5 320 240\n"
-                                          "3 OPENCV 1280 960 900 901 640 480 0.1 -0.02 1e-3 -2e-4\n";
-static const char colmap_good_images[] = "# Image list\n"
-                                         "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n"
-                                         "10.5 20.25 4 30 -0.5 -1\n"
-                                         "2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n"
-                                         "\n"
-                                         "5 0 0 0 1 0 0 0 1 c.png\n"
-                                         "1.5 2.5 9\n";
-static const char colmap_good_points[] = "# 3D point list\n"
-                                         "9 1.5 -2.5 3 255 0 128 0.25 5 0\n"
-                                         "4 1e2 0 -0.125 1 2 3 -1 7 0 2 11\n";
+const char colmap_good_cameras[] = "# Camera list\n"
+                                   "1 PINHOLE 640 480 500.5 501.5 320 240\n"
+                                   "3 OPENCV 1280 960 900 901 640 480 0.1 -0.02 1e-3 -2e-4\n";
+const char colmap_good_images[] = "# Image list\n"
+                                  "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n"
+                                  "10.5 20.25 4 30 -0.5 -1\n"
+                                  "2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n"
+                                  "\n"
+                                  "5 0 0 0 1 0 0 0 1 c.png\n"
+                                  "1.5 2.5 9\n";
+const char colmap_good_points[] = "# 3D point list\n"
+                                  "9 1.5 -2.5 3 255 0 128 0.25 5 0\n"
+                                  "4 1e2 0 -0.125 1 2 3 -1 7 0 2 11\n";
 
 /* Without the fsync of test_write: the loops below write a thousand files. */
 static void colmap_file(const char *name, const char *text)
@@ -24,7 +25,7 @@ static void colmap_file(const char *name, const char *text)
 }
 
 /* Any of the three may be NULL: not written. */
-static oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out)
+oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out)
 {
     CHECK_OK(os_make_folder(test_ctx, test_path("model")));
     if (cameras) colmap_file("model/cameras.txt", cameras);
@@ -60,12 +61,9 @@ static const char *colmap_refused_points(const char *points)
 }
 
 /* Counts the warnings and keeps the last. */
-static struct {
-    int count;
-    char last[512];
-} colmap_warned;
+struct colmap_warned colmap_warned;
 
-static void colmap_capture(void *user, oxl_log_level level, const char *text)
+void colmap_capture(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
     if (level != OXL_LOG_WARNING) return;
@@ -73,7 +71,7 @@ static void colmap_capture(void *user, oxl_log_level level, const char *text)
     snprintf(colmap_warned.last, sizeof colmap_warned.last, "%s", text);
 }
 
-static void colmap_listen(void)
+void colmap_listen(void)
 {
     memset(&colmap_warned, 0, sizeof colmap_warned);
     test_ctx->options.log = colmap_capture;
@@ -81,14 +79,7 @@ static void colmap_listen(void)
 
 /* The 2D points of all images, which the library does not read, from the file of images of the model; those
  * of image i from first[i] on. */
-struct colmap_observed {
-    struct colmap_observation {
-        double x, y;
-        int64_t point;
-    } * at;
-    size_t *first; /* (images + 1) */
-};
-static struct colmap_observed colmap_observe(const char *folder, const struct colmap *c)
+struct colmap_observed colmap_observe(const char *folder, const struct colmap *c)
 {
     struct os_file_map file = {0};
     struct colmap_observed o = {NULL, oxl_calloc(test_ctx, c->image_count + 1, sizeof *o.first)};
@@ -111,17 +102,17 @@ static struct colmap_observed colmap_observe(const char *folder, const struct co
     os_release_file(test_ctx, &file);
     return o;
 }
-static size_t colmap_observed_count(const struct colmap_observed *o, size_t image)
+size_t colmap_observed_count(const struct colmap_observed *o, size_t image)
 {
     return o->first[image + 1] - o->first[image];
 }
-static void colmap_observed_free(struct colmap_observed *o)
+void colmap_observed_free(struct colmap_observed *o)
 {
     oxl_free(test_ctx, o->at);
     oxl_free(test_ctx, o->first);
 }
 
-static int colmap_same(const struct colmap *a, const struct colmap *b)
+int colmap_same(const struct colmap *a, const struct colmap *b)
 {
     int same = a->camera_count == b->camera_count && a->image_count == b->image_count &&
                a->point_count == b->point_count && a->track_count == b->track_count &&

@@ -1,5 +1,6 @@
 /* test_colmap_binary.c - the binary export: the same model as the text, and a refusal with a place for any
  * other bytes. */
+#include "test.h"
 
 /* ---------------- a writer */
 
@@ -27,7 +28,7 @@ static FILE *binary_file(const char *folder, const char *name)
 
 /* As COLMAP writes it, with the 2D points of the model in the folder `text`, rows the other way round: its
  * order is that of a hash table. */
-static void binary_write(const char *folder, const struct colmap *c, const char *text)
+void binary_write(const char *folder, const struct colmap *c, const char *text)
 {
     struct colmap_observed o = colmap_observe(text, c);
     FILE *file = binary_file(folder, "cameras.bin");

@@ -1,4 +1,5 @@
 /* test_extremes.c - the quick rows of docs/STABILITY.md: float against double within the stated bounds. */
+#include "test.h"
 #include "extreme_runs.c"
 
 TEST(extremes_are_rendered_and_differentiated_within_the_stated_bounds)

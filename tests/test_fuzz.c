@@ -1,4 +1,5 @@
 /* test_fuzz.c - what the fuzzer was given and what it once broke on, read again: see fuzz/. */
+#include "test.h"
 #include "../fuzz/targets.c"
 
 struct fuzz_replay {

@@ -1,5 +1,6 @@
 /* test_gradient.c - the kernels' gradient against finite differences, from their source in double, and float
  * against double. */
+#include "test.h"
 #include "wide.h"
 
 enum { GRADIENT_WIDTH = 14, GRADIENT_HEIGHT = 11 };

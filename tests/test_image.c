@@ -1,5 +1,6 @@
 /* test_image.c - what comes out of image files, whole and broken, and how images are reduced, undistorted and
  * masked. */
+#include "test.h"
 
 static const struct colmap_camera image_pinhole = {.id = 1,
                                                    .model = 1,
@@ -22,6 +23,15 @@ static void image_append(void *user, void *data, int size)
     t->size += (size_t)size;
 }
 
+static void image_append_png(struct text *t, const uint8_t *rows, int w, int h, int channels)
+{
+    int size = 0;
+    uint8_t *png = codec_encode_png(rows, w, h, channels, &size);
+    CHECK(png);
+    image_append(t, png, size);
+    codec_free(png);
+}
+
 /* An image of w x h px with the pattern above. */
 static const char *image_test_file(const char *name, int w, int h)
 {
@@ -30,7 +40,7 @@ static const char *image_test_file(const char *name, int w, int h)
     uint8_t *bytes = oxl_alloc(test_ctx, (size_t)w * h, 3);
     for (int i = 0; i < w * h; i++)
         for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_pattern(i % w, i / w, c);
-    stbi_write_png_to_func(image_append, &file, w, h, 3, bytes, 3 * w);
+    image_append_png(&file, bytes, w, h, 3);
     CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
     text_free(&file);
     oxl_free(test_ctx, bytes);
@@ -44,7 +54,7 @@ static const char *image_mask(const char *name, int w, int h, const char *drawin
     struct text file = {.ctx = test_ctx};
     uint8_t bytes[64];
     for (int i = 0; i < w * h; i++) bytes[i] = drawing[i] == '#' ? 0 : 255;
-    stbi_write_png_to_func(image_append, &file, w, h, 1, bytes, w);
+    image_append_png(&file, bytes, w, h, 1);
     CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
     text_free(&file);
     return path;
@@ -95,7 +105,7 @@ TEST(image_colours_that_a_palette_has_not_are_black)
     struct text png = {.ctx = test_ctx};
     struct pixels pixels;
     int size;
-    unsigned char *packed = stbi_zlib_compress(row, 5, &size, 8);
+    unsigned char *packed = codec_deflate(row, 5, &size);
     image_append(&png, (void *)(uintptr_t) "\x89PNG\r\n\x1a\n", 8);
     image_chunk(&png, "IHDR", head, 13);
     image_chunk(&png, "PLTE", two, 6);
@@ -104,7 +114,7 @@ TEST(image_colours_that_a_palette_has_not_are_black)
     CHECK_OK(image_decode(test_ctx, image_bytes("palette.png", png.data, png.size), 3, &pixels));
     CHECK(pixels.width == 4 && memcmp(pixels.data, wanted, 12) == 0);
     image_pixels_free(test_ctx, &pixels);
-    stbi_image_free(packed);
+    codec_free(packed);
     text_free(&png);
 }
 
@@ -148,11 +158,12 @@ TEST(image_png_of_16_bits_that_we_write_is_one)
         uint16_t *back;
         unsigned sum =
             (unsigned)data[29] << 24 | (unsigned)data[30] << 16 | (unsigned)data[31] << 8 | data[32];
-        CHECK(stbi_is_16_bit_from_memory(data, (int)map.size));
-        back = stbi_load_16_from_memory(data, (int)map.size, &w, &h, &channels, 0);
+        CHECK(codec_is_16_bit(data, map.size));
+        CHECK(codec_read_header(data, map.size, &w, &h, &channels));
+        back = codec_decode_16(data, map.size, 1, &w, &h);
         CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, grey, sizeof grey) == 0);
         CHECK(sum == 0xE88FE585); /* of the header: stb does not look */
-        stbi_image_free(back);
+        codec_free(back);
     }
     os_release_file(test_ctx, &map);
 }

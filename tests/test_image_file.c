@@ -1,4 +1,5 @@
 /* test_image_file.c - decoded images in files: whole or not at all. */
+#include "test.h"
 
 TEST(decoded_image_comes_back_whole_or_not_at_all)
 {

@@ -1,8 +1,7 @@
 /* test_job.c - the whole job and the survey's report, on a survey of nine small images of a coloured wall. */
+#include "test.h"
 
-enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };
-
-static oxl_result job_test_image(const char *path, int view)
+oxl_result job_test_image(const char *path, int view)
 {
     oxl_image image = {0};
     oxl_result rc = oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &image);
@@ -19,7 +18,7 @@ static oxl_result job_test_image(const char *path, int view)
 
 /* Writes the survey into the test's folder and returns its path. Cameras stand in a row and look at a wall at
  * z = 4. */
-static const char *job_test_survey(void)
+const char *job_test_survey(void)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     char name[64];
@@ -40,14 +39,14 @@ static const char *job_test_survey(void)
     return test_path("survey");
 }
 
-static oxl_job_options job_test_options(void)
+oxl_job_options job_test_options(void)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     options.train.iterations = 12;
     return options;
 }
 
-static int job_test_has(const char *file, const char *words)
+int job_test_has(const char *file, const char *words)
 {
     struct os_file_map map = {0};
     int has;
@@ -59,7 +58,7 @@ static int job_test_has(const char *file, const char *words)
 }
 
 /* The first `from` in a file becomes `to`. */
-static void job_test_replace(const char *file, const char *from, const char *to)
+void job_test_replace(const char *file, const char *from, const char *to)
 {
     struct os_file_map map = {0};
     struct text t = {.ctx = test_ctx};
@@ -73,11 +72,7 @@ static void job_test_replace(const char *file, const char *from, const char *to)
     os_release_file(test_ctx, &map);
 }
 
-struct job_test_watch {
-    int calls, stop_at;
-};
-
-static int job_test_progress(void *user, const oxl_progress *p)
+int job_test_progress(void *user, const oxl_progress *p)
 {
     struct job_test_watch *w = user;
     w->calls++;
@@ -406,7 +401,7 @@ static const char *job_test_strip(void)
 
 /* --ram with which a merged model of the blocks in a folder keeps this share of its Gaussians in memory, into
  * partition.txt. */
-static void job_test_limit_memory(const char *out, const oxl_job_options *options, double share)
+void job_test_limit_memory(const char *out, const oxl_job_options *options, double share)
 {
     oxl_job_options o = *options;
     oxl_scene *scene = NULL;
@@ -677,7 +672,8 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
     CHECK_OK(render_file_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
-    back = stbi_load_16_from_memory((const stbi_uc *)png.data, (int)png.size, &w, &h, &channels, 0);
+    CHECK(codec_read_header(png.data, png.size, &w, &h, &channels));
+    back = codec_decode_16(png.data, png.size, 1, &w, &h);
     CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, wanted, sizeof wanted) == 0);
     CHECK(pfm.size > sizeof depth && memcmp(pfm.data, head, strlen(head)) == 0);
     if (pfm.size > sizeof depth) {
@@ -685,7 +681,7 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
         CHECK(memcmp(rows, depth + 3, 3 * sizeof *depth) == 0 &&
               memcmp(rows + 3 * sizeof *depth, depth, 3 * sizeof *depth) == 0);
     }
-    stbi_image_free(back);
+    codec_free(back);
     os_release_file(test_ctx, &png);
     os_release_file(test_ctx, &pfm);
 }
@@ -824,7 +820,7 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
 }
 
 /* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
-static oxl_metrics job_test_evaluate(const char *model, int imaging)
+oxl_metrics job_test_evaluate(const char *model, int imaging)
 {
     oxl_scene *scene = NULL;
     oxl_model read = {0};

@@ -1,4 +1,5 @@
 /* test_job_budget.c - --ram: what gives way, in which order, and what is refused. */
+#include "test.h"
 
 static struct cost_load budget_test_load(void)
 {

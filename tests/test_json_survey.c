@@ -1,5 +1,6 @@
 /* test_json_survey.c - nerfstudio's and OpenSfM's files give the scene that COLMAP's export of the same
  * survey gives. */
+#include "test.h"
 #include "../src/core/json.h"
 
 static const char jsurvey_images[] =

@@ -1,5 +1,7 @@
 /* test_lock.c - a folder is written to by one process at a time. The other process is a child that is
  * killed. */
+#include "test.h"
+#include <unistd.h>
 #ifndef _WIN32
 #include <sys/wait.h>
 

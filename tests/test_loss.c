@@ -1,5 +1,6 @@
 /* test_loss.c - the fused loss, from its source in double, against the formulas written out, and its gradient
  * against finite differences. */
+#include "test.h"
 #include "wide.h"
 
 static double loss_image(uint64_t seed, size_t i)

@@ -4,6 +4,7 @@
  * After SQLite's tests: the n-th allocation fails, those after it succeed, which also finds errors that are
  * swallowed. A few dozen n here; OXL_ALL_ALLOCATIONS=1 takes every one (.ci/slow).
  */
+#include "test.h"
 
 static long memory_left; /* allocations until one is refused */
 

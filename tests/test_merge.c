@@ -1,5 +1,6 @@
 /* test_merge.c - the models of blocks become one: each Gaussian once, where it was, with all that it
  * carries. */
+#include "test.h"
 
 enum { MERGE_TEST_COUNT = 3000 };
 

@@ -1,5 +1,6 @@
 /* test_metrics.c - PSNR, SSIM and MS-SSIM against values of independent implementations (torch's conv2d;
  * numpy). */
+#include "test.h"
 
 enum { METRICS_TEST_W = 37, METRICS_TEST_H = 23, METRICS_TEST_N = 3 * METRICS_TEST_W * METRICS_TEST_H };
 

@@ -1,4 +1,5 @@
 /* test_model.c - planes of Gaussians: their memory, their start from points, their files. */
+#include "test.h"
 
 /* ---------------- helpers */
 

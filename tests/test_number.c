@@ -1,5 +1,6 @@
 /* test_number.c - parse_double against strtod in the "C" locale, bit for bit; integers; the way back to
  * text. */
+#include "test.h"
 #include <locale.h>
 
 /* Whole text must be taken; then the bits of both are the same, or both are not-a-number. */

@@ -1,5 +1,6 @@
 /* test_options.c - the table of options: what it promises of defaults, texts, ranges, former names and
  * run.json. */
+#include "test.h"
 
 TEST(options_have_names_of_their_own_and_one_place_each_in_run_json)
 {

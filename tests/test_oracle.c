@@ -6,6 +6,7 @@
  * o sigmoid(a), s' = s exp(b).
  * Scenes and expected gradients are converted by the chain rule when they are read.
  */
+#include "test.h"
 #include "wide.h"
 #include <ctype.h>
 

@@ -1,4 +1,5 @@
 /* test_ortho.c - what is rendered from above, along a path or measured in images lies where it says. */
+#include "test.h"
 #include "../cli/flight.c"
 #include "../cli/frame.c"
 #include "../cli/ortho.c"

@@ -1,4 +1,6 @@
 /* test_os.c - files appear whole or not at all. */
+#include "test.h"
+#include <sys/resource.h>
 #include <signal.h>
 
 static int os_count_entry_total;

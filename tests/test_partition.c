@@ -1,4 +1,5 @@
 /* test_partition.c - blocks of a survey: homes, balance, frames, views, guards, files. */
+#include "test.h"
 
 /* A survey of n points and views x views cameras on a grid above their middle 98 %, each of which looks down
  * and sees what lies within `reach` of it. Text files alone. */
@@ -8,7 +9,7 @@ struct partition_test {
     double low[2], high[2], reach;
 };
 
-static char partition_test_log[4096];
+char partition_test_log[4096];
 
 static void partition_test_remember(void *user, oxl_log_level level, const char *text)
 {
@@ -17,7 +18,7 @@ static void partition_test_remember(void *user, oxl_log_level level, const char 
              sizeof partition_test_log - strlen(partition_test_log), "%s\n", text);
 }
 
-static void partition_test_listen(void)
+void partition_test_listen(void)
 {
     partition_test_log[0] = 0;
     test_ctx->options.log = partition_test_remember;
@@ -77,7 +78,7 @@ static const char *partition_test_survey(const char *name, const struct partitio
     return test_path(name);
 }
 
-static oxl_scene *partition_test_load(const char *path)
+oxl_scene *partition_test_load(const char *path)
 {
     oxl_scene_options options = oxl_scene_options_default();
     oxl_scene *scene = NULL;
@@ -86,7 +87,7 @@ static oxl_scene *partition_test_load(const char *path)
     return scene;
 }
 
-static oxl_partition_options partition_test_options(int block_points, oxl_cut cut)
+oxl_partition_options partition_test_options(int block_points, oxl_cut cut)
 {
     oxl_partition_options o = oxl_partition_options_default();
     o.block_points = block_points;
@@ -144,7 +145,7 @@ static void partition_test_reef(struct partition_test *t, double *p, double flat
         (struct partition_test){.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 8};
 }
 
-static oxl_scene *partition_test_reef_scene(double flat)
+oxl_scene *partition_test_reef_scene(double flat)
 {
     static double p[3 * PARTITION_TEST_POINTS];
     struct partition_test t;

@@ -1,4 +1,5 @@
 /* test_partition_export.c - blocks as files: COLMAP exports equal to the survey, the drawing, the report. */
+#include "test.h"
 
 static const struct colmap_image *export_test_image(const struct colmap *c, int64_t id)
 {

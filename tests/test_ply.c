@@ -1,4 +1,5 @@
 /* test_ply.c - the PLY reader: each format, each type, and files that lie. */
+#include "test.h"
 
 struct ply_test_file {
     unsigned char bytes[8192];

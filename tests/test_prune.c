@@ -1,4 +1,5 @@
 /* test_prune.c - number to keep, schedule of drops, scores. */
+#include "test.h"
 
 TEST(prune_keep_reads_shares_counts_sizes_and_auto)
 {
@@ -181,12 +182,8 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 
 /* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they
  * share nothing. */
-struct prune_case {
-    oxl_scene *scene;
-    struct trained_model trained;
-};
 
-static struct prune_case prune_two_patches(int many, int few, float low)
+struct prune_case prune_two_patches(int many, int few, float low)
 {
     enum { SIDE = 32 };
     struct prune_case c = {NULL, {{0}, {0}, {0}}};
@@ -223,7 +220,7 @@ static struct prune_case prune_two_patches(int many, int few, float low)
     return c;
 }
 
-static void prune_case_free(struct prune_case *c)
+void prune_case_free(struct prune_case *c)
 {
     oxl_scene_free(test_ctx, c->scene);
     model_trained_free(test_ctx, &c->trained);

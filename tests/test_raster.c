@@ -3,6 +3,7 @@
  *
  * The kernels run from their source in double where each pixel must agree (wide.h), in float for the rest.
  */
+#include "test.h"
 #include "wide.h"
 
 /* Gaussians of every size, shape and faintness, many of them half or wholly out of the image. Rows 0..lobes-1

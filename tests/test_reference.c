@@ -5,6 +5,7 @@
  * and get no gradient.
  * Errors are shares of the largest value of a plane. Bounds are about four times what was measured.
  */
+#include "test.h"
 #include "wide.h"
 
 /* ---------------- scenes */

@@ -1,4 +1,5 @@
 /* test_report.c - the page says what the folder holds, whatever names are in it and whatever is missing. */
+#include "test.h"
 #include "../cli/output.c"
 #include "../cli/report.c"
 #include "../cli/report_chart.c"

@@ -1,4 +1,5 @@
 /* test_rounds.c - blocks trained as one model: context Gaussians and windows. */
+#include "test.h"
 
 /* Random Gaussians in front of a camera at the origin that looks along z. */
 static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)

@@ -1,4 +1,5 @@
 /* test_scene.c - surveys as they come: what is found, what is missing, what is wrong with them. */
+#include "test.h"
 
 static char scene_log[4096]; /* what the library said */
 
@@ -17,7 +18,7 @@ static void scene_listen(void)
 
 /* A survey of n images (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand
  * 1 apart along x, from `base` on. Written to the test's folder under `name`. */
-static const char *scene_survey(const char *name, int n, double base, int with_files)
+const char *scene_survey(const char *name, int n, double base, int with_files)
 {
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     char path[128];

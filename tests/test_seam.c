@@ -1,4 +1,5 @@
 /* test_seam.c - an error beside a border between blocks is seen there, and only there. */
+#include "test.h"
 
 enum { SEAM_TEST_W = 64, SEAM_TEST_H = 48 };
 

@@ -1,5 +1,6 @@
 /* test_study.c - what a study says is what its runs left: rows, comparisons, controls, the front; its page,
  * CSV and drawing. */
+#include "test.h"
 #include "../lab/studies.c"
 #include "../lab/study.c"
 #include "../lab/study_plot.c"

@@ -1,5 +1,6 @@
 /* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree
  * with each other. */
+#include "test.h"
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
 #include "../lab/synth_fish.c"
@@ -9,7 +10,7 @@
 #include "../lab/synth_shade.c"
 #include "../lab/synth_world.c"
 
-static synth_options synth_test_options(const char *name)
+synth_options synth_test_options(const char *name)
 {
     synth_options o = synth_options_default();
     o.out = test_path(name);
@@ -20,7 +21,7 @@ static synth_options synth_test_options(const char *name)
 }
 
 /* Makes the survey and reads its text files back as any reader would. */
-static void synth_test_make(const synth_options *o, struct colmap *survey)
+void synth_test_make(const synth_options *o, struct colmap *survey)
 {
     char folder[600];
     oxl_result rc = synth_run(test_ctx, o);

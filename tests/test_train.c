@@ -1,4 +1,5 @@
 /* test_train.c - density control row by row, and small runs of the whole loop. */
+#include "test.h"
 
 /* ---------------- density */
 
@@ -320,7 +321,7 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 
 /* Views of a coloured plane, rendered by our own renderer from a known model: points near the truth, wrong
  * colours. shine: how much the colours change with the view, in bands of degree 1. */
-static oxl_scene *train_scene_of(int views, double shine)
+oxl_scene *train_scene_of(int views, double shine)
 {
     enum { SIDE = 48, GRID = 12 };
     oxl_model truth;
@@ -365,12 +366,12 @@ static oxl_scene *train_scene_of(int views, double shine)
     return scene;
 }
 
-static oxl_scene *train_scene(int views)
+oxl_scene *train_scene(int views)
 {
     return train_scene_of(views, 0);
 }
 
-static oxl_train_options train_options(int iterations)
+oxl_train_options train_options(int iterations)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     o.iterations = iterations;
@@ -378,7 +379,7 @@ static oxl_train_options train_options(int iterations)
     return o;
 }
 
-static double train_psnr(oxl_scene *scene, const oxl_model *model)
+double train_psnr(oxl_scene *scene, const oxl_model *model)
 {
     oxl_metrics metrics;
     double psnr;
@@ -404,7 +405,7 @@ TEST(train_learns_views_that_it_has_not_seen)
     oxl_scene_free(test_ctx, scene);
 }
 
-static int train_same(const oxl_model *a, const oxl_model *b)
+int train_same(const oxl_model *a, const oxl_model *b)
 {
     int same = a->count == b->count && a->sh_degree == b->sh_degree;
     for (int k = 0; same && k < oxl_model_planes(a); k++)

@@ -1,8 +1,9 @@
 /* test_train_nonfinite.c - nonfinite numbers planted in images, models and gradients do not spread. */
+#include "test.h"
 
-static char nonfinite_log[2000]; /* warnings */
+char nonfinite_log[2000]; /* warnings */
 
-static void nonfinite_listen(void *user, oxl_log_level level, const char *text)
+void nonfinite_listen(void *user, oxl_log_level level, const char *text)
 {
     const size_t used = strlen(nonfinite_log);
     (void)user;

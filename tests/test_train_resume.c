@@ -1,4 +1,5 @@
 /* test_train_resume.c - a run stopped at any step resumes to the same bytes; a damaged file is detected. */
+#include "test.h"
 
 struct checkpoint_watch {
     int stop_at, first; /* iteration: to stop at; of the first report, 0: none yet */
@@ -11,15 +12,7 @@ static int checkpoint_stop(void *user, const oxl_progress *progress)
     return progress->iteration == w->stop_at;
 }
 
-struct checkpoint_case {
-    oxl_scene *scene;
-    oxl_train_options options;
-    struct text log, notes, decisions;
-    int first;       /* iteration that the last run reported first */
-    oxl_model whole; /* of a run that nothing disturbed */
-};
-
-static struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options)
+struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options)
 {
     const struct text empty = {.ctx = test_ctx};
     return (struct checkpoint_case){
@@ -38,7 +31,7 @@ static struct checkpoint_case checkpoint_case(void)
     return c;
 }
 
-static void checkpoint_case_free(struct checkpoint_case *c)
+void checkpoint_case_free(struct checkpoint_case *c)
 {
     oxl_model_free(test_ctx, &c->whole);
     oxl_scene_free(test_ctx, c->scene);
@@ -48,7 +41,7 @@ static void checkpoint_case_free(struct checkpoint_case *c)
 }
 
 /* Runs from where the folder's state is to step `until`. */
-static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
+oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
 {
     const struct train_output place = {
         .folder = test_folder(), .key = key, .log = &c->log, .notes = &c->notes, .decisions = &c->decisions};

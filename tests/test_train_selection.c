@@ -1,5 +1,6 @@
 /* test_train_selection.c - SH bands and second lobes are kept only where trials show a gain; the evidence is
  * recorded. */
+#include "test.h"
 
 TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 {

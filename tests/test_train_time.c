@@ -1,5 +1,6 @@
 /* test_train_time.c - timed steps before a run predict its time with uncertainty, and do not change the
  * run. */
+#include "test.h"
 
 TEST(predict_time_leaves_the_run_as_it_would_be)
 {

@@ -1,5 +1,6 @@
 /* test_train_transients.c - content of one image alone is masked; content of all images, or not learned yet,
  * is not. */
+#include "test.h"
 
 enum {
     TRANSIENTS_TEST_SIDE = 48,

@@ -1,4 +1,5 @@
 /* test_training_views.c - images that fit far worse than their neighbours are reported, and no others. */
+#include "test.h"
 
 enum { TVIEWS = 24, TVIEWS_W = 96, TVIEWS_H = 64, TVIEWS_GAUSSIANS = 600 };
 

@@ -1,4 +1,5 @@
 /* test_ucd.c - how fast contrast fades, whether weights by depth are needed, and how they are learned. */
+#include "test.h"
 
 /* ---------------- contrast */
 

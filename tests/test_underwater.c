@@ -1,5 +1,6 @@
 /* test_underwater.c - exposure, lamp and medium: gradients, gauge, what is written and read; a run recovers
  * values that are known. */
+#include "test.h"
 
 /* ---------------- gains by hand */
 

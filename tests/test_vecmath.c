@@ -1,4 +1,5 @@
 /* test_vecmath.c - our exp, log, sin, cos against libm's, and at the ends of the range. */
+#include "test.h"
 
 /* Bounds: ours is within 1 ulp (2.2e-16) and libm within another. */
 #define VECMATH_BOUND 4.5e-16

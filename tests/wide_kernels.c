@@ -2,9 +2,12 @@
  * vectors chosen at run time, libm's exp and log, one thread. What float costs is the difference to this; it
  * does not test the formulas.
  */
-#define oxl_fail wide_fail /* the library, which is linked too, has the public one */
-/* what render.h declares is elsewhere, if anywhere: this unit has what the kernels call */
-#define OXL_MODULES
+/* The library, which is linked too, has functions of these names. */
+#define oxl_fail wide_fail
+#define oxl_calloc wide_calloc
+#define oxl_free wide_free_memory
+#define oxl_free_all wide_free_all
+#define oxl_reserve wide_reserve
 #include "../src/render/render.h"
 #undef OXL_INTERNAL
 #define OXL_INTERNAL static

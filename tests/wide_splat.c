@@ -1,5 +1,9 @@
 /* wide_splat.c - reference/splat.c as the tests call it: see wide.h. */
 #define SPLAT_NO_MAIN
+/* The library, which is linked too, has functions of these names. */
+#define project_forward splat_project_forward
+#define project_backward splat_project_backward
+#define train_step splat_train_step
 #include "../reference/splat.c"
 #include "wide.h"
 

@@ -64,4 +64,16 @@ OXL_INTERNAL void partition_update_leaves(const struct partition_build *b);
 OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *largest);
 OXL_INTERNAL oxl_result partition_assign_to_one(struct partition_build *b);
 
+enum { PARTITION_RATIOS = 21 }; /* places of a cut: 0.30, 0.32, ... 0.70 of a box [OceanXL] */
+struct partition_bin {
+    uint64_t points, load;
+};
+struct partition_candidate { /* a ratio, and the leaves on each side */
+    int ratio;               /* -1: none leaves both sides enough points for a block */
+    size_t points[2];        /* of the sides */
+    int leaves[2];
+    int fits;   /* both sides can be cut further into blocks of at most N_p points */
+    double off; /* by how much the load of a side misses its fraction */
+};
+
 #endif

@@ -7,7 +7,6 @@
 #include "partition_build.h"
 
 enum {
-    PARTITION_RATIOS = 21, /* 0.30, 0.32, ... 0.70 [OceanXL] */
     PARTITION_LOWEST = 30, /* the first, and the distance between two, in hundredths */
     PARTITION_STEP = 2,
     PARTITION_BATCH = 4096, /* boxes whose cuts are searched in one pass over the points */
@@ -76,9 +75,6 @@ static int partition_gather(struct partition_build *b, struct partition_search *
 }
 
 /* Points and their load between two candidate cuts of a box: those at or above k of them are counted at k. */
-struct partition_bin {
-    uint64_t points, load;
-};
 
 /* bins (slots, PARTITION_RATIOS + 1) */
 static void partition_count(const struct partition_build *b, const struct partition_search *search, int task,
@@ -100,14 +96,6 @@ static void partition_count(const struct partition_build *b, const struct partit
 }
 
 /* ---------------- the choice */
-
-struct partition_candidate { /* a ratio, and the leaves on each side */
-    int ratio;               /* -1: none leaves both sides enough points for a block */
-    size_t points[2];        /* of the sides */
-    int leaves[2];
-    int fits;   /* both sides can be cut further into blocks of at most N_p points */
-    double off; /* by how much the load of a side misses its fraction */
-};
 
 /* Rates one ratio with low_leaves leaves on its low side. */
 static struct partition_candidate partition_rate(const struct partition_build *b,
@@ -138,9 +126,9 @@ static int partition_is_better(const struct partition_build *b, const struct par
 }
 
 /* The best cut of a box; ratio -1: none is allowed. bins (ratios + 1) as partition_count leaves them. */
-static struct partition_candidate partition_choose(const struct partition_build *b,
-                                                   const struct partition_node *n,
-                                                   const struct partition_bin *bins)
+OXL_INTERNAL struct partition_candidate partition_choose(const struct partition_build *b,
+                                                         const struct partition_node *n,
+                                                         const struct partition_bin *bins)
 {
     const int ratios = partition_ratios(b), leaves = OXL_MAX(2, n->leaves);
     struct partition_bin low = {0, 0};

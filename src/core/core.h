@@ -2,8 +2,9 @@
  * with a section per module; it includes headers of lower layers only (make rooms).
  *
  * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other
- * modules; static functions belong to their file. In the single translation unit OXL_INTERNAL is static; in
- * separate modules (OXL_MODULES) it is extern, so every dependency must be declared here.
+ * modules; static functions belong to their file. In the single translation unit
+ * (OXL_UNITY) OXL_INTERNAL is static; in
+ * objects per file it is extern, so every dependency must be declared in a header.
  */
 #ifndef OXL_CORE_H
 #define OXL_CORE_H
@@ -39,7 +40,7 @@
 #include <omp.h>
 #endif
 
-#if defined(OXL_MODULES)
+#if !defined(OXL_UNITY)
 #define OXL_INTERNAL
 #elif defined(__GNUC__)
 #define OXL_INTERNAL static __attribute__((unused)) /* some functions are used only by tests or benchmarks */

@@ -52,9 +52,9 @@ enum {
     NUMBER_POWER5_MAX = 27   /* the last power of 5 below 2^63 */
 };
 
-static const double number_power10[NUMBER_POWER10_MAX + 1] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
-                                                              1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
-                                                              1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+OXL_INTERNAL const double number_power10[NUMBER_POWER10_MAX + 1] = {
+    1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
+    1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
 
 /* digits .. end may hold a decimal point; the number is (the digits read as one integer) x 10^exponent. */
 static double number_by_strtod(const char *digits, const char *end, int64_t exponent)

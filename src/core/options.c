@@ -293,14 +293,14 @@ static int option_read_limit(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
-static oxl_ucd option_default_ucd(void)
+OXL_INTERNAL oxl_ucd option_default_ucd(void)
 {
     return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
 /* on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on, corrected
  * during the run, with ",fixed" not; after "auto,": automatic with these. */
-static int option_read_ucd(const char *text, oxl_ucd *out)
+OXL_INTERNAL int option_read_ucd(const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);
     double mid = 0, back = 0;
@@ -333,7 +333,7 @@ static double option_unit(const char *s)
     return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
 }
 
-static int option_read_keep(const char *text, oxl_keep *out)
+OXL_INTERNAL int option_read_keep(const char *text, oxl_keep *out)
 {
     const char *at = text, *end = text + strlen(text);
     double value;

@@ -47,6 +47,25 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     __attribute__((        \
         target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
 #endif
+#ifdef OXL_ONE_ISA /* make DEV=1: each body is compiled once, for the machine that builds it */
+#if OXL_ONE_ISA == 2
+#define SIMD_TARGET_ONE SIMD_TARGET_AVX512
+#elif OXL_ONE_ISA == 1
+#define SIMD_TARGET_ONE SIMD_TARGET_AVX2
+#else
+#define SIMD_TARGET_ONE
+#endif
+#define SIMD_DISPATCH(linkage, name, job_type)                  \
+    SIMD_TARGET_ONE static void name##_one(const job_type *job) \
+    {                                                           \
+        name##_body(OXL_ONE_ISA > 0 || SIMD_BASE_FUSED, job);   \
+    }                                                           \
+    linkage void name(int isa, const job_type *job)             \
+    {                                                           \
+        (void)isa;                                              \
+        name##_one(job);                                        \
+    }
+#else
 #define SIMD_DISPATCH(linkage, name, job_type)                        \
     SIMD_TARGET_AVX512 static void name##_avx512(const job_type *job) \
     {                                                                 \
@@ -66,6 +85,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
         else if (isa == ISA_AVX2) name##_avx2(job);                   \
         else name##_base(job);                                        \
     }
+#endif
 #else
 #define SIMD_X86 0
 #define SIMD_DISPATCH(linkage, name, job_type)      \
@@ -101,7 +121,9 @@ SIMD_INLINE void simd_prefetch(const void *at)
 SIMD_INLINE int simd_detect(void)
 {
     int best = ISA_BASE;
-#if SIMD_X86
+#if SIMD_X86 && defined(OXL_ONE_ISA)
+    best = OXL_ONE_ISA;
+#elif SIMD_X86
     const char *forced = getenv("OXL_ISA");
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) best = ISA_AVX2;
     if (best == ISA_AVX2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&

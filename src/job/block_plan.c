@@ -145,7 +145,7 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 /* The rectangle of tiles with the largest sum of value (height, width); its sum. For each pair of rows, the
  * best run of columns
  * (Kadane). */
-static double plan_best_rectangle(const double *value, int width, int height, struct image_window *best)
+OXL_INTERNAL double plan_best_rectangle(const double *value, int width, int height, struct image_window *best)
 {
     double most = 0;
     *best = (struct image_window){0};

@@ -47,7 +47,7 @@ static void balance_measure(const struct balance_sum *s, int count, double *peak
     *spread = mean > 0 ? sqrt(OXL_MAX(variance, 0)) / mean : 0;
 }
 
-static oxl_balance balance_summary(const oxl_block *block, int count)
+OXL_INTERNAL oxl_balance balance_summary(const oxl_block *block, int count)
 {
     struct balance_sum points = {0}, views = {0};
     oxl_balance b = {.blocks = count};

@@ -100,7 +100,8 @@ static oxl_result predict_time_model(struct time_probe *p, struct trained_model 
 
 /* A model of `count` Gaussians: copies of the model's centres; copies after the first are displaced a
  * little. */
-static oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out)
+OXL_INTERNAL oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, size_t count,
+                                          oxl_model *out)
 {
     oxl_point *point = oxl_calloc(ctx, count + 1, sizeof *point);
     oxl_result rc = point ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to time %zu Gaussians", count);
@@ -125,7 +126,7 @@ OXL_INTERNAL double predict_time_expected(const oxl_train_options *o, size_t poi
 
 /* Mean over the run of (Gaussians - points) / (count - points): 0 without growth, 1 if all are there from the
  * start. */
-static double predict_time_grown(const oxl_train_options *o, double points, double count)
+OXL_INTERNAL double predict_time_grown(const oxl_train_options *o, double points, double count)
 {
     double now = points, progress = 0;
     for (int step = 1; step <= o->iterations; step++) {

@@ -7,7 +7,8 @@
 #include "../survey/scene.h"
 
 /* FOLDER/NAME + suffix; creates the folders in NAME, none of them outside FOLDER; NULL with the error set. */
-static char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
+OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *name,
+                                    const char *suffix)
 {
     struct text t = {.ctx = ctx};
     char *path, *slash;
@@ -80,8 +81,8 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
 
 /* Depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean depth, 0 at
  * infinity or without depth. */
-static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name,
-                                          const float *depth, int width, int height)
+OXL_INTERNAL oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name,
+                                                const float *depth, int width, int height)
 {
     const size_t pixels = (size_t)width * height;
     oxl_image grey = {0};

@@ -66,7 +66,7 @@ static void survey_write(oxl_survey *s, const char *format, ...)
 }
 
 /* "about 4 min (3 to 6)" */
-static void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
+OXL_INTERNAL void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
 {
     const double unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
     const char *const name = seconds < 90 ? "s" : seconds < 5400 ? "min" : "h";

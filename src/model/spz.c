@@ -18,6 +18,7 @@
  * 1032 bytes.
  */
 #include "../survey/image.h"
+#include "../core/codec.h"
 #include "model.h"
 
 #include "../core/bytes.h"
@@ -37,7 +38,7 @@ enum {
 
 /* ---------------- gzip (RFC 1952) */
 
-static uint32_t spz_crc(const unsigned char *p, size_t size)
+OXL_INTERNAL uint32_t spz_crc(const unsigned char *p, size_t size)
 {
     uint32_t table[256], crc = 0xffffffffu;
     for (uint32_t i = 0; i < 256; i++) {
@@ -92,7 +93,7 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
     /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
-    if (!image_inflate(*out, *size, p + at, packed + 8))
+    if (!codec_inflate(*out, *size, p + at, packed + 8))
         return spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
     if (spz_crc(*out, *size) != bytes_u32(p + file->size - 8))
         return spz_fail(ctx, path, "another checksum", "the one it was written with");

@@ -4,6 +4,7 @@
  * each; with --backend auto the CPU is used.
  */
 #include "render.h"
+#include "../core/codec.h"
 #ifdef OXL_VULKAN
 #include "../../backends/vulkan/vulkan.h"
 #endif
@@ -114,7 +115,7 @@ oxl_result oxl_backend_begin(oxl_context *ctx)
 oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out)
 {
     const oxl_result rc = context_open(options, out);
-    if (rc == OXL_OK) image_begin();
+    if (rc == OXL_OK) codec_begin();
     return rc;
 }
 

@@ -114,7 +114,7 @@ static int render_shows_centre(const struct renderer *r, size_t row)
 }
 
 /* Statistics for gradients at this depth. */
-static float *render_depth_sums(const struct renderer_sums *s, float depth)
+OXL_INTERNAL float *render_depth_sums(const struct renderer_sums *s, float depth)
 {
     return !s->banded || depth < s->z_near ? s->gradient
            : depth < s->z_far              ? s->gradient_mid

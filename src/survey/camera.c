@@ -83,7 +83,7 @@ OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double o
 
 /* atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an argument below
  * 0.2. */
-static double camera_atan(double x)
+OXL_INTERNAL double camera_atan(double x)
 {
     double square, sum = 0;
     for (int i = 0; i < 3; i++) x = x / (1 + sqrt(1 + x * x));
@@ -106,7 +106,7 @@ static double camera_fisheye_scale(const double *k, int count, double r)
 
 /* tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t / (1 - t^2)
  * three times. */
-static double camera_tan(double x)
+OXL_INTERNAL double camera_tan(double x)
 {
     const double square = x / 8 * (x / 8);
     double t = 21;

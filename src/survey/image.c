@@ -1,45 +1,15 @@
 /* image.c - reads images: decode, undistort, reduce, mask.
  *
- * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT,
- * fixed-point colour), which a test checks. stb allocates with malloc, since its hooks have no context; that
- * memory is freed before a function here returns, except struct pixels (image_pixels_free).
+ * codec.c decodes JPEG and PNG; its memory is freed before a function here returns, except struct pixels
+ * (image_pixels_free).
  *
  * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of
  * integers.
  */
 #include "sparse.h"
 #include "image.h"
+#include "../core/codec.h"
 #include "../core/simd.h"
-
-#ifdef __GNUC__
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wpragmas"
-#pragma GCC diagnostic ignored "-Wpedantic"
-#pragma GCC diagnostic ignored "-Wunused-function"
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#pragma GCC diagnostic ignored "-Wunused-but-set-variable"
-#pragma GCC diagnostic ignored "-Wsign-compare"
-#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
-#endif
-/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG
- * and ONLY_PNG, a macro for a function misspelt in stb_image 2.27. */
-#define STB_IMAGE_STATIC
-#define STB_IMAGE_IMPLEMENTATION
-#define STBI_NO_STDIO
-#define STBI_NO_GIF
-#define STBI_ONLY_JPEG
-#define STBI_ONLY_PNG
-#define STBI_MALLOC(size) calloc(1, size) /* its decoder reads tables that a damaged file does not define */
-#define STBI_REALLOC(old, size) realloc(old, size)
-#define STBI_FREE(old) free(old)
-#ifdef __TINYC__ /* defines x86-64 without intrinsics */
-#define STBI_NO_SIMD
-#endif
-#define stbi_set_unpremultiply_on_load_thread stbi__unpremultiply_on_load_thread
-#include <stb/stb_image.h>
-#ifdef __GNUC__
-#pragma GCC diagnostic pop
-#endif
 
 enum {
     IMAGE_SIDE_MAX = 32768, /* px; larger sizes in a header are an error */
@@ -138,10 +108,10 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
                         path, file->size, fault);
-    if (!stbi_info_from_memory(data, (int)file->size, width, height, &channels))
+    if (!codec_read_header(data, file->size, width, height, &channels))
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
-                        stbi_failure_reason());
+                        codec_failure());
     if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
@@ -205,21 +175,18 @@ OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int cha
 {
     struct os_file_map file = {0};
     oxl_result rc = os_read_file(ctx, path, &file);
-    const stbi_uc *data;
-    int w, h, in_file;
+    int w, h;
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
     if (rc != OXL_OK) goto done;
-    data = (const stbi_uc *)file.data;
     *out = (struct pixels){.width = w, .height = h};
-    if (stbi_is_16_bit_from_memory(data, (int)file.size))
-        out->data =
-            image_to_8_bits(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels),
-                            (size_t)w * h * channels);
-    else out->data = stbi_load_from_memory(data, (int)file.size, &w, &h, &in_file, channels);
+    if (codec_is_16_bit(file.data, file.size))
+        out->data = image_to_8_bits(codec_decode_16(file.data, file.size, channels, &w, &h),
+                                    (size_t)w * h * channels);
+    else out->data = codec_decode(file.data, file.size, channels, &w, &h);
     if (!out->data) {
-        const char *reason = stbi_failure_reason();
+        const char *reason = codec_failure();
         *out = (struct pixels){0};
         if (strcmp(reason, "outofmem") == 0)
             rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, w, h);
@@ -235,7 +202,7 @@ done:
 OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p)
 {
     (void)ctx;
-    stbi_image_free(p->data);
+    codec_free(p->data);
     *p = (struct pixels){0};
 }
 
@@ -599,12 +566,4 @@ oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out)
     }
     image_pixels_free(ctx, &pixels);
     return rc;
-}
-
-/* ---------------- stb's inflate, for spz.c */
-
-OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t data_size)
-{
-    if (size > INT_MAX || data_size > INT_MAX) return 0;
-    return stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) == (int)size;
 }

@@ -6,7 +6,7 @@
 
 /* ---------------- image.c: decode, reduce, undistort, mask, cache */
 
-struct pixels { /* 8 bits, interleaved as stb gives them */
+struct pixels { /* 8 bits, interleaved */
     int width, height;
     uint8_t *data;
 };
@@ -42,10 +42,7 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
-OXL_INTERNAL void image_begin(void); /* sets stb's PNG parameters */
-/* stb's codec: inflates raw deflate data to exactly `size` bytes, else 0; deflates with free bytes around
- * (*out by oxl_alloc). */
-OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t data_size);
+/* Deflates with free bytes around (*out by oxl_alloc). */
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
                                       size_t after, unsigned char **out, size_t *deflated);
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width,

@@ -1,38 +1,9 @@
-/* image_write.c - writes PNG and JPEG, in memory by stb_image_write, then to a file at once. See image.c for
- * stb's memory.
+/* image_write.c - writes PNG and JPEG, in memory by codec.c, then to a file at once.
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.
  */
 #include "image.h"
-
-#ifdef __GNUC__
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wpragmas"
-#pragma GCC diagnostic ignored "-Wpedantic"
-#pragma GCC diagnostic ignored "-Wunused-function"
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#pragma GCC diagnostic ignored "-Wunused-but-set-variable"
-#pragma GCC diagnostic ignored "-Wsign-compare"
-#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
-#endif
-#define STB_IMAGE_WRITE_STATIC
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-/* Its JPEG shifts bits out of a signed number on purpose: sanitizers must not stop there. */
-#ifdef __clang__
-#pragma clang attribute push(__attribute__((no_sanitize("shift"))), apply_to = function)
-#elif defined(__GNUC__)
-#pragma GCC push_options
-#pragma GCC optimize("wrapv")
-#endif
-#include <stb/stb_image_write.h>
-#ifdef __clang__
-#pragma clang attribute pop
-#elif defined(__GNUC__)
-#pragma GCC pop_options
-#endif
-#ifdef __GNUC__
-#pragma GCC diagnostic pop
-#endif
+#include "../core/codec.h"
 
 static uint8_t image_to_byte(float v)
 {
@@ -46,21 +17,6 @@ OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_imag
     for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
     for (size_t i = 0; to->mask && i < count; i++)
         to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
-}
-
-/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for
- * the same size
- * (docs/log/SPEED.md). These are globals of stb, set once, so that threads that write PNGs only read them. */
-OXL_INTERNAL void image_begin(void)
-{
-    enum { AVERAGE = 3, SEARCH = 5 };
-#ifdef _OPENMP
-#pragma omp critical(image_begin)
-#endif
-    if (stbi_write_force_png_filter != AVERAGE || stbi_write_png_compression_level != SEARCH) {
-        stbi_write_force_png_filter = AVERAGE;
-        stbi_write_png_compression_level = SEARCH;
-    }
 }
 
 /* Planes (3,count) as bytes, interleaved; NULL: no memory. */
@@ -78,22 +34,22 @@ static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_
 {
     const oxl_result rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size)
                                   : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode the image", path);
-    STBIW_FREE(encoded);
+    codec_free(encoded);
     oxl_free(ctx, bytes);
     return rc;
 }
 
-/* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
+/* Encodes planes (3,H,W) and writes the file. */
 static oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
 {
     uint8_t *bytes = image_interleave(ctx, rgb, (size_t)width * height);
     int size = 0;
-    unsigned char *encoded = bytes ? stbi_write_png_to_mem(bytes, 3 * width, width, height, 3, &size) : NULL;
+    unsigned char *encoded = bytes ? codec_encode_png(bytes, width, height, 3, &size) : NULL;
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
-/* Encoded by stb as 8-bit grey with alpha, which has the same bytes per pixel; then the header is changed to
- * 16-bit grey. */
+/* Encodes 8-bit grey with alpha, which has the same bytes per pixel, and then changes the header to 16-bit
+ * grey. */
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width,
                                           int height)
 {
@@ -105,17 +61,17 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
     int size = 0;
     for (size_t i = 0; bytes && i < count; i++)
         bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
-    if (bytes) encoded = stbi_write_png_to_mem(bytes, 2 * width, width, height, 2, &size);
+    if (bytes) encoded = codec_encode_png(bytes, width, height, 2, &size);
     if (encoded) {
         unsigned sum;
         encoded[BITS] = 16, encoded[COLOUR] = 0;
-        sum = stbiw__crc32(encoded + HEADER, HEADER_SIZE);
+        sum = codec_png_checksum(encoded + HEADER, HEADER_SIZE);
         for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
     }
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
-/* Callback of stb: receives the parts of a JPEG. */
+/* Collects the parts of a JPEG. */
 struct image_sink {
     oxl_context *ctx;
     void *data;
@@ -143,8 +99,8 @@ oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quali
     bytes = image_interleave(ctx, image->rgb, count);
     if (!bytes)
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
-    stbi_write_jpg_to_func(image_sink_append, &sink, image->width, image->height, 3, bytes,
-                           OXL_MAX(1, OXL_MIN(quality, 100)));
+    codec_encode_jpeg(image_sink_append, &sink, bytes, image->width, image->height,
+                      OXL_MAX(1, OXL_MIN(quality, 100)));
     oxl_free(ctx, bytes);
     if (sink.rc != OXL_OK) {
         oxl_free(ctx, sink.data);
@@ -169,13 +125,12 @@ OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t
 {
     enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes of zlib's header and checksum */
     int length = 0;
-    unsigned char *zlib =
-        size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, &length, 8) : NULL;
+    unsigned char *zlib = codec_deflate(data, size, &length);
     *out = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
     if (*out) {
         *deflated = (size_t)length - ZLIB_HEAD - ZLIB_TAIL;
         memcpy(*out + before, zlib + ZLIB_HEAD, *deflated);
     }
-    STBIW_FREE(zlib);
+    codec_free(zlib);
     return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compress %zu bytes", size);
 }

@@ -22,15 +22,6 @@
 #include "survey.h"
 #include "../core/vecmath.h"
 
-enum {
-    PHOTOMETRY_VIEWS = 128,   /* limit of images */
-    PHOTOMETRY_SAMPLE = 8000, /* limit of observations */
-    PHOTOMETRY_TRACK = 32,    /* observations of a point, at most; */
-    PHOTOMETRY_FEWEST = 3,    /* and at least */
-    PHOTOMETRY_ENOUGH = 500,  /* observations */
-    PHOTOMETRY_STEPS = 12,    /* of Gauss-Newton, at most */
-    PHOTOMETRY_PARAMETERS = 9 + LAMP_MAX * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
-};
 #define PHOTOMETRY_DARK 0.02 /* of white: darker and brighter patches are left out */
 #define PHOTOMETRY_BRIGHT 0.98
 /* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
@@ -60,34 +51,12 @@ static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
  * determined. */
 #define PHOTOMETRY_SEPARATE 0.1
 
-struct photometry_sample { /* a point in an image */
-    size_t point;
-    int view, valid;  /* view: index in `chosen` */
-    int lamp;         /* of the view's camera */
-    float x, y, size; /* px; half the patch's side */
-    double range, z;  /* range: in medians; z: over the focal length */
-    float value[3], weight[3];
-    float term[LAMP_TERMS];
-};
-struct photometry_work {
-    int *view, *chosen;                   /* as in contrast.c */
-    int views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
-    struct photometry_sample *sample;
-    size_t samples;
-    double *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
-    double *scratch; /* (3 PHOTOMETRY_SAMPLE) */
-    double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
-    struct lamp lamp[LAMP_MAX];
-    int lamps, gains;     /* the first parameter that is a gain */
-    int apart;            /* 1: cameras have shapes of their own */
-    int parameters, free; /* parts */
-};
-
 /* ---------------- which points in which images */
 
 /* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo
  * pair. */
-static void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w)
+OXL_INTERNAL void photometry_choose_views(const oxl_scene *scene, const struct colmap *c,
+                                          struct photometry_work *w)
 {
     const int views = oxl_scene_view_count(scene);
     int train = 0;
@@ -599,8 +568,8 @@ static void photometry_report(struct photometry_work *w, double median, int requ
     out->drift = photometry_drift(w, out);
 }
 
-static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,
-                                   struct photometry *out)
+OXL_INTERNAL oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,
+                                         struct photometry *out)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene);
     w->view = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
@@ -615,7 +584,7 @@ static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, str
                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");
 }
 
-static void photometry_end(oxl_context *ctx, struct photometry_work *w)
+OXL_INTERNAL void photometry_end(oxl_context *ctx, struct photometry_work *w)
 {
     OXL_FREE(ctx, w->view, w->chosen, w->sample, w->normal, w->scratch);
 }

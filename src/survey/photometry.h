@@ -25,4 +25,35 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
                                            struct photometry *out);
 OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p);
 
+enum {
+    PHOTOMETRY_VIEWS = 128,   /* limit of images */
+    PHOTOMETRY_SAMPLE = 8000, /* limit of observations */
+    PHOTOMETRY_TRACK = 32,    /* observations of a point, at most; */
+    PHOTOMETRY_FEWEST = 3,    /* and at least */
+    PHOTOMETRY_ENOUGH = 500,  /* observations */
+    PHOTOMETRY_STEPS = 12,    /* of Gauss-Newton, at most */
+    PHOTOMETRY_PARAMETERS = 9 + LAMP_MAX * LAMP_TERMS + 3 * PHOTOMETRY_VIEWS
+};
+struct photometry_sample { /* a point in an image */
+    size_t point;
+    int view, valid;  /* view: index in `chosen` */
+    int lamp;         /* of the view's camera */
+    float x, y, size; /* px; half the patch's side */
+    double range, z;  /* range: in medians; z: over the focal length */
+    float value[3], weight[3];
+    float term[LAMP_TERMS];
+};
+struct photometry_work {
+    int *view, *chosen;                   /* as in contrast.c */
+    int views, lamp_of[PHOTOMETRY_VIEWS]; /* of the chosen ones: its camera's lamp */
+    struct photometry_sample *sample;
+    size_t samples;
+    double *normal;  /* (PHOTOMETRY_PARAMETERS^2) lower triangle */
+    double *scratch; /* (3 PHOTOMETRY_SAMPLE) */
+    double right[PHOTOMETRY_PARAMETERS], at[PHOTOMETRY_PARAMETERS], sigma;
+    struct lamp lamp[LAMP_MAX];
+    int lamps, gains;     /* the first parameter that is a gain */
+    int apart;            /* 1: cameras have shapes of their own */
+    int parameters, free; /* parts */
+};
 #endif

@@ -21,7 +21,7 @@ enum {
 
 /* ---------------- quantiles */
 
-static int stats_compare(const void *a, const void *b)
+OXL_INTERNAL int stats_compare(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
@@ -179,7 +179,7 @@ static void stats_by_tracks(const struct stats_view *views, size_t count, const 
     }
 }
 
-static int stats_is_in_image(const oxl_camera *c, const double p[3])
+OXL_INTERNAL int stats_is_in_image(const oxl_camera *c, const double p[3])
 {
     double x[3], pixel[2];
     return camera_project(c, p, NULL, x, pixel) && fabs(pixel[0] - 0.5 * c->width) <= 0.5 * c->width &&

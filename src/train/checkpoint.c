@@ -17,15 +17,13 @@
 #include <errno.h>
 
 #define CHECKPOINT_MAGIC UINT64_C(0x45544154534C584F) /* "OXLSTATE" */
-#define CHECKPOINT_VERSION 9
-#define CHECKPOINT_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
 #define CHECKPOINT_PRIME UINT64_C(0x100000001B3)
 
 enum { CHECKPOINT_CHUNK = 1 << 16 };
 
 /* ---------------- bytes, both ways */
 
-static uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size)
+OXL_INTERNAL uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size)
 {
     for (size_t i = 0; i < size; i++) sum = (sum ^ bytes[i]) * CHECKPOINT_PRIME;
     return sum;

@@ -33,18 +33,6 @@
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 
-struct density {
-    size_t capacity;
-    int banded;
-    float z_near, z_far; /* where the bands meet, camera z */
-    /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than
-     * z_near */
-    float *gradient;
-    float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
-    float *views;                       /* (count) number of views that see it */
-    uint8_t *verdict;                   /* (count) */
-};
-
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
 {
     *out = oxl_calloc(ctx, 1, sizeof **out);
@@ -145,7 +133,7 @@ OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t c
     if (d->banded) archive_floats(a, d->gradient_far, count);
 }
 
-static struct renderer_sums density_sums(const struct density *d, size_t count)
+OXL_INTERNAL struct renderer_sums density_sums(const struct density *d, size_t count)
 {
     return (struct renderer_sums){count,       d->banded,       d->z_near,       d->z_far,
                                   d->gradient, d->gradient_mid, d->gradient_far, d->views};

@@ -102,7 +102,7 @@ OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f)
     *f = (struct free_space){0};
 }
 
-static int free_space_contains(const struct free_space *f, const double p[3])
+OXL_INTERNAL int free_space_contains(const struct free_space *f, const double p[3])
 {
     for (size_t v = 0; v < f->views; v++) {
         double z;

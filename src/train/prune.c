@@ -25,7 +25,6 @@
 #define PRUNE_PATIENCE 3       /* checks without a drop: 1500 of 40 000 */
 #define PRUNE_RECOVERY 0.99    /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
 #define PRUNE_EPSILON 0.01     /* auto: the validation views' loss may rise by this fraction */
-#define PRUNE_FILE 2048        /* bytes of a PLY that are not rows: its header */
 enum {
     PRUNE_EVERY_MIN = 25,   /* steps: minimum for Gaussians to adapt */
     PRUNE_AUTO_DIVISOR = 8, /* auto: each drop removes one eighth of the rest */

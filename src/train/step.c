@@ -235,7 +235,7 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
 }
 
 /* The tracks' depths of a view, at this step's window and resolution, for the backward pass. */
-static oxl_result step_set_depths(struct train *t, int view, double progress)
+OXL_INTERNAL oxl_result step_set_depths(struct train *t, int view, double progress)
 {
     const struct image_window *w = step_window(t, view);
     const float side = t->halved ? 0.5f : 1;
@@ -257,7 +257,7 @@ static oxl_result step_set_depths(struct train *t, int view, double progress)
 
 /* Forward, loss, backward, step. Deferred, they are only recorded: what becomes of them is in the step's
  * report. */
-static oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
+OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
 {
     const double progress = (double)t->step / t->options->iterations;
     const int view = here->view;

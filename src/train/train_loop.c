@@ -135,7 +135,7 @@ static oxl_result train_begin_dropout(struct train *t)
                     "a device does not leave out Gaussians\nfix: --dropout auto, or --backend cpu");
 }
 
-static oxl_result train_begin(struct train *t)
+OXL_INTERNAL oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
     const int continued = t->output && t->output->start;
@@ -170,7 +170,7 @@ static oxl_result train_begin(struct train *t)
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
 
-static void train_end(struct train *t)
+OXL_INTERNAL void train_end(struct train *t)
 {
     oxl_context *ctx = t->ctx;
     model_trained_free(ctx, &t->trained);
@@ -201,7 +201,7 @@ static int train_are_nonnegative(const oxl_model *square)
 }
 
 /* All state that later steps depend on. */
-static void train_archive(struct archive *a, void *user)
+OXL_INTERNAL void train_archive(struct archive *a, void *user)
 {
     struct train *t = user;
     size_t views = (size_t)t->views;
@@ -258,7 +258,7 @@ static int train_save_is_due(const struct train *t)
            (t->step - t->saved_step >= TRAIN_SAVE_STEPS || os_seconds() - t->saved_at >= TRAIN_SAVE_SECONDS);
 }
 
-static oxl_result train_resume(struct train *t)
+OXL_INTERNAL oxl_result train_resume(struct train *t)
 {
     int found = 0;
     oxl_result rc = OXL_OK;
@@ -271,7 +271,7 @@ static oxl_result train_resume(struct train *t)
 
 /* ---------------- one step with the decisions after it */
 
-static oxl_result train_density(struct train *t)
+OXL_INTERNAL oxl_result train_density(struct train *t)
 {
     const oxl_train_options *o = t->options;
     oxl_result rc = OXL_OK;

@@ -37,6 +37,8 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
 /* reading: 0, and a failure, if the file is too short */
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
+#define CHECKPOINT_VERSION 9
+#define CHECKPOINT_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
 typedef void checkpoint_state(struct archive *a, void *user);
 /* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the
  * result. */
@@ -65,8 +67,17 @@ OXL_INTERNAL struct renderer_nonfinite nonfinite_clear(const struct renderer *r,
 
 /* ---------------- density.c: split, prune, reset */
 
-struct density; /* statistics since the last control */
-
+struct density { /* statistics since the last control */
+    size_t capacity;
+    int banded;
+    float z_near, z_far; /* where the bands meet, camera z */
+    /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than
+     * z_near */
+    float *gradient;
+    float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
+    float *views;                       /* (count) number of views that see it */
+    uint8_t *verdict;                   /* (count) */
+};
 struct density_rules {
     double gradient;       /* grow at this mean |dL/d(u,v)|, in units of half an image */
     double f_mid, f_far;   /* weights of the mid and far band [paper eq. 2]; used when there are bands */
@@ -107,6 +118,14 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
 
 /* ---------------- ucd.c: weights by depth for density control, and their search */
 
+/* Cost of a doubling of the Gaussians, in log loss: about what it gains in four densifications
+ * (docs/log/ABLATION.md). */
+#define UCD_GROWTH 0.02
+#define UCD_PRECISION 0.2  /* of the prior: half of it in log loss for a weight 1 away */
+#define UCD_OFFSET_MAX 1.0 /* limit of a single pair's distance from the prior */
+#define UCD_SHIFT 0.5      /* of a point from the estimate: differences over less are lost in noise */
+enum { UCD_SPAN = 4 };     /* densifications for a cost: the gain of the first shows after the third alone */
+
 struct ucd {
     int on, learns;
     double z_near, z_far; /* limits of the middle band, camera z */
@@ -136,6 +155,7 @@ OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u);
 
 /* ---------------- prune.c: removes the Gaussians that matter least */
 
+#define PRUNE_FILE 2048 /* bytes of a PLY that are not rows: its header */
 struct prune {
     oxl_keep keep;
     double row_bytes;           /* of the file, for OXL_KEEP_BYTES */
@@ -180,6 +200,8 @@ OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, ui
 
 /* ---------------- transients.c: masks of moving objects */
 
+/* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
+#define TRANSIENTS_MAX 0.05f
 struct transients_square { /* of pixels, in the present view */
     /* difference of the mean colours, fraction of white; -1: all its pixels are masked */
     float error;

@@ -26,10 +26,8 @@
 #include "train_parts.h"
 #include "../survey/sparse.h"
 
-#define TRANSIENTS_ERROR 0.05f /* of white: a visible difference */
-#define TRANSIENTS_TIMES 4.0f  /* x the expected error around */
-/* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
-#define TRANSIENTS_MAX 0.05f
+#define TRANSIENTS_ERROR 0.05f    /* of white: a visible difference */
+#define TRANSIENTS_TIMES 4.0f     /* x the expected error around */
 #define TRANSIENTS_RATE 0.1f      /* about the last ten views */
 #define TRANSIENTS_SMOOTHING 0.02 /* of the logged fraction: about the last 50 views */
 enum {

@@ -31,13 +31,7 @@
 #define UCD_DEPTH_MAX 0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
 #define UCD_FRONT 0.10     /* quantiles of depth that auto compares */
 #define UCD_BACK 0.90
-/* cost of a doubling, in log loss: about what it gains in four densifications (docs/log/ABLATION.md) */
-#define UCD_GROWTH 0.02
-#define UCD_PRECISION 0.2  /* of the prior: half of it in log loss for a weight 1 away */
-#define UCD_OFFSET_MAX 1.0 /* limit of a single pair's distance from the prior */
-#define UCD_SHIFT 0.5      /* of a point from the estimate: differences over less are lost in noise */
 #define UCD_STREAM (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
-enum { UCD_SPAN = 4 /* densifications for a cost: the gain of the first shows after the third alone */ };
 
 /* ---------------- the bands, and the decision */
 

@@ -1,0 +1,166 @@
+/* cases.h - declares what several test files share: surveys, small runs, listeners; and internal functions of
+ * src/ that no header declares, because no other module calls them. */
+#ifndef TEST_CASES_H
+#define TEST_CASES_H
+
+#include "../lab/synth.h"
+
+/* ---------------- shared by test files */
+
+/* test.c */
+void *counting_reallocate(void *user, void *old, size_t size);
+void memory_weigh_end(void);
+void memory_weigh_start(void);
+struct memory_weighed {
+    size_t held, most; /* bytes */
+    int calls;         /* each moves the memory to another place within a cache line */
+};
+extern struct memory_weighed memory_weighed;
+extern long blocks_held; /* given by the counting allocator and not yet freed */
+
+struct colmap_observed {
+    struct colmap_observation {
+        double x, y;
+        int64_t point;
+    } * at;
+    size_t *first; /* (images + 1) */
+};
+struct colmap_warned {
+    int count;
+    char last[512];
+};
+extern struct colmap_warned colmap_warned;
+/* test_colmap.c */
+void colmap_capture(void *user, oxl_log_level level, const char *text);
+extern const char colmap_good_cameras[];
+extern const char colmap_good_images[];
+extern const char colmap_good_points[];
+void colmap_listen(void);
+struct colmap_observed colmap_observe(const char *folder, const struct colmap *c);
+size_t colmap_observed_count(const struct colmap_observed *o, size_t image);
+void colmap_observed_free(struct colmap_observed *o);
+int colmap_same(const struct colmap *a, const struct colmap *b);
+oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out);
+
+/* test_colmap_binary.c */
+void binary_write(const char *folder, const struct colmap *c, const char *text);
+
+enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };
+struct job_test_watch {
+    int calls, stop_at;
+};
+/* test_job.c */
+oxl_metrics job_test_evaluate(const char *model, int imaging);
+int job_test_has(const char *file, const char *words);
+oxl_result job_test_image(const char *path, int view);
+void job_test_limit_memory(const char *out, const oxl_job_options *options, double share);
+oxl_job_options job_test_options(void);
+int job_test_progress(void *user, const oxl_progress *p);
+void job_test_replace(const char *file, const char *from, const char *to);
+const char *job_test_survey(void);
+
+extern char lint_heard[4096];
+/* test_lint.c */
+void lint_listen(void *user, oxl_log_level level, const char *text);
+
+extern char partition_test_log[4096];
+/* test_partition.c */
+void partition_test_listen(void);
+oxl_scene *partition_test_load(const char *path);
+oxl_partition_options partition_test_options(int block_points, oxl_cut cut);
+oxl_scene *partition_test_reef_scene(double flat);
+
+struct prune_case {
+    oxl_scene *scene;
+    struct trained_model trained;
+};
+/* test_prune.c */
+void prune_case_free(struct prune_case *c);
+struct prune_case prune_two_patches(int many, int few, float low);
+
+/* test_scene.c */
+const char *scene_survey(const char *name, int n, double base, int with_files);
+
+/* test_synth.c */
+void synth_test_make(const synth_options *o, struct colmap *survey);
+synth_options synth_test_options(const char *name);
+
+/* test_train.c */
+oxl_train_options train_options(int iterations);
+double train_psnr(oxl_scene *scene, const oxl_model *model);
+int train_same(const oxl_model *a, const oxl_model *b);
+oxl_scene *train_scene(int views);
+oxl_scene *train_scene_of(int views, double shine);
+
+extern char nonfinite_log[2000];
+/* test_train_nonfinite.c */
+void nonfinite_listen(void *user, oxl_log_level level, const char *text);
+
+struct checkpoint_case {
+    oxl_scene *scene;
+    oxl_train_options options;
+    struct text log, notes, decisions;
+    int first;       /* iteration that the last run reported first */
+    oxl_model whole; /* of a run that nothing disturbed */
+};
+/* test_train_resume.c */
+void checkpoint_case_free(struct checkpoint_case *c);
+struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options);
+oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out);
+
+/* ---------------- internal to modules of src/ */
+
+/* src/core/options.c */
+oxl_ucd option_default_ucd(void);
+int option_read_keep(const char *text, oxl_keep *out);
+int option_read_ucd(const char *text, oxl_ucd *out);
+/* src/blocks/partition_cut.c */
+struct partition_candidate partition_choose(const struct partition_build *b, const struct partition_node *n,
+                                            const struct partition_bin *bins);
+/* src/job/block_plan.c */
+double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
+/* src/job/partition_balance.c */
+oxl_balance balance_summary(const oxl_block *block, int count);
+/* src/job/predict_time.c */
+oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out);
+double predict_time_grown(const oxl_train_options *o, double points, double count);
+/* src/job/render_files.c */
+char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix);
+oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth,
+                                   int width, int height);
+/* src/job/survey_report.c */
+void survey_write_duration(oxl_survey *s, double seconds, const double range[2]);
+/* src/model/spz.c */
+uint32_t spz_crc(const unsigned char *p, size_t size);
+/* src/render/renderer_step.c */
+float *render_depth_sums(const struct renderer_sums *s, float depth);
+/* src/survey/camera.c */
+double camera_atan(double x);
+double camera_tan(double x);
+/* src/survey/photometry.c */
+oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w,
+                            struct photometry *out);
+void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w);
+void photometry_end(oxl_context *ctx, struct photometry_work *w);
+/* src/survey/robust_stats.c */
+int stats_compare(const void *a, const void *b);
+int stats_is_in_image(const oxl_camera *c, const double p[3]);
+/* src/train/checkpoint.c */
+uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size);
+/* src/train/density.c */
+struct renderer_sums density_sums(const struct density *d, size_t count);
+/* src/train/free_space.c */
+int free_space_contains(const struct free_space *f, const double p[3]);
+/* src/train/step.c */
+oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred);
+oxl_result step_set_depths(struct train *t, int view, double progress);
+/* src/train/train_loop.c */
+void train_archive(struct archive *a, void *user);
+oxl_result train_begin(struct train *t);
+oxl_result train_density(struct train *t);
+void train_end(struct train *t);
+oxl_result train_resume(struct train *t);
+/* src/core/number.c */
+extern const double number_power10[];
+
+#endif
