@@ -34,7 +34,7 @@
 #include "../src/survey/survey.h"
 #include "../src/train/train.h"
 #include "../src/train/train_tools.h"
-#include "../src/train/part.h"
+#include "../src/train/parts_calls.h"
 #include "../src/train/train_state.h"
 
 #endif

@@ -1,6 +1,6 @@
 /* branch.c - keeps the training state in memory, so that a trial continues from one state with several
  * settings, and one result is kept. */
-#include "part.h"
+#include "parts_calls.h"
 
 /* Lists the state that a step changes, for trials and, with what else is saved, for checkpoints. */
 OXL_INTERNAL void branch_archive(struct archive *a, struct train *t)

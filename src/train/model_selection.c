@@ -10,7 +10,7 @@
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial
  * repeats the trial.
  */
-#include "part.h"
+#include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 

@@ -1,5 +1,5 @@
 /* parts.c - calls a hook of all parts, row by row (part.h). */
-#include "part.h"
+#include "parts_calls.h"
 
 #define PARTS_FOR(k, hook)            \
     for (int k = 0; parts_at(k); k++) \

@@ -1,6 +1,6 @@
 /* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and
  * pruning. */
-#include "part.h"
+#include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"

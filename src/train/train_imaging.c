@@ -4,7 +4,7 @@
  *
  * The fits are exposure_fit.c, lamp.c and medium_fit.c. Invariant: what is off changes no byte of the result.
  */
-#include "part.h"
+#include "parts_calls.h"
 #include "../survey/scene.h"
 
 /* images and points differ by so much in a channel: first colours follow the images */

@@ -3,7 +3,7 @@
  *
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
-#include "part.h"
+#include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
