@@ -283,7 +283,7 @@ static void prune_after_loss(struct train *t, void *state, const struct train_de
 }
 
 /* Removes Gaussians with their moments and statistics. */
-static oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
+OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
 {
     const struct prune_of of = {t->renderer, t->scene, &t->render, &t->trained.model};
     const size_t count = t->trained.model.count;
