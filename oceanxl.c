@@ -131,6 +131,7 @@
 #include "src/parts/table.c"       /* the table */
 
 #include "src/job/metrics.c"  /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/lpips.c"    /* LPIPS, for evaluations */
 #include "src/job/evaluate.c" /* a model's images against those of a survey */
 #include "src/job/seam.c"     /* image error at the borders between blocks */
 

@@ -309,5 +309,12 @@ mkdir -p object/split && cp -r object/images object/sparse object/split/
 promise a_mask_of_alpha_has_no_background 0 "pixels of 12 images are masked: as set" sh -c \
     "'$program' train object/split -o object/masked --iterations 60 --alpha mask 2>&1 && ! grep -qa '^comment background' object/masked/scene.ply"
 
+if [ -f "$docs/../../shared/lpips/alex.bin" ]; then
+    promise lpips_is_in_metrics_report_and_eval 0 "mean LPIPS (AlexNet)" sh -c \
+        "'$program' synth -o seen --views 9 --size 96x64 --points 300 --quiet && '$program' train seen -o seen/out --iterations 20 --lpips '$docs/../../shared/lpips/alex.bin' --quiet &&
+         grep '\"lpips\": ' seen/out/metrics.json && '$program' eval seen/out seen --lpips '$docs/../../shared/lpips/alex.bin' | grep '    LPIPS  view' && cat seen/out/report.html"
+fi
+promise damaged_lpips_weights_are_refused 3 "examples/lpips_weights.py" "$program" eval out/scene.ply survey --lpips "$docs/OPTIONS.md"
+
 echo "command line: $passed passed, $failed failed"
 [ "$failed" = 0 ]

@@ -33,6 +33,7 @@ struct oxl_scene {
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
+    struct lpips *lpips;    /* network of evaluations, or NULL: one allocation (src/job/lpips.c) */
 
     struct scene_stats stats;
     int from_files;

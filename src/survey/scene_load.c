@@ -23,6 +23,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, (char *)scene->view[i].name);
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
+    oxl_free(ctx, scene->lpips);
     oxl_free(ctx, scene->view);
     if (scene->map.data) { /* the other arrays are there */
         OXL_FREE(ctx, scene->colmap.camera, scene->decoded);
