@@ -342,6 +342,10 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, struct conso
     if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
     /* convert --scale wrote it in metres */
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
+    if (rc == OXL_OK && a->job.train.background[0] >= 0) { /* --background */
+        memcpy(model->background, a->job.train.background, sizeof model->background);
+        model->has_background = 1;
+    }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     /* a block's or another program's has its own */
@@ -385,11 +389,17 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
 
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
-    printf("%8s %8s %8s %8s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM");
-    for (int i = 0; i < m->count; i++)
-        printf("%8.3f %8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].cc_psnr, m->views[i].ssim,
-               m->views[i].ms_ssim, oxl_scene_view(scene, m->views[i].view)->name);
-    printf("%8.3f %8.3f %8.5f %8.5f  mean of %d\n", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->count);
+    const int lpips = m->lpips == m->lpips; /* not NaN */
+    printf("%8s %8s %8s %8s%s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM", lpips ? "    LPIPS" : "");
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        printf("%8.3f %8.3f %8.5f %8.5f", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim);
+        if (lpips) printf(" %8.5f", v->lpips);
+        printf("  %s\n", oxl_scene_view(scene, v->view)->name);
+    }
+    printf("%8.3f %8.3f %8.5f %8.5f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim);
+    if (lpips) printf(" %8.5f", m->lpips);
+    printf("  mean of %d\n", m->count);
     if (m->depth[1] > 0)
         printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n",
                m->by_depth[0], m->by_depth[1], m->by_depth[2], m->depth[0], m->depth[1]);
@@ -397,9 +407,6 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
            m->plain_psnr, m->half_psnr);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
-    puts(
-        "LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
-        "renders/NAME.image.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)
@@ -409,6 +416,7 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct c
     oxl_metrics metrics = {0};
     char *json = NULL;
     oxl_result rc = load(ctx, a, console, &model, &scene);
+    if (rc == OXL_OK && a->job.lpips) rc = oxl_scene_read_lpips(ctx, scene, a->job.lpips);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);

@@ -28,6 +28,8 @@ static void report_tiles(struct report *r)
         output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n",
                    oxl_json_number(r->metrics, "psnr"));
         report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
+        if (oxl_json_member(r->metrics, "lpips"))
+            report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "lpips"), 3), "mean LPIPS (AlexNet)");
         report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
         report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");

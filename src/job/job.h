@@ -104,6 +104,14 @@ OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *
 /* PSNR of the right half, after a gain per channel that is fitted on the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
+/* ---------------- lpips.c */
+
+struct lpips; /* the network: one allocation, freed by oxl_free */
+OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
+/* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
+OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
+                                       const oxl_image *b, double *out);
+
 /* ---------------- evaluate.c */
 
 struct drawn { /* what evaluate_draw renders */
@@ -113,6 +121,8 @@ struct drawn { /* what evaluate_draw renders */
     /* with its medium, lamp and gains, as the images were taken; NULL: without */
     const struct imaging *imaging;
 };
+/* Composites the scene's images over the model's background from now on; before the first image is compared. */
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
 /* depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);

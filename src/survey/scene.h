@@ -33,6 +33,7 @@ struct oxl_scene {
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
+    struct lpips *lpips;    /* network of evaluations, or NULL: one allocation (src/job/lpips.c) */
 
     struct scene_stats stats;
     int from_files;
@@ -41,6 +42,8 @@ struct oxl_scene {
     double *on_disk;             /* from files: (cameras) px of an image's side for one in cameras.txt */
     char *images, *masks;        /* from files: folders; masks NULL: none */
     char *decoded;               /* folder of decoded images, or NULL */
+    int transparent;             /* images with an alpha channel */
+    struct image_alpha alpha;    /* what it means */
     /* of scene_file_map: it holds all arrays but views and cameras; or no data */
     struct os_file_map map;
 };
@@ -54,7 +57,8 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
-OXL_INTERNAL void scene_mark_test_views(oxl_scene *scene, int test_every);
+/* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
+OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
 
 /* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 

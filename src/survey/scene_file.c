@@ -144,6 +144,7 @@ OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const
     s->map = map;
     s->imaging = (struct imaging){0};
     s->cache = (struct image_cache){0};
+    s->lpips = NULL;
     s->decoded = s->images = s->masks = s->colmap.folder = NULL; /* addresses of another process */
     scene_file_arrays(s, array);
     for (int k = 0; k < SCENE_ARRAYS - 1; k++) {

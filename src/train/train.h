@@ -1,4 +1,4 @@
-/* train.h - training: schedule, density control, pruning, depth weights, checkpoints, the loop. */
+/* train.h - training: schedule, density control, checkpoints, trials, the loop. */
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 
