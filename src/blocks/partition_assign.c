@@ -241,7 +241,8 @@ static oxl_result partition_assign_more_views(struct partition_build *b)
 
 /* ---------------- cuts that are undone */
 
-/* The leaf'other place is divided among the blocks of its sibling, which moves up into the parent. */
+/* Undoes the cut above `leaf`: its sibling replaces the parent, and divides the leaf's region among its
+ * blocks. */
 static void partition_undo_split(struct partition_build *b, int leaf)
 {
     const int parent = b->node[leaf].parent;

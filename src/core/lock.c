@@ -88,7 +88,7 @@ OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char
                : OXL_OK;
 }
 
-/* The folder above; of one that is not there yet, as its name has it. */
+/* Returns the parent folder; from the path's text if the folder does not exist. */
 static char *lock_parent(oxl_context *ctx, const char *folder)
 {
     char *up = oxl_path_join(ctx, folder, ".."), *slash;

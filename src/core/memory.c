@@ -42,7 +42,7 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size)
     return memory;
 }
 
-/* By the caller's reallocate, which moves pages of large blocks instead of copying them, where it is realloc
+/* Uses the caller's reallocate, which moves pages of large blocks instead of copying them, where it is realloc
  * of a usual libc. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size)
 {

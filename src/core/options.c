@@ -93,7 +93,8 @@ const oxl_option *oxl_option_find(const char *name)
     return NULL;
 }
 
-/* With _ for -; a folder's ends so, since "images" is a count of what was found. */
+/* Writes an option's name for run.json: dashes become underscores, and folders get the suffix _folder, since
+ * "images" is a count there. */
 const char *oxl_option_member(const oxl_option *option, char out[40])
 {
     snprintf(out, 40, "%s%s", option->name,
@@ -562,7 +563,7 @@ OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
     *train = job.train;
 }
 
-/* What a caller filled in is in range when its text would be read. */
+/* Accepts values whose printed text parses again, which is where the ranges are checked. */
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
 {
     oxl_job_options read = *options;

@@ -53,7 +53,7 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
 
-/* What image formation has of it. */
+/* Copies the fitted lamp into the model of image formation. */
 OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
 {
     m->lamps = l->on ? l->groups : 0;

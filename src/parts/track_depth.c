@@ -51,7 +51,7 @@ static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, c
     for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, i);
 }
 
-/* Of each view as many as it keeps. */
+/* Allocates each view's sample. */
 static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, int views)
 {
     size_t count = 0;
