@@ -134,7 +134,7 @@ oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
     return rc == OXL_OK ? lock_folder(ctx, folder, 0, out) : rc;
 }
 
-/* The last one who leaves removes the file. */
+/* Leaves the lock; the last one who does removes the file. */
 void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock)
 {
     if (!*lock) return;

@@ -233,7 +233,7 @@ done:
     return rc;
 }
 
-/* Folder of a path, in place. */
+/* Shortens a path to its folder, in place. */
 static void os_sync_parent(char *path)
 {
     size_t end = strlen(path);

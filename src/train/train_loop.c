@@ -228,7 +228,7 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
 }
 
-/* The passes over the view's image are in step_on_view (step.c). */
+/* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
     oxl_result rc = parts_before_step(t);
