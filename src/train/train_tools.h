@@ -1,6 +1,5 @@
-/* train_tools.h - private to src/train and src/parts: checkpoints, density control, numbers that are not finite,
- * Adam for single numbers; none of them knows
- * the run (train_state.h). */
+/* train_tools.h - private to src/train and src/parts: checkpoints, density control, numbers that are not
+ * finite, Adam for single numbers; none of them knows the run (train_state.h). */
 #ifndef OXL_TRAIN_TOOLS_H
 #define OXL_TRAIN_TOOLS_H
 
