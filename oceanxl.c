@@ -146,6 +146,7 @@
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
+#include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */

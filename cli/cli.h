@@ -36,7 +36,7 @@ struct output { /* text in memory; once it is opened as a file, what is not writ
     size_t used, capacity;
     int failed; /* an allocation or a write */
     FILE *file; /* atomic: renamed to its name on close */
-    char path[1024], temporary[1040];
+    char path[4096], temporary[4128];
 };
 /* The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half up; nothing if not
  * finite or, with its decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within

@@ -222,8 +222,7 @@ char *output_read(const char *folder, const char *name, size_t *size)
 void output_open(struct output *t, const char *path)
 {
     if (snprintf(t->path, sizeof t->path, "%s", path) >= (int)sizeof t->path) t->failed = 1;
-    snprintf(t->temporary, sizeof t->temporary, "%s.part", t->path);
-    t->file = t->failed ? NULL : fopen(t->temporary, "wb");
+    t->file = t->failed ? NULL : oxl_create_beside(t->path, t->temporary, sizeof t->temporary);
     if (!t->file) t->failed = 1;
 }
 

@@ -212,8 +212,9 @@ OXL_INTERNAL void os_reader_close(struct os_reader *r);
 /* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t);
-/* Removes temporary files that a killed process left in a folder. No other process may be writing there. */
-OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder);
+/* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" are
+ * run.json.PID.tmp and all whose name ends in .png.PID.tmp. No other process may be writing there. */
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
 
 /* The same for a file that is produced piece by piece. */
 struct os_writer {
@@ -245,7 +246,8 @@ struct os_lock {
     char holder
         [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
 };
-OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
+/* create: 0 only looks whether another process holds it, and changes nothing */
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
 OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
 /* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
@@ -264,6 +266,12 @@ OXL_INTERNAL void os_library_close(void *library);
 
 /* with its parents; an existing folder is no error */
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
+/* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a run
+ * writes or removes there would lie elsewhere. */
+OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
+/* The same check of what is there already; makes nothing. */
+OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);
+OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it leads */
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
 OXL_INTERNAL int os_link(const char *target, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);

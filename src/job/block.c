@@ -328,7 +328,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     oxl_model model = {0};
     struct block_record record = {0};
     oxl_result rc = os_make_folder(ctx, task->folder);
-    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder);
+    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder, BLOCK_FILES);
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;

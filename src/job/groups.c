@@ -141,7 +141,7 @@ static oxl_result groups_remove_temporaries(struct groups *g)
 {
     if (!os_is_folder(g->folder)) return OXL_OK;
     os_list_folder(g->job->ctx, g->folder, groups_remove_other_version, g);
-    return os_remove_temporaries(g->job->ctx, g->folder);
+    return os_remove_temporaries(g->job->ctx, g->folder, BLOCK_FILES " groups.txt *.ply *.txt");
 }
 
 /* ---------------- groups */

@@ -50,8 +50,9 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 static oxl_result job_lock(struct job *job)
 {
-    const oxl_result rc = lock_check_parents(job->ctx, job->out);
-    return rc == OXL_OK ? lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock) : rc;
+    oxl_result rc = lock_check_parents(job->ctx, job->out);
+    if (rc == OXL_OK) rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+    return rc == OXL_OK ? job_refuse_links(job) : rc;
 }
 
 /* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process
@@ -358,15 +359,17 @@ static void job_end(struct job *job)
  * there. */
 static oxl_result job_remove_temporaries(struct job *job)
 {
-    oxl_result rc = job->options.block < 0 ? os_remove_temporaries(job->ctx, job->out) : OXL_OK;
-    return rc == OXL_OK && job->options.block < 0 ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"))
-                                                  : rc;
+    oxl_result rc = OXL_OK;
+    if (job->options.block >= 0) return rc;
+    rc = os_remove_temporaries(job->ctx, job->out, JOB_FILES);
+    return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
 }
 
 /* From the survey to the blocks; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
+    if (rc == OXL_OK && job->options.renders) rc = render_names_check(job->ctx, job->scene);
     if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
@@ -448,6 +451,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     job_begin(&job, ctx, run.scene, out, &options, callback);
     job.lock = lock;
     rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_refuse_links(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_plan_decoded(&job);
     if (rc == OXL_OK && !done) rc = rounds_collect(&job);

@@ -14,6 +14,11 @@
 #define JOB_ROUNDS 4         /* rounds of each block between the two */
 #define JOB_WAIT 0.5         /* s between checks of what other processes have done */
 
+/* Files of OUT that are written under a temporary name; renders/ has RENDER_FILES. */
+#define JOB_FILES                                                                              \
+    "run.json metrics.json partition.txt partition.svg imaging.txt scene.ply scene_clear.ply " \
+    "scene_standard.ply report.html"
+
 struct job {
     oxl_context *ctx;
     const char *scene_path, *out;
@@ -43,6 +48,8 @@ struct job {
 /* ---------------- job_state.c */
 
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
+/* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
+OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
 /* OUT/blocks/KKK, a temporary like PATH. Block block_count: OUT/blocks/coarse; block_count + 1:
  * OUT/blocks/whole. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
