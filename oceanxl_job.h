@@ -281,6 +281,10 @@ OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
 OXL_API int oxl_is_folder(const char *path);
 
+/* A path as one word of a POSIX shell, for commands to copy: quoted where it has to be; what has no room is cut.
+ * Returns out. */
+OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
+
 /* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a link
  * of that name is followed nor a file of another process written. NULL: errno says why. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);

@@ -151,6 +151,9 @@ enum { PATH_LENGTH = 4096 };
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
     OXL_PRINTF(3, 4);
 #define PATH(...) path_in((char[PATH_LENGTH]){0}, __VA_ARGS__)
+/* oxl_shell_word as such a temporary, for the commands in messages. */
+#define SHELL_WORD(path) oxl_shell_word(path, (char[PATH_LENGTH]){0}, PATH_LENGTH)
+OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------- number.c: fast, exact, locale-independent number parsing */

@@ -440,7 +440,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
-                      out, out);
+                      out, SHELL_WORD(out));
     if (rc != OXL_OK) {
         oxl_unlock_folder(ctx, &lock);
         manifest_free(ctx, &run);

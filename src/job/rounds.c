@@ -380,7 +380,7 @@ static oxl_result rounds_begin(struct rounds *r)
             rc = oxl_fail(
                 job->ctx, OXL_ERR_INPUT,
                 "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
-                job->out, k, job->out);
+                job->out, k, SHELL_WORD(job->out));
     }
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
     return rc;
@@ -520,5 +520,5 @@ OXL_INTERNAL oxl_result rounds_collect(struct job *job)
     if (missing < 0) return rounds_train_merged(job);
     return oxl_fail(job->ctx, OXL_ERR_INPUT,
                     "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
-                    job->out, missing, job->scene_path, job->out, missing);
+                    job->out, missing, SHELL_WORD(job->scene_path), SHELL_WORD(job->out), missing);
 }
