@@ -109,6 +109,12 @@ static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
 
+/* Of the file as it was written: a copy may lack lines. */
+static int info_is_checksum(const char *line)
+{
+    return strncmp(line, "# checksum ", 11) == 0;
+}
+
 static void info_write_imaging(FILE *to, const char *path, int json)
 {
     FILE *file = info_open_imaging(path);
@@ -140,7 +146,8 @@ oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to,
     info_imaging_path(to, path);
     if (*copied) output_open(&out, path);
     while (*copied && fgets(line, sizeof line, in))
-        if (!info_is_medium(line) || !info_is_for_viewers(from)) output_bytes(&out, line, strlen(line));
+        if (!info_is_checksum(line) && (!info_is_medium(line) || !info_is_for_viewers(from)))
+            output_bytes(&out, line, strlen(line));
     if (*copied) failed = ferror(in) != 0, out.failed |= failed, failed |= !output_close(&out);
     if (in) fclose(in);
     if (there) fclose(there);

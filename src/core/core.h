@@ -292,6 +292,17 @@ OXL_INTERNAL size_t os_memory_free(void);             /* bytes available without
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user);
 
+/* ---------------- checksum.c: checksums of working files */
+
+#define CHECKSUM_SEED UINT64_C(14695981039346656037)
+OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size); /* from CHECKSUM_SEED on */
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum);
+
+/* Ends a text with the line "# checksum HEX" of all before it, and reads it back. */
+enum checksum_found { CHECKSUM_RIGHT, CHECKSUM_NONE /* the text does not end in one */, CHECKSUM_WRONG };
+OXL_INTERNAL void checksum_end_text(struct text *t);
+OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size);
+
 /* ---------------- lock.c: a folder that one process writes to at a time */
 
 /* oxl_lock_folder; shared: other processes may share it, too. */

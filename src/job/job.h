@@ -40,6 +40,9 @@ OXL_INTERNAL double manifest_number(const char *text, const char *name);
 struct block_record { /* block.json */
     /* trained: all steps are done, scene_standard.ply may be missing */
     int exists, trained, finished, iterations;
+    int idle;                        /* 1: a block with nothing to train: it has no checkpoint */
+    int damaged;                     /* 1: block.json is there, but is not as it was written; `exists` is 0 */
+    uint64_t model_sum, imaging_sum; /* of model.ply, imaging.txt; 0: none */
     size_t gaussians;
     double seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_nonfinite nonfinite;
@@ -65,6 +68,9 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
                                    struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no
  * block.json. */
+/* *whole: model.ply and imaging.txt are those that the record was written with. */
+OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *record,
+                                    int *whole);
 OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name,
                                           struct text *out);
 /* imaging.txt and block.json of a folder whose model.ply is there. */

@@ -199,9 +199,15 @@ static oxl_result job_map_survey(struct job *job)
 {
     const char *path = PATH(job->out, "blocks/survey.oxl");
     oxl_scene *mapped = NULL;
-    oxl_result rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
-    if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
-        rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
+    oxl_result rc = scene_file_map(job->ctx, path, job->key.data, &mapped), written = OXL_OK;
+    if (rc == OXL_OK && !mapped) {
+        written = os_make_folder_in(job->ctx, job->out, "blocks");
+        if (written == OXL_OK) written = scene_file_write(job->ctx, path, job->scene, job->key.data);
+        if (written == OXL_OK) rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
+        else
+            oxl_log(job->ctx, OXL_LOG_WARNING, "the survey stays in memory, as its file cannot be written: %s",
+                    oxl_error_text(job->ctx));
+    }
     if (!mapped) return rc;
     partition_free_plan(job->ctx, &job->partition);
     oxl_scene_free(job->ctx, job->scene);
@@ -287,7 +293,7 @@ static oxl_result job_run_single(struct job *job)
     const char *folder = JOB_BLOCK(job, 0);
     struct block_record record;
     oxl_result rc = job_lock_alone(job, 1), trained = OXL_OK;
-    if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+    if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
         trained = job_train_single(job, folder);

@@ -140,6 +140,20 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     return context_report(job->callback, &p);
 }
 
+OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out)
+{
+    int whole = 1;
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
+    if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
+        rc = block_check(job->ctx, folder, out, &whole);
+    if (rc != OXL_OK || (whole && !out->damaged)) return rc;
+    oxl_log(job->ctx, OXL_LOG_WARNING, "%s: %s is damaged; what it belongs to is trained again", folder,
+            out->damaged ? "block.json" : "model.ply or imaging.txt");
+    os_remove(PATH(folder, "block.json"));
+    *out = (struct block_record){0};
+    return OXL_OK;
+}
+
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *total = &job->total;

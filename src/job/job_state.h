@@ -55,6 +55,9 @@ OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
+/* block_read of the one block, the coarse or the merged model: none, with a warning, if the record or a model
+ * that is used as it is was damaged. It is trained again, and becomes the same. */
+OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *options);
@@ -99,6 +102,8 @@ struct block_plan {
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse);
 /* views 0: no plan */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out);
+/* 0: it is not of these views */
+OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene);
 /* fraction of the run */
 OXL_INTERNAL double block_plan_merged_fraction(const struct job *job);
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);
