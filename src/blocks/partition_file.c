@@ -158,6 +158,7 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
 {
     struct file_reader r = {.ctx = ctx, .path = path};
     struct os_file_map file = {0};
+    const char *counted;
     oxl_result rc = os_read_file(ctx, path, &file);
     *out = (struct partition){0};
     if (rc != OXL_OK) return rc;
@@ -170,6 +171,9 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
     if (rc == OXL_OK && file_next_line(&r, file.data + file.size)) rc = file_read_frame(&r, out);
     while (rc == OXL_OK && file_next_line(&r, file.data + file.size)) rc = file_read_block(&r, out);
     if (rc == OXL_OK && out->block_count == 0) rc = file_wrong(&r, "FRAME and a block or more");
+    counted = strstr(file.data, "# Number of blocks: ");
+    if (rc == OXL_OK && counted && atoi(counted + strlen("# Number of blocks: ")) != out->block_count)
+        rc = file_wrong(&r, "as many blocks as the comment states");
     os_release_file(ctx, &file);
     if (rc != OXL_OK) partition_free(ctx, out);
     return rc;
