@@ -1,5 +1,8 @@
 /* test_links.c - links and files of others in OUT: a run writes, changes and removes its own files alone. */
+#include "test.h"
+
 #ifndef _WIN32
+
 #include <sys/stat.h>
 #include <unistd.h>
 
