@@ -239,7 +239,8 @@ static void print_results(const char *out, int json)
         print_format(stdout, "model     %s/scene.ply\n", out);
         if (has_file(out, "scene_standard.ply"))
             print_format(stdout, "standard  %s/scene_standard.ply, for other viewers\n", out);
-        print_format(stdout, "metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n", out, out, out);
+        print_format(stdout, "metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n",
+                     out, out, out);
     }
     free(metrics);
 }
@@ -312,8 +313,9 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
         info_print_blocks(stdout, &report);
-        print_format(stdout, "\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out,
-               a->out, a->out);
+        print_format(stdout,
+                     "\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n",
+                     a->out, a->out, a->out);
     }
     oxl_text_free(ctx, json);
     oxl_partition_report_free(ctx, &report);

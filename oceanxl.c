@@ -13,7 +13,7 @@
 #include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
-#include "src/core/checksum.c" /* checksums of working files */
+#include "src/core/checksum.c"   /* checksums of working files */
 #include "src/core/lock.c"       /* one process at a time writes to a folder */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */

@@ -129,8 +129,8 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     rc = ortho_draw(ctx, model, scene, a, &o);
     if (rc != OXL_OK) return rc;
     print_format(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", a->out, o.camera.width,
-            o.camera.height, o.pixel * unit, a->scale > 0 ? "metres" : "units",
-            o.frame.is_world ? "in the world's x and y"
-                             : "along the survey's principal axes: its world's z is not up");
+                 o.camera.height, o.pixel * unit, a->scale > 0 ? "metres" : "units",
+                 o.frame.is_world ? "in the world's x and y"
+                                  : "along the survey's principal axes: its world's z is not up");
     return OXL_OK;
 }

@@ -252,7 +252,12 @@ int output_save(struct output *t, const char *path)
 /* Bytes of the UTF-8 character at s, or 0: it is none. Overlong and too large ones count as characters. */
 static size_t print_character(const unsigned char *s)
 {
-    const size_t size = s[0] < 0x80 ? 1 : s[0] < 0xC2 ? 0 : s[0] < 0xE0 ? 2 : s[0] < 0xF0 ? 3 : s[0] < 0xF5 ? 4 : 0;
+    const size_t size = s[0] < 0x80   ? 1
+                        : s[0] < 0xC2 ? 0
+                        : s[0] < 0xE0 ? 2
+                        : s[0] < 0xF0 ? 3
+                        : s[0] < 0xF5 ? 4
+                                      : 0;
     for (size_t i = 1; i < size; i++)
         if ((s[i] & 0xC0) != 0x80) return 0;
     return size;

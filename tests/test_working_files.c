@@ -149,9 +149,9 @@ TEST(survey_of_a_fresh_run_of_blocks_is_written)
 TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
 {
     static const char *const files[] = {
-        "blocks/000/checkpoint.oxl", "blocks/000/block.json", "blocks/000/model.ply",  "blocks/000/plan.txt",
-        "blocks/001/checkpoint.oxl", "blocks/001/model.ply",  "blocks/coarse/model.ply", "blocks/survey.oxl",
-        "partition.txt"};
+        "blocks/000/checkpoint.oxl", "blocks/000/block.json",     "blocks/000/model.ply",
+        "blocks/000/plan.txt",       "blocks/001/checkpoint.oxl", "blocks/001/model.ply",
+        "blocks/coarse/model.ply",   "blocks/survey.oxl",         "partition.txt"};
     const oxl_job_options options = working_blocks();
     char survey[512];
     struct working_stop stop = {1, 40, 0};

@@ -279,6 +279,7 @@ OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it l
 OXL_INTERNAL int os_link(const char *target, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
 OXL_INTERNAL int os_is_folder(const char *path);
+OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 /* processors that the process may use (Linux cgroups); 0: no limit known */
 OXL_INTERNAL int os_processor_quota(void);

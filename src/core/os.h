@@ -9,7 +9,7 @@
 
 #include <errno.h>
 
-enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
+enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER, OS_SPECIAL /* a pipe, socket or device */ };
 
 OXL_INTERNAL int os_is_separator(char c);
 OXL_INTERNAL int os_is_absolute(const char *path);

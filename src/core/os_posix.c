@@ -25,7 +25,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     struct stat s;
     if (stat(path, &s) != 0) return OS_NOTHING;
     if (size) *size = (uint64_t)s.st_size;
-    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
+    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
 }
 
 /* Nanoseconds. */

@@ -19,8 +19,8 @@
 #define PLAN_VIEW_FRACTION 0.8
 #define PLAN_VIEWS_MAX (1 << 24)
 #define PLAN_GAUSSIANS_MAX 1e15 /* of a file that is believed */
-#define PLAN_VIEW_TEXT 10 /* bytes of a view's line, at least */
-#define PLAN_TILE 16 /* px: windows begin and end at multiples of it, or at the image's borders */
+#define PLAN_VIEW_TEXT 10       /* bytes of a view's line, at least */
+#define PLAN_TILE 16            /* px: windows begin and end at multiples of it, or at the image's borders */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {

@@ -115,7 +115,8 @@ static oxl_result groups_read_state(struct groups *g)
     if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
         strstr(map.data, g->job->key.data))
         s = strstr(map.data, "\ngroups ");
-    good = s && sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
+    good = s &&
+           sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
            g->count > 0 && g->count <= g->views && g->done >= 0 && g->gains >= 0 && g->seconds >= 0;
     for (int i = 0; i < blocks + g->views && good; i++) {
         s += used;

@@ -205,7 +205,8 @@ static oxl_result job_map_survey(struct job *job)
         if (written == OXL_OK) written = scene_file_write(job->ctx, path, job->scene, job->key.data);
         if (written == OXL_OK) rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
         else
-            oxl_log(job->ctx, OXL_LOG_WARNING, "the survey stays in memory, as its file cannot be written: %s",
+            oxl_log(job->ctx, OXL_LOG_WARNING,
+                    "the survey stays in memory, as its file cannot be written: %s",
                     oxl_error_text(job->ctx));
     }
     if (!mapped) return rc;

@@ -25,7 +25,8 @@ static char *render_file_in(oxl_context *ctx, const char *folder, const char *fi
 }
 
 /* The file of a view; makes the folders in its name. NULL with the error set. */
-OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view, const char *suffix)
+OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view,
+                                    const char *suffix)
 {
     char *file = NULL, *path = NULL;
     if (oxl_render_path(ctx, "", view, suffix, &file) == OXL_OK)

@@ -24,7 +24,8 @@ static void render_name_add_last(struct text *t, const char *name, const char *w
     }
     size = RENDER_NAME_LENGTH - RENDER_NAME_DIGITS - 1;
     while (size > 0 && ((unsigned char)name[size] & 0xC0) == 0x80) size--;
-    text_add(t, "%.*s-%016llx", (int)size, name, (unsigned long long)checksum_add(CHECKSUM_SEED, whole, strlen(whole)));
+    text_add(t, "%.*s-%016llx", (int)size, name,
+             (unsigned long long)checksum_add(CHECKSUM_SEED, whole, strlen(whole)));
 }
 
 OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **out)

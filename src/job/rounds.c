@@ -96,7 +96,8 @@ static oxl_result rounds_prepare(struct job *job)
         job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
     }
     job->done = JOB_COARSE;
-    for (int k = job->partition.block_count - 1; k >= 0 && rc == OXL_OK && !job->unfinished && !missing; k--) {
+    for (int k = job->partition.block_count - 1; k >= 0 && rc == OXL_OK && !job->unfinished && !missing;
+         k--) {
         block_plan_free(job->ctx, &last);
         rc = block_plan_read(job, k, &last);
         missing = last.views == 0;
@@ -338,10 +339,11 @@ static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
 static void rounds_go_back(struct rounds *r, int block)
 {
     struct job *job = r->job;
-    oxl_log(job->ctx, OXL_LOG_WARNING,
-            "%s: the state of this block is damaged or missing, and others have been trained beside it: all blocks "
-            "begin again with the coarse model",
-            JOB_BLOCK(job, block));
+    oxl_log(
+        job->ctx, OXL_LOG_WARNING,
+        "%s: the state of this block is damaged or missing, and others have been trained beside it: all blocks "
+        "begin again with the coarse model",
+        JOB_BLOCK(job, block));
     for (int k = 0; k < job->partition.block_count; k++) {
         os_remove(PATH(JOB_BLOCK(job, k), "block.json"));
         checkpoint_remove(JOB_BLOCK(job, k), 0);
@@ -368,10 +370,11 @@ static oxl_result rounds_check_shared(struct rounds *r, int block)
     const oxl_result rc = r->checked[block] ? OXL_OK : rounds_check_block(r, block, &good);
     r->checked[block] = 1;
     if (rc != OXL_OK || good) return rc;
-    return oxl_fail(r->job->ctx, OXL_ERR_INPUT,
-                    "%s: the state of this block is damaged or missing, and others have been trained beside it\n"
-                    "fix: when no other process trains here: oceanxl train %s -o %s, which begins all blocks again",
-                    JOB_BLOCK(r->job, block), SHELL_WORD(r->job->scene_path), SHELL_WORD(r->job->out));
+    return oxl_fail(
+        r->job->ctx, OXL_ERR_INPUT,
+        "%s: the state of this block is damaged or missing, and others have been trained beside it\n"
+        "fix: when no other process trains here: oceanxl train %s -o %s, which begins all blocks again",
+        JOB_BLOCK(r->job, block), SHELL_WORD(r->job->scene_path), SHELL_WORD(r->job->out));
 }
 
 /* ---------------- all rounds of all blocks */

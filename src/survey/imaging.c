@@ -542,9 +542,10 @@ static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const 
     int line = 1;
     for (const char *at = map->data; zero && at < zero; at++) line += *at == '\n';
     if (zero)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s:%d: found a byte of value 0, expected text\nfix: write the file again by training",
-                        path, line);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: found a byte of value 0, expected text\nfix: write the file again by training", path,
+            line);
     if (checksum_of_text(map->data, map->size) != CHECKSUM_WRONG) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
                     "%s: its checksum is not that of its lines: it was damaged, or edited\n"

@@ -19,8 +19,8 @@
 /* Members of the file outside of its frames, found in one pass: each frame may ask for all of them. */
 enum { NERFSTUDIO_MEMBERS = 20 };
 static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {
-    "w",  "h",  "fl_x", "fl_y", "cx", "cy", "k1", "k2",           "k3",     "k4",
-    "k5", "k6", "p1",   "p2",   "camera_angle_x", "camera_model", "frames", "ply_file_path"};
+    "w",  "h",  "fl_x", "fl_y",           "cx",           "cy",     "k1",           "k2", "k3", "k4", "k5",
+    "k6", "p1", "p2",   "camera_angle_x", "camera_model", "frames", "ply_file_path"};
 
 struct nerfstudio_file {
     const char *value[NERFSTUDIO_MEMBERS]; /* NULL: none */

@@ -119,8 +119,8 @@ static void opensfm_quaternion(const double v[3], double q[4])
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }
 
-static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cameras *cameras, const char *key,
-                               const char *shot)
+static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cameras *cameras,
+                               const char *key, const char *shot)
 {
     char name[1024];
     const size_t length = oxl_json_text(key, name, sizeof name);
@@ -174,7 +174,8 @@ static oxl_result opensfm_read_cameras(struct colmap_reader *r, const char *obje
         if (!oxl_json_value(key))
             return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
         rc = opensfm_camera(r, oxl_json_value(key));
-        if (rc == OXL_OK) rc = oxl_reserve(r->ctx, &out->name, &out->capacity, out->count + 1, sizeof *out->name);
+        if (rc == OXL_OK)
+            rc = oxl_reserve(r->ctx, &out->name, &out->capacity, out->count + 1, sizeof *out->name);
         if (rc != OXL_OK || !oxl_json_room(key)) continue;
         out->name[out->count] = (struct opensfm_name){key, oxl_json_room(key), (int64_t)r->line - 1};
         out->count++;

@@ -75,7 +75,8 @@ static int scene_file_put_all(struct scene_file_writer *out, const void *data, s
 }
 
 /* The last bytes are padded with zeros. */
-static oxl_result scene_file_put(oxl_context *ctx, struct scene_file_writer *out, const void *data, size_t bytes)
+static oxl_result scene_file_put(oxl_context *ctx, struct scene_file_writer *out, const void *data,
+                                 size_t bytes)
 {
     const size_t whole = bytes / SCENE_FILE_ALIGN * SCENE_FILE_ALIGN, rest = bytes - whole;
     char last[SCENE_FILE_ALIGN] = {0};
@@ -136,8 +137,9 @@ static int scene_file_is_whole(const struct os_file_map *map, const char *key)
 }
 
 /* Calls `check` with the bytes from `offset` on, in pieces. 1: read, and each was right. */
-static int scene_file_pieces(oxl_context *ctx, const char *path, uint64_t offset, uint64_t bytes, size_t piece,
-                             int (*check)(void *user, const void *data, size_t size), void *user)
+static int scene_file_pieces(oxl_context *ctx, const char *path, uint64_t offset, uint64_t bytes,
+                             size_t piece, int (*check)(void *user, const void *data, size_t size),
+                             void *user)
 {
     struct os_reader file;
     char *data = oxl_alloc(ctx, piece, 1);
@@ -177,7 +179,8 @@ static int scene_file_point_is_good(void *user, const void *data, size_t size)
     const struct colmap *c = user;
     const struct colmap_point *point = data;
     for (size_t i = 0; i < size / sizeof *point; i++)
-        if (point[i].track_count > c->track_count || point[i].first_track > c->track_count - point[i].track_count)
+        if (point[i].track_count > c->track_count ||
+            point[i].first_track > c->track_count - point[i].track_count)
             return 0;
     return 1;
 }
@@ -229,12 +232,12 @@ static int scene_file_is_good(oxl_context *ctx, const char *path, const struct s
     struct scene_file_array array[SCENE_ARRAYS - 1];
     uint64_t offset[SCENE_ARRAYS] = {scene_file_padded(sizeof *head)};
     const size_t most = SIZE_MAX / 4096; /* of any count: no product of one overflows */
-    if (s->view_count < 1 || s->point_count > most || s->depth_count > most || s->colmap.camera_count > most ||
-        s->colmap.image_count > most || s->colmap.point_count > most || s->colmap.track_count > most ||
-        !s->from_files || s->colmap.format < COLMAP_TEXT || s->colmap.format > COLMAP_JSON)
+    if (s->view_count < 1 || s->point_count > most || s->depth_count > most ||
+        s->colmap.camera_count > most || s->colmap.image_count > most || s->colmap.point_count > most ||
+        s->colmap.track_count > most || !s->from_files || s->colmap.format < COLMAP_TEXT ||
+        s->colmap.format > COLMAP_JSON)
         return 0;
-    for (int k = 0; k < SCENE_ARRAYS - 1; k++)
-        offset[k + 1] = offset[k] + scene_file_padded(head->bytes[k]);
+    for (int k = 0; k < SCENE_ARRAYS - 1; k++) offset[k + 1] = offset[k] + scene_file_padded(head->bytes[k]);
     if (!scene_file_has_string(s->images, head->bytes[SCENE_IMAGES]) ||
         (s->masks && !scene_file_has_string(s->masks, head->bytes[SCENE_MASKS])) ||
         !scene_file_has_string(s->colmap.folder, head->bytes[SCENE_FOLDER]))
@@ -243,10 +246,10 @@ static int scene_file_is_good(oxl_context *ctx, const char *path, const struct s
     for (int k = 0; k < SCENE_ARRAYS - 1; k++)
         if (array[k].bytes != head->bytes[k]) return 0;
     return scene_file_names_are_good(s) && scene_file_views_are_good(s) &&
-           scene_file_pieces(ctx, path, offset[SCENE_POINTS], head->bytes[SCENE_POINTS], 1024 * sizeof *s->colmap.point,
-                             scene_file_point_is_good, &s->colmap) &&
-           scene_file_pieces(ctx, path, offset[SCENE_TRACKS], head->bytes[SCENE_TRACKS],
-                             SCENE_FILE_CHUNK, scene_file_track_is_good, &s->colmap);
+           scene_file_pieces(ctx, path, offset[SCENE_POINTS], head->bytes[SCENE_POINTS],
+                             1024 * sizeof *s->colmap.point, scene_file_point_is_good, &s->colmap) &&
+           scene_file_pieces(ctx, path, offset[SCENE_TRACKS], head->bytes[SCENE_TRACKS], SCENE_FILE_CHUNK,
+                             scene_file_track_is_good, &s->colmap);
 }
 
 /* What holds pointers is copied. */
