@@ -100,7 +100,7 @@ without() { # WORDS COMMAND...: it succeeds without printing WORDS
 
 escapes() { # a name that would change the terminal's title and clear it
     mkdir -p escapes/sparse/0 && cp survey/sparse/0/cameras.txt survey/sparse/0/points3D.txt escapes/sparse/0 && ln -sfn ../survey/images escapes/images
-    awk -v name="$(printf '\033]0;owned\007\033[2J\302\233x.png')" 'NF == 10 && !done { $10 = name; done = 1 } { print }' survey/sparse/0/images.txt >escapes/sparse/0/images.txt
+    awk -v name="$(printf '\033]0;owned\007\033[2J\302\233x.png')" 'NF == 10 && !/^#/ && !done { $10 = name; done = 1 } { print }' survey/sparse/0/images.txt >escapes/sparse/0/images.txt
     "$program" check escapes >said.txt 2>&1 && cat said.txt && ! grep -q "$(printf '\033')" said.txt && ! grep -q "$(printf '\302\233')" said.txt
 }
 full_disk() { # the model fits below the limit of a file's size, imaging.txt does not
