@@ -10,6 +10,8 @@
 
 #include "oceanxl.h"
 
+#include <stdio.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -254,6 +256,11 @@ typedef struct oxl_render_output {
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                     const oxl_render_output *what, const char *folder, int *count);
 
+/* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its name
+ * is FOLDER/NAME + suffix; "/" is "_" in names with ".." and absolute ones, and a long name is cut. */
+OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const char *view, const char *suffix,
+                                   char **out);
+
 /* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it
  * cannot be written. */
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
@@ -273,6 +280,14 @@ OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey
 /* with its parents; an existing folder is no error */
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
 OXL_API int oxl_is_folder(const char *path);
+
+/* A path as one word of a POSIX shell, for commands to copy: quoted where it has to be; what has no room is cut.
+ * Returns out. */
+OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
+
+/* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a link
+ * of that name is followed nor a file of another process written. NULL: errno says why. */
+OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
 
 /* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
  * rewritten. */

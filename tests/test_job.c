@@ -672,8 +672,8 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
     CHECK_OK(render_file_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
-    CHECK(codec_read_header(png.data, png.size, &w, &h, &channels));
-    back = codec_decode_16(png.data, png.size, 1, &w, &h);
+    CHECK(codec_read_header(test_ctx, png.data, png.size, &w, &h, &channels));
+    back = codec_decode_16(test_ctx, png.data, png.size, 1, &w, &h);
     CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, wanted, sizeof wanted) == 0);
     CHECK(pfm.size > sizeof depth && memcmp(pfm.data, head, strlen(head)) == 0);
     if (pfm.size > sizeof depth) {
@@ -681,7 +681,7 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
         CHECK(memcmp(rows, depth + 3, 3 * sizeof *depth) == 0 &&
               memcmp(rows + 3 * sizeof *depth, depth, 3 * sizeof *depth) == 0);
     }
-    codec_free(back);
+    codec_free(test_ctx, back);
     os_release_file(test_ctx, &png);
     os_release_file(test_ctx, &pfm);
 }

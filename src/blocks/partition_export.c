@@ -294,7 +294,7 @@ static void exporter_block(const struct exporter *e, struct exporter_worker *w, 
 static oxl_result exporter_open(const struct exporter *e, int block, struct exporter_files *files)
 {
     const char *folder = PATH(EXPORTER_BLOCK(e, block), "sparse/0");
-    oxl_result rc = os_make_folder(e->ctx, folder);
+    oxl_result rc = os_make_folder_in(e->ctx, e->out, PATH("", "blocks/%03d/sparse/0", block));
     for (int k = 0; k < EXPORT_FILES && rc == OXL_OK; k++)
         rc = os_writer_open(e->ctx, PATH(folder, "%s", exporter_name[k]), &files->writer[k]);
     return rc;
@@ -319,7 +319,10 @@ static void exporter_remove_old(const struct exporter *e)
                                       "masks",
                                       ""};
     for (int block = e->p->block_count; os_is_folder(EXPORTER_BLOCK(e, block)); block++)
-        for (size_t k = 0; k < OXL_COUNT(old); k++)
+        for (size_t k = 0;
+             os_refuse_links(e->ctx, e->out, PATH("", "blocks/%03d/sparse/0", block)) == OXL_OK &&
+             k < OXL_COUNT(old);
+             k++)
             remove(PATH(EXPORTER_BLOCK(e, block), "%s", old[k])); /* a folder only when it is empty */
 }
 

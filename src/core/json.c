@@ -189,7 +189,10 @@ size_t oxl_json_escape(const char *s, char out[8])
     const unsigned char c = (unsigned char)*s;
     const size_t size = json_character((const unsigned char *)s);
     if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
-    else if (c < 0x20 || size == 0) snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
+    else if (c == 0xC2 && size == 2 && (unsigned char)s[1] < 0xA0) /* a control character, of two bytes */
+        snprintf(out, 8, "\\u%04x", (unsigned)(unsigned char)s[1]);
+    else if (c < 0x20 || c == 0x7F || size == 0)
+        snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
     else snprintf(out, 8, "%.*s", (int)size, s);
     return OXL_MAX(size, 1);
 }

@@ -31,7 +31,7 @@ static enum os_locked lock_open(const char *path, int shared, struct os_lock *fi
 {
     enum os_locked got = OS_LOCK_REMOVED;
     for (int tries = 0; tries < LOCK_TRIES && got == OS_LOCK_REMOVED; tries++)
-        got = os_lock_open(path, shared, file);
+        got = os_lock_open(path, shared, 1, file);
     return got;
 }
 
@@ -113,7 +113,7 @@ OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
         struct os_lock file;
         if (!run || !path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
         else if (os_is_file(run) && os_is_file(path)) {
-            const enum os_locked got = os_lock_open(path, 0, &file);
+            const enum os_locked got = os_lock_open(path, 0, 0, &file);
             if (got == OS_LOCK_BUSY)
                 rc = lock_refuse(ctx, folder, "lies in the folder of a run, which is in use", &file);
             if (got == OS_LOCK_TAKEN || got == OS_LOCK_NONE) os_lock_close(&file, NULL);

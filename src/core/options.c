@@ -107,10 +107,21 @@ const char *oxl_option_member(const oxl_option *option, char out[40])
 
 /* ---------------- defaults */
 
+/* In the place of an unknown one: options that every check refuses. */
+static oxl_job_options option_no_preset(void)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.preset = "unknown";
+    o.train.iterations = 0;
+    return o;
+}
+
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
-    oxl_job_options o = {.scene = {.read_images = 1}, .preset = OPTIONS[0].preset[preset]};
+    oxl_job_options o = {.scene = {.read_images = 1}};
     const oxl_option *row;
+    if (preset < OXL_PRESET_DRAFT || preset > OXL_PRESET_PAPER) return option_no_preset();
+    o.preset = OPTIONS[0].preset[preset];
     for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
         if (row->preset[preset]) oxl_option_set(row, &o, row->preset[preset], NULL, 0);
     return o;

@@ -25,7 +25,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     struct stat s;
     if (stat(path, &s) != 0) return OS_NOTHING;
     if (size) *size = (uint64_t)s.st_size;
-    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
+    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
 }
 
 /* Returns a time in nanoseconds. */
@@ -43,6 +43,24 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     return fopen(path, mode);
+}
+
+OXL_INTERNAL FILE *os_create(const char *path)
+{
+    enum { flags = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC };
+    int file = open(path, flags, 0666);
+    FILE *out;
+    if (file < 0 && errno == EEXIST && unlink(path) == 0) file = open(path, flags, 0666);
+    if (file < 0) return NULL;
+    out = fdopen(file, "wb");
+    if (!out) close(file);
+    return out;
+}
+
+OXL_INTERNAL int os_is_link(const char *path)
+{
+    struct stat s;
+    return lstat(path, &s) == 0 && S_ISLNK(s.st_mode);
 }
 
 OXL_INTERNAL const char *os_map(const char *path, size_t *size)
@@ -272,12 +290,20 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
     return OS_LOCK_BUSY;
 }
 
-/* Users with different umask take over each other's: the mode is for all. */
-OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
+/* Users with different umask take over each other's: the mode of a new one is for all. */
+OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
 {
-    const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    enum { flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC };
+    struct stat s;
+    int file = create ? open(path, flags | O_CREAT | O_EXCL, 0666) : -1;
+    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* a file system without modes */
+    if (file < 0) file = open(path, flags | (create ? O_CREAT : 0), 0666);
+    if (file >= 0 && (fstat(file, &s) != 0 || !S_ISREG(s.st_mode) || s.st_nlink > 1)) {
+        close(file);
+        errno = EMLINK;
+        file = -1;
+    }
     lock->file = file;
-    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* it is another user's */
     return file >= 0 ? 0 : -1;
 }
 

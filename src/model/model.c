@@ -39,6 +39,7 @@ void oxl_model_rescale(oxl_model *model, double factor)
 {
     const float shift = (float)vecmath_log(factor);
     const double scale = (model->scale > 0 ? model->scale : 1) * factor;
+    if (model->pages || !(factor > 0 && factor <= DBL_MAX)) return;
     for (int a = 0; a < 3; a++) {
         model->origin[a] *= factor;
         for (size_t i = 0; i < model->count; i++) {

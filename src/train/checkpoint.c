@@ -326,6 +326,26 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
+OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key)
+{
+    int step = 0;
+    for (int i = 0; i < 2 && step <= 0; i++) {
+        const char *path = PATH(folder, "%s", checkpoint_names[i]);
+        struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
+        uint64_t magic = 0, version = 0;
+        if (!a.file) continue;
+        if (checkpoint_is_whole(a.file, &a.left)) {
+            rewind(a.file);
+            archive_u64(&a, &magic);
+            archive_u64(&a, &version);
+            if (magic == CHECKPOINT_MAGIC && version == CHECKPOINT_VERSION && checkpoint_has_key(&a, key))
+                archive_int(&a, &step); /* the first number of train_archive */
+        }
+        fclose(a.file);
+    }
+    return OXL_MAX(step, 0);
+}
+
 OXL_INTERNAL void checkpoint_remove(const char *folder, int others)
 {
     for (int i = 0; i < (others ? 4 : 2); i++) os_remove(PATH(folder, "%s", checkpoint_names[i]));

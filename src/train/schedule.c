@@ -78,15 +78,23 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
 }
 
+/* Exponential from the first to the last rate; a straight line where one of them is 0 and has no logarithm. */
+static double schedule_position_rate(const oxl_train_options *o, double progress)
+{
+    double first = o->lr_position, last = o->lr_position_final;
+    if (!(first > 0) || !(last > 0)) return first + (last - first) * progress;
+    first = vecmath_log(first), last = vecmath_log(last);
+    return vecmath_exp(first + (last - first) * progress);
+}
+
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
     const oxl_train_options *o = t->options;
     const double short_run_factor = schedule_short_run_factor(o),
                  momentum_factor = schedule_momentum_factor(o);
     const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const double first = vecmath_log(o->lr_position), last = vecmath_log(o->lr_position_final);
-    const float mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) *
-                               oxl_scene_extent(t->scene));
+    const float mean =
+        (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
     const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
                          vecmath_log(short_run_factor);
     struct adam_params adam = {.beta = RENDERER_BETAS,

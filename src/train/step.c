@@ -96,6 +96,19 @@ static void step_read_ahead(struct train *t, int slot)
     if (count > 0 && view[0] == t->view[slot]) scene_images_ahead(t->ctx, t->scene, view, count);
 }
 
+/* The last checkpoint stays: the run continues when the images are back. */
+static oxl_result step_refuse_unreadable(struct train *t, oxl_result why)
+{
+    char last[400];
+    snprintf(last, sizeof last, "%.*s", (int)strcspn(oxl_error_text(t->ctx), "\n"), oxl_error_text(t->ctx));
+    return oxl_fail(
+        t->ctx, why,
+        "%d training images cannot be read, the last: %s\n"
+        "fix: look at their folder and the disk, and run the same command again, or allow more by "
+        "--missing-images",
+        (int)t->nonfinite.images, last);
+}
+
 /* Finds the next view whose image can be read; one that cannot is named and left out from then on. */
 static oxl_result step_next_image(struct train *t, int *view)
 {
@@ -106,8 +119,9 @@ static oxl_result step_next_image(struct train *t, int *view)
         *view = t->view[slot];
         step_read_ahead(t, slot);
         rc = step_load_image(t, *view);
-        if (rc != OXL_ERR_INPUT) return rc;
+        if (rc != OXL_ERR_INPUT && rc != OXL_ERR_IO) return rc;
         nonfinite_count_unreadable(t->ctx, &t->nonfinite);
+        if (scene_misses_too_many(t->scene, (int)t->nonfinite.images)) return step_refuse_unreadable(t, rc);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(
