@@ -105,8 +105,8 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
     CHECK_TEXT(
         page,
-        " --preset draft --iterations 12 --sh-degree 3 --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint --ucd 1.5,3,fixed "
-        "--keep 0.5 --mask-transients --dog selective --dog-threshold 90% --coarse 0.125 --cooldown 0.5 --alpha-min 0.04 --lr-sh 0.001\n");
+        " --preset draft --iterations 12 --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint --coarse 0.125 --cooldown 0.5 "
+        "--alpha-min 0.04 --lr-sh 0.001 --ucd 1.5,3,fixed --dog selective --dog-threshold 90% --keep 0.5 --mask-transients --sh-degree 3\n");
     worst = strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00");
     CHECK(worst && strstr(worst, "<td class=\"name\">fine.png<td class=\"n\">31.00")); /* the worst first */
     free(page);
