@@ -36,7 +36,7 @@ OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
-    struct cost_load load = {.points = stats->points,
+    struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
                              .observations = stats->observations,
                              .views = stats->views,
                              .schedule_pixels = schedule_pixels(scene)};
