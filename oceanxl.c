@@ -43,6 +43,7 @@
 #include "src/survey/image_file.c"       /* decoded images in files */
 #include "src/survey/scene.c"            /* views, points, depths and rays of a scene */
 #include "src/survey/scene_alpha.c"      /* transparent pixels: composited or masked */
+#include "src/survey/scene_start.c"      /* points to start from where there are none */
 #include "src/survey/scene_images.c"     /* its images and masks */
 #include "src/survey/scene_views.c"      /* views of a survey */
 #include "src/survey/scene_load.c"       /* a scene from files or arrays: origin, points, extent */

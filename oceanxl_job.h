@@ -148,6 +148,7 @@ typedef struct oxl_survey {
     int cameras, cameras_distorted;
     int width, height; /* size of the largest view as trained, px */
     size_t points, observations;
+    int outlined; /* 1: transparent images outline the scene (oxl_alpha), so a start without points is sound */
     double mean_track, mean_error;       /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */

@@ -216,3 +216,18 @@ TEST(budget_decides_the_same_on_any_number_of_threads)
     }
     test_ctx->threads = threads;
 }
+
+/* Of points that are random, fewer are where the scene is: growth is that of docs/log/LEGO.md. */
+TEST(budget_predicts_the_gaussians_of_a_scene_without_points)
+{
+    const char *path = job_test_survey();
+    oxl_job_options o = job_test_options();
+    oxl_survey survey;
+    char points[600];
+    snprintf(points, sizeof points, "%s/sparse/0/points3D.txt", path);
+    CHECK_OK(os_write_file(test_ctx, points, "# none\n", 7));
+    o.train.max_gaussians = 100000;
+    CHECK_OK(oxl_check(test_ctx, path, &o, &survey));
+    CHECK_CLOSE(survey.gaussians, 3.0 * SCENE_START_RANDOM, 1);
+    CHECK_TEXT(survey.text, "random ones and may fail");
+}

@@ -195,6 +195,7 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
 #define COST_SPLAT_BYTES 300.0
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
+    int random;                  /* 1: the survey has no points, those are scene_start_points */
     int views;
     /* pixels of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;
