@@ -121,7 +121,8 @@ static oxl_result step_next_image(struct train *t, int *view)
         rc = step_load_image(t, *view);
         if (rc != OXL_ERR_INPUT && rc != OXL_ERR_IO) return rc;
         nonfinite_count_unreadable(t->ctx, &t->nonfinite);
-        if (scene_misses_too_many(t->scene, (int)t->nonfinite.images)) return step_refuse_unreadable(t, rc);
+        if (rc == OXL_ERR_IO && scene_misses_too_many(t->scene, (int)t->nonfinite.images))
+            return step_refuse_unreadable(t, rc);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(
