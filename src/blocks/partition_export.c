@@ -78,7 +78,7 @@ static void exporter_put_text(struct exporter_worker *w, const char *text)
     exporter_put(w, text, strlen(text));
 }
 
-/* With `before` in front of it; 0: nothing. */
+/* Adds a number with `before` in front of it; 0: adds nothing. */
 static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
 {
     char *to = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
@@ -136,7 +136,7 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
     exporter_put_text(w, "\n");
 }
 
-/* Which point each 2D point of the view belongs to, by the tracks. */
+/* Finds by the tracks which point each 2D point of the view belongs to. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
     const struct partition_visibility *vis = e->p->plan->visibility;
@@ -185,7 +185,7 @@ static void exporter_list(const struct exporter *e, struct exporter_worker *w, c
     }
 }
 
-/* The same of images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
+/* Reads the same from images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
 static void exporter_list_binary(const struct exporter *e, struct exporter_worker *w, const char *p,
                                  size_t size)
 {
@@ -307,7 +307,7 @@ static void exporter_link(const struct exporter *e, int block, const char *name,
         oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
 }
 
-/* What an earlier partition into more blocks has left. Models that were trained there stay. */
+/* Removes what an earlier partition into more blocks has left. Models that were trained there stay. */
 static void exporter_remove_old(const struct exporter *e)
 {
     static const char *const old[] = {"sparse/0/cameras.txt",

@@ -100,7 +100,7 @@ static oxl_result file_wrong(struct file_reader *r, const char *wanted)
                     r->path, r->line, seen, r->cursor, wanted);
 }
 
-/* The numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */
+/* Reads the numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */
 static oxl_result file_get(struct file_reader *r, double *out, int numbers, int counts, int count)
 {
     for (int i = 0; i < numbers; i++) {

@@ -206,8 +206,8 @@ OXL_INTERNAL void codec_free(oxl_context *ctx, void *memory)
     if (memory) oxl_free(ctx, (struct codec_block *)memory - 1);
 }
 
-/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for
- * the same size (docs/log/SPEED.md). */
+/* Sets one filter for all rows and a short search: all five filters and a longer search take 1.6 times as
+ * long for the same size (docs/log/SPEED.md). */
 OXL_INTERNAL void codec_begin(void)
 {
     enum { AVERAGE = 3, SEARCH = 5 };

@@ -16,8 +16,8 @@ static const char *json_past_string(const char *at)
     return *at ? at + 1 : at;
 }
 
-/* Change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind of bracket
- * does not count. */
+/* Returns the change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind
+ * of bracket does not count. */
 static int json_depth_change(char c)
 {
     return (c == '{' || c == '[') - (c == '}' || c == ']');
@@ -56,7 +56,7 @@ const char *oxl_json_error(const char *text)
     return depth == 0 && *at == 0 ? NULL : at;
 }
 
-/* The value after the comma, or NULL at the end of the object or array. */
+/* Returns the value after the comma, or NULL at the end of the object or array. */
 const char *oxl_json_next(const char *value)
 {
     const char *at = value ? json_blank(oxl_json_end(value)) : "";

@@ -88,7 +88,7 @@ OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char
                : OXL_OK;
 }
 
-/* The folder above; of one that is not there yet, as its name has it. */
+/* Returns the parent folder; from the path's text if the folder does not exist. */
 static char *lock_parent(oxl_context *ctx, const char *folder)
 {
     char *up = oxl_path_join(ctx, folder, ".."), *slash;
@@ -134,7 +134,7 @@ oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
     return rc == OXL_OK ? lock_folder(ctx, folder, 0, out) : rc;
 }
 
-/* The last one who leaves removes the file. */
+/* Leaves the lock; the last one who does removes the file. */
 void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock)
 {
     if (!*lock) return;

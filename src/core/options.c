@@ -4,8 +4,8 @@
  * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its
  * reading back, the command that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option
  * takes
- *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the commands that take it, and states whether the bytes of the result depend on
- *   it (RESULT), and where it
+ *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the
+ *   commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
  *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
  *   - `make man`, and a test.
@@ -93,7 +93,8 @@ const oxl_option *oxl_option_find(const char *name)
     return NULL;
 }
 
-/* With _ for -; a folder's ends so, since "images" is a count of what was found. */
+/* Writes an option's name for run.json: dashes become underscores, and folders get the suffix _folder, since
+ * "images" is a count there. */
 const char *oxl_option_member(const oxl_option *option, char out[40])
 {
     snprintf(out, 40, "%s%s", option->name,
@@ -150,14 +151,14 @@ static size_t option_word(const oxl_option *o)
     return length > 0 && o->value[length] && o->value[0] >= 'a' ? length : 0;
 }
 
-/* A number without a sign at *text, which moves past it; not 1.#IND. */
+/* Parses a number without a sign at *text, which moves past it; not 1.#IND. */
 static int option_unsigned(const char **text, double *out)
 {
     return ((unsigned char)(**text - '0') < 10 || **text == '.') &&
            parse_double(text, *text + strlen(*text), out) && !isnan(*out);
 }
 
-/* A plain number, and perhaps one of the units. */
+/* Parses a plain number, and perhaps one of the units. */
 static int option_number(const char *text, const char *units, const double *factors, double *out)
 {
     const char *unit;
@@ -238,7 +239,7 @@ static int option_read_seed(const char *text, uint64_t *out)
     return 1;
 }
 
-/* Index of the word in "one|two|three"; -1: not in it. */
+/* Returns the index of the word in "one|two|three"; -1: not in it. */
 static int option_choice(const char *words, const char *text)
 {
     for (int i = 0; *words; i++) {
@@ -292,7 +293,7 @@ OXL_INTERNAL int option_read_ucd(const char *text, oxl_ucd *out)
     return is_ok;
 }
 
-/* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
+/* Returns a unit's size: decimal, as file sizes are printed, or with an i binary. 0: not a unit. */
 static double option_unit(const char *s)
 {
     static const char letters[] = "kmgt";
@@ -430,7 +431,7 @@ oxl_result oxl_option_set(const oxl_option *option, void *options, const char *t
 
 /* ---------------- a value to text */
 
-/* The percentage that is read back as this negative float. */
+/* Finds the percentage that is read back as this negative float. */
 static void option_get_percent(float value, char *out, size_t size)
 {
     char digits[NUMBER_TEXT_MAX];
@@ -557,7 +558,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
 
 /* ---------------- all options */
 
-/* The value without effect. */
+/* Returns the value of an option that has no effect. */
 static const char *option_off(const oxl_option *o)
 {
     if (o->kind == OXL_OPTION_KEEP) return "all";
@@ -573,7 +574,7 @@ OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
     *train = job.train;
 }
 
-/* What a caller filled in is in range when its text would be read. */
+/* Accepts values whose printed text parses again, which is where the ranges are checked. */
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
 {
     oxl_job_options read = *options;

@@ -294,7 +294,7 @@ FILE *oxl_create_beside(const char *path, char *temporary, size_t size)
     return NULL;
 }
 
-/* Folder of a path, in place. */
+/* Shortens a path to its folder, in place. */
 static void os_sync_parent(char *path)
 {
     size_t end = strlen(path);

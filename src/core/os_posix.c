@@ -28,7 +28,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
 }
 
-/* Nanoseconds. */
+/* Returns a time in nanoseconds. */
 OXL_INTERNAL int64_t os_modified(const char *path)
 {
     struct stat s;
@@ -177,7 +177,7 @@ OXL_INTERNAL size_t os_peak_rss(void)
 #endif
 }
 
-/* The number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
+/* Reads the number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
 static double os_number_in(const char *folder, const char *file, const char *name)
 {
     char path[3200], line[300];
@@ -192,8 +192,8 @@ static double os_number_in(const char *folder, const char *file, const char *nam
     return value;
 }
 
-/* The least of `limit` over the control group of the process and those above it, of version 2; 0: none has a
- * limit. In a container, and of version 1, the root's files are the container's. */
+/* Returns the least of `limit` over the control group of the process and those above it, of version 2; 0:
+ * none has a limit. In a container, and of version 1, the root's files are the container's. */
 static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
 {
     FILE *file = fopen("/proc/self/cgroup", "r");
@@ -241,7 +241,7 @@ OXL_INTERNAL int os_processor_quota(void)
     return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
 }
 
-/* The limit, less what is used and is not a cache of files that can be dropped. */
+/* Returns the limit, less what is used and is not a cache of files that can be dropped. */
 static double os_memory_of(double limit, double used, double cache)
 {
     return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;

@@ -284,7 +284,7 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------- steps and budgets */
 
-/* Of the coarse model, the largest fraction that a view may show. */
+/* Returns the largest fraction of the coarse model that is visible in one view. */
 static double plan_largest_fraction(const struct job *job, const oxl_model *coarse)
 {
     const double near = scene_near_plane(job->scene);

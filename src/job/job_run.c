@@ -12,7 +12,7 @@
 
 /* ---------------- run.json */
 
-/* What of the survey the result depends on: another export in the same place is another job. */
+/* Lists the properties of a survey that identify a job: another export in the same place is another job. */
 static void job_describe_found(struct job *job)
 {
     text_add(&job->found, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s}",
@@ -305,7 +305,7 @@ static oxl_result job_run_single(struct job *job)
     return rc == OXL_OK ? trained : rc;
 }
 
-/* What can be had of the blocks that are there. rc is how their training ended. */
+/* Writes the result if all blocks have finished, else a partial one. rc: how their training ended. */
 static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
 {
     const int one = job->partition.block_count == 1;

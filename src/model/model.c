@@ -638,7 +638,7 @@ OXL_INTERNAL unsigned char model_byte(double x)
 
 #define MODEL_ORIGIN_MAX 1e15 /* limit of |origin| */
 
-/* So many finite numbers after blanks; 0: there are others. */
+/* Parses `count` finite numbers after blanks; 0: malformed. */
 static int model_read_numbers(const char *text, double *value, int count)
 {
     const char *end = text + strlen(text);

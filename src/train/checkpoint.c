@@ -42,7 +42,7 @@ static void archive_fail(struct archive *a, oxl_result rc, const char *what)
                                           : "remove this file, or train with --restart");
 }
 
-/* A number as the disk has it, low byte first; its own inverse. */
+/* Converts a number to the disk's order, low byte first, or back. */
 static void archive_swap(unsigned char *bytes, size_t size)
 {
     const uint16_t one = 1;
@@ -216,7 +216,7 @@ static const char *const checkpoint_names[] = {
     "checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
     "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
 
-/* A checkpoint of another run is renamed to NAME.other, which replaces an earlier one. */
+/* Renames a checkpoint of another run to NAME.other, which replaces an earlier one. */
 static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
 {
     const char *renamed = PATH("", "%s.other", path);
