@@ -226,6 +226,7 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_vi
     oxl_result rc = OXL_OK;
     render.near_plane = 0;
     render.parallel = (float)o->ground;
+    memcpy(render.background, model->background, sizeof render.background);
     o->rgba = malloc(4 * pixels);
     o->level = malloc(sizeof *o->level * pixels);
     if (!depth || !o->rgba || !o->level)
