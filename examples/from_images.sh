@@ -108,7 +108,7 @@ if [ ! -f "$survey/text/points3D.txt" ]; then
     mkdir -p "$survey/text"
     colmap model_converter --input_path "$survey/sparse/0" --output_path "$survey/text" --output_type TXT >>"$log" 2>&1
 fi
-grep -v '^#' "$survey/text/images.txt" | awk 'NR % 2 { sub(/^([^ ]+ ){9}/, ""); print }' | sort >"$survey/registered.txt"
+grep -v '^#' "$survey/text/images.txt" | awk 'NR % 2' | cut -d ' ' -f 10- | sort >"$survey/registered.txt"
 (cd "$photos/" && find . -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \)) | sed 's,^\./,,' | sort >"$survey/photos.txt"
 comm -13 "$survey/registered.txt" "$survey/photos.txt" >"$survey/unregistered.txt"
 say "$(wc -l <"$survey/registered.txt") of $count photos have a camera"
