@@ -245,6 +245,19 @@ static void print_results(const char *out, int json)
     free(metrics);
 }
 
+static oxl_result run_control(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
+{
+    oxl_scene_options read = options->scene;
+    oxl_scene *scene = NULL;
+    oxl_result rc;
+    if (a->json) return oxl_fail(ctx, OXL_ERR_USAGE, "--control prints a table\nfix: without --json");
+    read.read_images = 0;
+    rc = oxl_scene_load(ctx, a->path[0], &read, &scene);
+    if (rc == OXL_OK) rc = control_check(ctx, scene, a->control, stdout);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
 static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
 {
     oxl_survey survey;
@@ -253,6 +266,7 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) print_text(stdout, json ? json : survey.text);
     oxl_text_free(ctx, json);
+    if (rc == OXL_OK && a->control) rc = run_control(ctx, a, options);
     return rc;
 }
 

@@ -329,12 +329,18 @@ typedef struct oxl_render_options {
     int sh_degree;       /* largest degree evaluated; -1: the model's */
     float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
     float alpha_min;     /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
+    /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
+     * the distance from which the survey's cameras saw the ground, the scale of its depths. CPU only (0) */
+    float parallel;
 } oxl_render_options;
 
 OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the
- * expected camera z, sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
+ * camera z of the surface in the scene's unit: the mean of the Gaussians in the layer, 4 % of the depth thick,
+ * that has the most of the pixel's weight, sum(alpha T). It is negative, -z, where that layer has less than a
+ * third of the full weight, so that it may be another, and 0 where all Gaussians have less than half of it:
+ * the model is see-through there.
  * options may be NULL: the defaults, on the model's background. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);

@@ -244,9 +244,8 @@ OXL_API void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 /* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.image.png, the image,
  * and, where a medium is fitted, NAME.clear.png, the render without lamp and medium; with `depth` also
  * NAME.depth.png (near is bright), NAME.depth.pfm
- * (float camera z, 0: no Gaussian) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or
- * of a metre with `unit`; 0: no
- * Gaussian, 65535: that or more). */
+ * (float camera z, 0: no surface) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or
+ * of a metre with `unit`; 0: no surface, 65535: that or more); depth is that of oxl_render. */
 typedef struct oxl_render_output {
     oxl_split split;
     int images, depth;

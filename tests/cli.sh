@@ -231,8 +231,11 @@ promise a_model_is_placed_by_its_origin 0 "" sh -c \
 promise render_draws_every_view 0 "16 images in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
-promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
-promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
+promise render_writes_a_map 0 "in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --png
+promise map_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.tif && test -s ortho/height.tif && test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
+promise map_says_its_axes 0 "1 0 0 0" cat ortho/frame.txt
+promise map_of_own_axes_refuses_an_epsg_code 2 "--frame world if the survey is georeferenced" on_stderr "$program" render out/scene.ply survey -o ortho --ortho --frame survey --epsg 32632
+promise options_of_a_map_want_a_map 2 "--epsg is of --ortho" "$program" render out/scene.ply survey -o ortho --epsg 32632
 promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --flight survey --frames 3
 promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --flight survey --frames 5 && '$program' render out/scene.ply survey -o flight --flight survey --frames 3"
 promise a_flight_keeps_its_frames 0 "" files 3 flight "frame_*.png"
