@@ -132,10 +132,11 @@
 #include "src/parts/sh_degree.c"   /* degree of the spherical harmonics */
 #include "src/parts/table.c"       /* the table */
 
-#include "src/job/metrics.c"  /* two images compared: PSNR, SSIM, MS-SSIM */
-#include "src/job/lpips.c"    /* LPIPS, for evaluations */
-#include "src/job/evaluate.c" /* a model's images against those of a survey */
-#include "src/job/seam.c"     /* image error at the borders between blocks */
+#include "src/job/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/lpips.c"     /* LPIPS, for evaluations */
+#include "src/job/structure.c" /* the same whatever their contrast: correlation of their detail */
+#include "src/job/evaluate.c"  /* a model's images against those of a survey */
+#include "src/job/seam.c"      /* image error at the borders between blocks */
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */

@@ -369,6 +369,15 @@ OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_i
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
+/* Normalised correlation of the detail of a and b, whatever their brightness and contrast: their grey values,
+ * less what a Gaussian of 1 px removes and one of 6 px keeps. 1: the same structure; 0: none, such as a veil.
+ * NaN: b has no more detail than the rounding to 8 bits.
+ * map: (H,W), or NULL: the same around each pixel, under a Gaussian of 6 px. */
+OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out,
+                                 float *map);
+/* below it a view has no structure, in reports and messages */
+#define OXL_STRUCTURE_NONE 0.5
+
 /* A subset of the views. */
 typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } oxl_split;
 
@@ -378,12 +387,19 @@ typedef struct oxl_view_metrics {
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
     /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
     double half_psnr;
-    double lpips; /* NaN: not measured */
+    double lpips;     /* NaN: not measured */
+    double structure; /* of oxl_structure; NaN: the image has no detail */
+    /* dB: variance that is left of the image when gains and lamp are fitted to it as the light on an even
+     * surface, over the squared error; NaN: there is none */
+    double explained;
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
     double lpips;                                               /* NaN: not measured */
+    /* means over the views that have them, and the least; NaN: no view has */
+    double structure, explained, structure_least;
+    int no_structure; /* views below OXL_STRUCTURE_NONE */
     int count;
     oxl_view_metrics *views; /* (count) */
     double depth[2];         /* terciles of the depths of all observations */

@@ -52,7 +52,7 @@ static void report_test_run(void)
         "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
         "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
         "\"psnr\": 28.5, \"ssim\": 0.82, \"views\": [{\"name\": \"fine.png\", \"psnr\": 31, \"ssim\": 0.9}, "
-        "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8}]}");
+        "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8, \"structure\": 0.25}]}");
     for (int k = 0; k < 2; k++) {
         char name[64];
         snprintf(name, sizeof name, "out/blocks/%03d/block.json", k);
@@ -79,8 +79,25 @@ TEST(report_escapes_every_name)
     CHECK(!strstr(page, "<b>&\""));
     CHECK(!strstr(page, "<warning>"));
     CHECK(!strstr(page, "<where>"));
-    CHECK_TEXT(page, "alt=\"Image of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
+    CHECK_TEXT(page,
+               "alt=\"Image, brightened of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
     CHECK_TEXT(page, "<li>a &lt;warning&gt; &amp; more</li>");
+    free(page);
+}
+
+TEST(report_shows_views_without_structure_brightened_and_where)
+{
+    char *page;
+    report_test_run();
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
+    report_test_picture("out/renders/<b>&\".jpg.png", 0.5f);
+    report_test_picture("out/renders/<b>&\".jpg.image.png", 0.75f);
+    page = report_test_page();
+    CHECK_TEXT(page, "1 of 2 held-out views are rendered without the structure of their images");
+    CHECK_TEXT(page, "26.00<td class=\"n\">0.800<td class=\"n\">0.25</tr>");
+    CHECK_TEXT(page, "31.00<td class=\"n\">0.900<td class=\"n\"></tr>"); /* of a run before it was measured */
+    CHECK_TEXT(page, "<figcaption>Rendered, brightened</figcaption>");
+    CHECK_TEXT(page, "<figcaption>Structure</figcaption>");
     free(page);
 }
 

@@ -204,10 +204,10 @@ TEST(study_csv_holds_every_run_means_spreads_and_comparisons_in_whole_lines)
     int commas = 0, lines = 0;
     CHECK_TEXT(
         t.data,
-        "row,against,seed,blocks,psnr_db,ssim,near_psnr_db,mid_psnr_db,far_psnr_db,gaussians,bytes,seconds,cpu_seconds,"
+        "row,against,seed,blocks,psnr_db,ssim,structure,structure_least,near_psnr_db,mid_psnr_db,far_psnr_db,gaussians,bytes,seconds,cpu_seconds,"
         "memory_bytes,ms_ssim,lpips,front\n");
-    CHECK_TEXT(t.data, "\nv1,,2,3,25.000000,0.83000000,,,,2700,2000000,160.000,150.00,,,,1\n");
-    CHECK_TEXT(t.data, "\n3dgs,,mean,2,23.000000,0.75000000,,,,2000,3000000,150.000,140.00,60000000,,,0\n");
+    CHECK_TEXT(t.data, "\nv1,,2,3,25.000000,0.83000000,,,,,,2700,2000000,160.000,150.00,,,,1\n");
+    CHECK_TEXT(t.data, "\n3dgs,,mean,2,23.000000,0.75000000,,,,,,2000,3000000,150.000,140.00,60000000,,,0\n");
     CHECK_TEXT(t.data, "\nv1,3dgs,mean,3,0.750000,");
     CHECK_TEXT(t.data, "\nv1,3dgs,paper,3,0.650000,");
     CHECK_TEXT(t.data, "\nv2,v1-count,sd,4,0.212132,");
@@ -403,12 +403,14 @@ TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
     snprintf(folder, sizeof folder, "%s", test_folder());
     test_write(
         "metrics.json",
-        "{\n  \"split\": \"test\",\n  \"psnr\": 25.5, \"ssim\": 0.75, \"ms_ssim\": 0.875, \"gaussians\": 1000, "
+        "{\n  \"split\": \"test\",\n  \"psnr\": 25.5, \"ssim\": 0.75, \"structure\": 0.875, \"structure_least\": 0.5, \"training\": "
+        "{\"structure_least\": 0.25}, \"ms_ssim\": 0.875, \"gaussians\": 1000, "
         "\"bytes\": 5e4, \"seconds\": 12, \"blocks\": 3,\n  \"by_depth\": {\"near_psnr\": 20, \"mid_psnr\": 21, "
         "\"far_psnr\": null}\n}\n");
     CHECK_OK(study_read_metrics(&s, folder, &r));
     CHECK(r.value[STUDY_PSNR] == 25.5 && r.value[STUDY_BYTES] == 5e4 && r.value[STUDY_MIDDLE] == 21 &&
           isnan(r.value[STUDY_FAR]));
+    CHECK(r.value[STUDY_STRUCTURE] == 0.875 && r.value[STUDY_LEAST] == 0.25);
     CHECK(r.blocks == 3 && r.held_out == 1);
     test_write("metrics.json", "{\"psnr\": 25.5}\n");
     CHECK(study_read_metrics(&s, folder, &r) == OXL_ERR_INPUT);
