@@ -94,7 +94,7 @@ struct density_rules {
     double extent;         /* of the scene */
     int split_large;       /* after the first reset interval [Kerbl 2023] */
     size_t cap;            /* on the number of Gaussians; 0: none */
-    const uint8_t *carved; /* (count) 1: to be removed; or NULL */
+    const uint8_t *unwanted; /* (count) 1: to be removed; or NULL */
 };
 struct density_change {
     size_t removed, split;
