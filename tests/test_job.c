@@ -498,6 +498,7 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
  * run's. */
 TEST(job_with_lobes_leaves_no_checkpoint_behind)
 {
+    NEEDS_PART(lobes);
     oxl_job_options options = job_test_options();
     const char *survey;
     options.train.dog = OXL_DOG_ALL;
