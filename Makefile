@@ -181,11 +181,12 @@ shaders-check: ## fails when the committed SPIR-V does not match the shaders
 
 # ------------------------------------------------------------------------------------------------ other ways to build
 
-rooms: ## the layers of src/: includes go downwards only; line counts
+rooms: ## the layers of src/: includes go downwards only; line counts; where code outside src/parts names a part of training
 	scripts/rooms.sh
+	scripts/parts.sh
 
-without: ## PART=lamp: removes a part of training, its file and its row, in a copy of the tree, and tests the rest
-	scripts/without.sh $(PART)
+without: ## PART=lamp: removes a part of training, its file and its row, in a copy of the tree, and tests the rest; WORDS="train_ job_" of the tests
+	scripts/without.sh $(PART) $(WORDS)
 
 modules: $(LIBRARY) ## from the objects: no file calls a higher layer, and no files call each other in a cycle
 	scripts/rooms.sh links $(BUILD)

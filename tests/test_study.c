@@ -271,6 +271,9 @@ TEST(study_digits_do_not_follow_the_locale)
 
 TEST(ablate_rows_differ_by_what_the_paper_switches_and_nothing_else)
 {
+    NEEDS_PART(ucd);
+    NEEDS_PART(prune);
+    NEEDS_PART(lobes);
     static const char *const names[] = {"3dgs", "v2", "v3-315", "oceanxl", "v3-bytes"};
     struct study *s = study_test_of(&ABLATE_KIND, &study_test_two_seeds, 5, names);
     oxl_job_options job[5];
@@ -329,13 +332,16 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
 TEST(tradeoff_options_are_off_in_the_papers_preset)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.sh_degree == 3 && o.iterations == 40000 &&
-          o.short_run_exponent == 0);
+    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.iterations == 40000 && o.short_run_exponent == 0);
 }
 
 /* Rows that others are compared with, or made equal to, exist and precede the controls. */
 TEST(study_rows_name_options_and_rows_of_their_study)
 {
+    NEEDS_PART(ucd);
+    NEEDS_PART(prune);
+    NEEDS_PART(lobes);
+    NEEDS_PART(sh_degree);
     const struct study_kind *const kinds[] = {&ABLATE_KIND, &TRADEOFF_KIND};
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
     for (int k = 0; k < 2; k++) {
@@ -374,6 +380,19 @@ TEST(study_refuses_invalid_rows)
     CHECK(study_test_run(tradeoff_run, "coarse-0.5,fast", 1) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "iterations-half coarse-0 ");
     CHECK(study_test_run(tradeoff_run, "coarse-0.5,coarse-0.5", 1) == OXL_ERR_USAGE);
+}
+
+/* As where a build has not the part of training that an option belongs to. */
+TEST(study_refuses_rows_whose_options_the_build_does_not_have)
+{
+    static const struct study_row plain = {.name = "plain", .option = {{"cooldown", "0"}}},
+                                  odd = {.name = "odd", .option = {{"cooldown", "0"}, {"no-such", "1"}}};
+    struct study s = {.rows = 2, .row = {&plain, &plain}};
+    s.meter.ctx = test_ctx;
+    CHECK_OK(study_check_options(&s));
+    s.row[1] = &odd;
+    CHECK(study_check_options(&s) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "row odd sets --no-such");
 }
 
 TEST(study_finds_the_threshold_of_an_equal_count_in_a_few_trials)

@@ -86,14 +86,11 @@ static oxl_result train_fresh_model(struct train *t)
 /* Copies the model to start from, without second lobes: density control cannot split rows that have them. */
 static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 {
-    const int most = t->options->sh_degree;
     oxl_result rc = model_copy(t->ctx, from, &t->trained.model);
     if (rc == OXL_OK && t->trained.model.lobes > 0)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the model to start from has second lobes: they are removed, since Gaussians are split");
     if (rc == OXL_OK) model_drop_lobes(&t->trained.model);
-    if (rc == OXL_OK && most >= 0 && most < t->trained.model.sh_degree)
-        rc = model_set_degree(t->ctx, &t->trained.model, most);
     return rc;
 }
 
