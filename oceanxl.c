@@ -45,6 +45,8 @@
 #include "src/survey/scene_load.c"    /* a scene from files or arrays: origin, points, extent */
 #include "src/survey/scene_file.c"    /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/match.c"         /* are the images those that the model was made from? */
+#include "src/survey/conventions.c"   /* the convention that poses were written in */
 #include "src/survey/depth_bands.c"   /* depth band of each pixel, from the points */
 
 /* partition of a large survey into blocks */

@@ -153,6 +153,7 @@ typedef struct oxl_survey {
     double masked;
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
+    int foreign; /* images that do not show what the model has at their points */
     /* images, against those beside them; only oxl_check_quality sets these */
     int blurred, badly_exposed;
     double gaussians;                   /* predicted, at the end of the run */

@@ -8,6 +8,7 @@
 #include "job_state.h"
 #include "../render/render.h"
 #include "../core/json.h"
+#include "../survey/lint.h"
 #include "../survey/scene.h"
 
 /* ---------------- run.json */
@@ -415,6 +416,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_plan_decoded(&job);
+        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, &job.survey);
         if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
         rc = job_finish_if_complete(&job, rc);
     }

@@ -234,6 +234,7 @@ static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job
     oxl_result rc = oxl_scene_load(ctx, path, &o.scene, &scene);
     *out = (oxl_survey){0};
     if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
+    if (rc == OXL_OK) rc = match_check(ctx, scene, out);
     if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
     return rc;
@@ -277,6 +278,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"missed_share", s->missed},
                    {"masked_share", s->masked},
                    {"unusable", s->unusable},
+                   {"foreign", s->foreign},
                    {"blurred", s->blurred},
                    {"badly_exposed", s->badly_exposed},
                    {"predicted_gaussians", s->gaussians},
