@@ -16,8 +16,7 @@ static const char *lint_survey(void)
     struct text points = {.ctx = test_ctx};
     const char *survey = job_test_survey();
     for (int i = 0; i < 40; i++) {
-        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5", i + 1, -1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10),
-                 4 * i);
+        text_add(&points, "%d %.3f %.3f 4 90 120 60 0.5", i + 1, -1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10));
         for (int v = 0; v < JOB_VIEWS; v++) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
     }

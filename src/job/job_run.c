@@ -33,7 +33,7 @@ oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, 
     *run = oxl_calloc(ctx, 1, sizeof **run);
     if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
     rc = manifest_read(ctx, out, *run);
-    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene))
+    if (rc == OXL_OK && (*run)->line && manifest_is_of(*run, scene))
         manifest_options(*run, options);
     if (rc != OXL_OK) oxl_manifest_free(ctx, run);
     return rc;
@@ -96,19 +96,35 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(&t, there.data, job->key.data);
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                      "%s holds the unfinished work of a run with other options or of another survey:\n%s"
-                      "fix: use the same options to resume it, --restart to discard it, or another -o",
-                      job->out,
+                      "%s holds the %s of a run with other options or of another survey:\n%s"
+                      "fix: use the same options%s, --restart to %s it, or another -o",
+                      job->out, run->finished ? "finished result" : "unfinished work",
                       !run->line[0] ? "  its run.json is truncated\n"
                       : t.data      ? t.data
-                                    : "");
+                                    : "",
+                      run->finished ? "" : " to resume it", run->finished ? "replace" : "discard");
     text_free(&t);
     text_free(&there);
     return rc;
 }
 
-/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished
- * run of this survey is replaced. */
+/* A run of the same folders by other names keeps its line, by which its blocks and checkpoints know it. */
+static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *run)
+{
+    const int found = run->found && !strcmp(run->found, job->found.data);
+    int same = 0;
+    oxl_result rc;
+    if (!run->line[0] || !strcmp(run->line, job->line.data)) return OXL_OK;
+    rc = manifest_equivalent(job->ctx, run->line, job->line.data, found, &same);
+    if (rc != OXL_OK || !same) return rc;
+    text_free(&job->line);
+    text_free(&job->key);
+    text_add(&job->line, "%s", run->line);
+    return job->line.failed ? job_no_memory(job) : job_make_key(job);
+}
+
+/* The result of another survey, a finished result with other options, and unfinished work of another run are
+ * removed with --restart alone. */
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
@@ -117,7 +133,9 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
                         job->out, run->scene);
-    if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
+    if (run->finished ? job->start.after == 0 && !job->options.restart
+                      : job_has_blocks(job) && !job->options.restart)
+        return job_refuse(job, run);
     rc = job_lock_alone(job, 1);
     if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
@@ -147,6 +165,7 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     struct oxl_manifest run = {0};
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     *done = 0;
+    if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_names(job, &run);
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);

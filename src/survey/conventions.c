@@ -133,7 +133,8 @@ OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found)
         judged += w->judged[k];
     }
     if (w->count < CONVENTIONS_LEAST || w->colmap->point_count < CONVENTIONS_POINTS) return OXL_OK;
-    if (!w->tracked && 2 * empty <= w->count && match_median(w) >= match_median_by_chance(w) + MATCH_CHANCE)
+    if (!w->tracked && 2 * empty <= w->count &&
+        (!w->coloured || match_median(w) >= match_median_by_chance(w) + MATCH_CHANCE))
         return OXL_OK;
     rc = conventions_find(w, (double)judged / w->count, &name);
     if (rc != OXL_OK || (!name && (w->tracked || 2 * empty <= w->count))) return rc;

@@ -130,6 +130,13 @@ static void match_finish_layout(struct match_layout *l, double *work)
     memcpy(l->colour, difference, sizeof difference);
 }
 
+static int match_is_coloured(const struct match_layout *l)
+{
+    for (int k = 0; k < l->count; k++)
+        if (l->colour[k] != 0) return 1;
+    return 0;
+}
+
 static void match_add_point(struct match_layout *l, const oxl_camera *c, const double pixel[2],
                             const struct colmap_point *point)
 {
@@ -197,6 +204,7 @@ static oxl_result match_lay_out(struct match *w)
     for (int k = 0; k < w->count && rc == OXL_OK; k++) {
         if (w->tracked) match_finish_layout(&w->layout[k], w->work);
         else match_by_projection(w, &w->layout[k], &oxl_scene_view(w->scene, w->layout[k].view)->camera);
+        w->coloured |= match_is_coloured(&w->layout[k]);
     }
     OXL_FREE(w->ctx, of_image, seen);
     return rc;
@@ -478,7 +486,7 @@ OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_surv
     if (rc == OXL_OK) rc = match_lay_out(&w);
     if (rc == OXL_OK) rc = match_compare(&w);
     if (rc == OXL_OK && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
-    if (rc == OXL_OK && !found && !misfit && match_judged(&w) >= MATCH_ENOUGH) rc = match_judge(&w, &s->foreign);
+    if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH) rc = match_judge(&w, &s->foreign);
     OXL_FREE(ctx, w.layout, w.score, w.judged, w.work, w.plane.value);
     return rc;
 }

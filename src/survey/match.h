@@ -54,6 +54,7 @@ struct match {
     uint8_t *judged;             /* (count) */
     double *work;                /* (count + MATCH_SAMPLES) */
     int count, tracked;
+    int coloured; /* 1: colours differ from point to point */
     struct match_plane plane;
     struct match_map map[MATCH_MAPS];
     int maps;
