@@ -30,6 +30,7 @@
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the whole model */
 #include "src/survey/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
 #include "src/survey/ply.c"           /* PLY reader */
+#include "src/survey/nerfstudio_names.c" /* its images: names, sizes, which are held out */
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */

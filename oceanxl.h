@@ -185,7 +185,8 @@ typedef struct oxl_scene_options {
     const char *sparse;       /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;        /* mask folder; NULL: SCENE/masks if it exists */
     int max_side;             /* larger images are reduced to this longer side, px; 0: full size */
-    int test_every;           /* every n-th view by name is held out; 0: none */
+    /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
+    int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
     double missing_images;    /* fail if more than this fraction of the images is missing on disk */
     int read_images;          /* 0: read the COLMAP model only, for check and partition */

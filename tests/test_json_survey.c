@@ -111,7 +111,7 @@ TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_nerfstudio(&colmap, cases[i][1]);
-        CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, &other));
+        CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, NULL, &other));
         CHECK(other.camera_count == 1 && !other.images_beside && other.warnings == 0);
         jsurvey_check_same(&colmap, &other);
         colmap_free(test_ctx, &colmap);
@@ -139,7 +139,7 @@ TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_opensfm(&colmap, cases[i][1]);
-        CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, &other));
+        CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, NULL, &other));
         CHECK(other.camera_count == 2);
         jsurvey_check_same(&colmap, &other);
         colmap_free(test_ctx, &colmap);
@@ -153,7 +153,7 @@ static const char *jsurvey_refused(const char *name, const char *text)
     char path[64];
     snprintf(path, sizeof path, "bad/%s", name);
     test_write(path, text);
-    CHECK(json_survey_read(test_ctx, test_path("bad"), name, &c) == OXL_ERR_INPUT);
+    CHECK(json_survey_read(test_ctx, test_path("bad"), name, NULL, &c) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
     return oxl_error_text(test_ctx);
 }
@@ -167,7 +167,7 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
     static const char whole[] = "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}";
     struct colmap c;
     test_write("good/transforms.json", whole);
-    CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", &c));
+    CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", NULL, &c));
     CHECK(c.image_count == 1 && c.point_count == 0 && c.camera[0].parameter[2] == 32 &&
           strcmp(c.names, "a.png") == 0);
     colmap_free(test_ctx, &c);
@@ -221,7 +221,7 @@ TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
     test_write("ns/transforms.json",
                "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME
                ", {\"file_path\": \"./rgb/r_0\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
-    CHECK_OK(json_survey_read(test_ctx, test_path("ns"), "transforms.json", &c));
+    CHECK_OK(json_survey_read(test_ctx, test_path("ns"), "transforms.json", NULL, &c));
     CHECK(c.images_beside && c.camera_count == 1);
     CHECK(strcmp(c.names + c.image[0].name, "images/a.png") == 0 &&
           strcmp(c.names + c.image[1].name, "rgb/r_0.png") == 0);

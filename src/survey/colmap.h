@@ -52,6 +52,8 @@ struct colmap_reader {
     size_t warned[WARN_COUNT];
     struct colmap_index cameras, images;
     size_t camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
+    const char *image_folder; /* of a survey in JSON: where names start; NULL: as the file has it */
+    int width, height;  /* px of the first image, where such a file does not state them; 0: not read yet */
 };
 
 /* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated.

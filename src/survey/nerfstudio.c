@@ -4,7 +4,8 @@
  * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w
  * h; k1 k2 k3 p1 p2, or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x).
  * transform_matrix is camera to world with x right, y up, z back; file_path starts from the file's folder;
- * ply_file_path too, in the same world.
+ * ply_file_path too, in the same world. NeRF synthetic's files (Mildenhall 2020) are such files with
+ * camera_angle_x, without w, h and extensions of names: these are found in the image folder.
  *
  * Masks of frames are not read: those in SCENE/masks are.
  */
@@ -44,7 +45,8 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
 {
     static const char *const names[2][8] = {{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"},
                                             {"k1", "k2", "k3", "k4"}};
-    const double w = nerfstudio_number(json, frame, "w", 0), h = nerfstudio_number(json, frame, "h", 0);
+    const double w = nerfstudio_number(json, frame, "w", r->width),
+                 h = nerfstudio_number(json, frame, "h", r->height);
     const double angle = nerfstudio_number(json, frame, "camera_angle_x", NAN);
     double fx = nerfstudio_number(json, frame, "fl_x", NAN), k[8];
     const char *model;
@@ -56,7 +58,8 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     rc = nerfstudio_model(r, json, frame, distorted, &model);
     if (rc != OXL_OK) return rc;
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
-        return json_survey_fail(r, "w and h", "none", "the images' width and height");
+        return json_survey_fail(r, "w and h", "none, and no image to take them from",
+                                "the images' width and height");
     *c = (struct colmap_camera){
         .model = camera_model_find(model, strlen(model)), .width = (int)w, .height = (int)h};
     c->parameter[0] = fx;
@@ -133,24 +136,19 @@ static int nerfstudio_beside(const char *json)
 
 static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, const char *frame)
 {
-    char path[1024];
+    char path[NERFSTUDIO_PATH];
     struct colmap_camera camera;
     double q[4], t[3];
-    size_t length = oxl_json_text(oxl_json_member(frame, "file_path"), path, sizeof path - 4),
-           row = r->out->camera_count;
-    const char *name = path;
+    const size_t row = r->out->camera_count;
+    const char *end, *name = nerfstudio_name(r, oxl_json_member(frame, "file_path"), path, &end);
     oxl_result rc = nerfstudio_camera(r, json, frame, &camera);
-    if (rc == OXL_OK && length == 0) rc = json_survey_fail(r, "file_path", "none", "the image's path");
+    if (rc == OXL_OK && !name) rc = json_survey_fail(r, "file_path", "none", "the image's path");
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
-    if (!strchr(path_base_name(path), '.'))
-        memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
-    if (!strncmp(name, "./", 2)) name += 2;
-    if (!r->out->images_beside) name += strlen("images/");
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera))
         rc = json_survey_add_camera(r, &camera);
     return rc == OXL_OK
-               ? json_survey_add_image(r, name, path + length, (int64_t)r->out->camera_count - 1, q, t)
+               ? json_survey_add_image(r, name, end, (int64_t)r->out->camera_count - 1, q, t)
                : rc;
 }
 
@@ -207,11 +205,18 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
 OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json)
 {
     oxl_result rc = OXL_OK;
-    r->out->images_beside = nerfstudio_beside(json);
+    const int beside = nerfstudio_beside(json);
+    if (r->out->image_count > 0 && beside && !r->out->images_beside)
+        return json_survey_fail(r, "file_path", "a path outside images/",
+                                "images/, where " JSON_SURVEY_TRAIN " has its images");
+    if (r->out->image_count == 0) r->out->images_beside = beside;
+    if (isnan(oxl_json_number(json, "w")) || isnan(oxl_json_number(json, "h")))
+        nerfstudio_measure_image(r, json);
     for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && rc == OXL_OK;
          frame = oxl_json_next(frame)) {
         r->line++;
         rc = nerfstudio_frame(r, json, frame);
     }
-    return rc == OXL_OK ? nerfstudio_points(r, json) : rc;
+    if (rc == OXL_OK) rc = nerfstudio_points(r, json);
+    return rc == OXL_OK ? nerfstudio_split(r, json) : rc;
 }

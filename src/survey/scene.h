@@ -54,7 +54,8 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
-OXL_INTERNAL void scene_mark_test_views(oxl_scene *scene, int test_every);
+/* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
+OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
 
 /* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 

@@ -163,7 +163,7 @@ done:
 
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
-    oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
+    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
@@ -202,8 +202,8 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
     if (rc != OXL_OK) goto done;
-    scene_mark_test_views(scene, o.test_every);
-    if (o.read_images) rc = scene_count_masks(ctx, scene);
+    rc = scene_mark_test_views(ctx, scene, o.test_every);
+    if (rc == OXL_OK && o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
 done:
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
