@@ -53,7 +53,7 @@ struct colmap_reader {
     struct colmap_index cameras, images;
     size_t camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
     const char *image_folder; /* of a survey in JSON: where names start; NULL: as the file has it */
-    int width, height;  /* px of the first image, where such a file does not state them; 0: not read yet */
+    int width, height; /* px of the first image, where such a file does not state them; 0: not read yet */
 };
 
 /* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated.

@@ -147,9 +147,7 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, co
     if (rc != OXL_OK) return rc;
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera))
         rc = json_survey_add_camera(r, &camera);
-    return rc == OXL_OK
-               ? json_survey_add_image(r, name, end, (int64_t)r->out->camera_count - 1, q, t)
-               : rc;
+    return rc == OXL_OK ? json_survey_add_image(r, name, end, (int64_t)r->out->camera_count - 1, q, t) : rc;
 }
 
 /* ---------------- points */

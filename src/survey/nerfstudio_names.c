@@ -76,10 +76,10 @@ OXL_INTERNAL void nerfstudio_measure_image(struct colmap_reader *r, const char *
 struct nerfstudio_list {
     oxl_context *ctx;
     struct nerfstudio_entry {
-        size_t name;       /* offset in `names` */
-        const char *text;  /* it, when all are there */
-        int of;            /* index in NERFSTUDIO_LISTS */
-    } *entry;
+        size_t name;      /* offset in `names` */
+        const char *text; /* it, when all are there */
+        int of;           /* index in NERFSTUDIO_LISTS */
+    } * entry;
     size_t count, capacity;
     struct text names; /* zero-terminated, one after the other */
 };
@@ -143,7 +143,7 @@ static void nerfstudio_keep_listed(struct colmap_reader *r, const struct nerfstu
         const struct nerfstudio_entry key = {.text = c->names + c->image[i].name},
                                       *found = bsearch(&key, list->entry, list->count, sizeof key,
                                                        nerfstudio_compare_entries);
-        c->image[i].split = found                             ? nerfstudio_split_of(found->of, listed)
+        c->image[i].split = found                           ? nerfstudio_split_of(found->of, listed)
                             : listed[NERFSTUDIO_TRAIN] == 0 ? COLMAP_TRAIN
                                                             : COLMAP_UNSPLIT;
         held_out += c->image[i].split == COLMAP_TEST;

@@ -41,6 +41,8 @@ struct oxl_scene {
     double *on_disk;             /* from files: (cameras) px of an image's side for one in cameras.txt */
     char *images, *masks;        /* from files: folders; masks NULL: none */
     char *decoded;               /* folder of decoded images, or NULL */
+    int transparent;             /* images with an alpha channel */
+    struct image_alpha alpha;    /* what it means */
     /* of scene_file_map: it holds all arrays but views and cameras; or no data */
     struct os_file_map map;
 };
@@ -56,6 +58,14 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
 /* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
+
+/* scene_alpha.c. scene_decide_alpha: counts images with alpha and sets scene->alpha. scene_background: the colour
+ * behind the scene; wanted (-1,-1,-1): white where images are composited over it, else black.
+ * scene_set_background: images are composited over this colour from now on. */
+OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, oxl_alpha option);
+OXL_INTERNAL int scene_is_composited(const oxl_scene *scene);
+OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3], float out[3]);
+OXL_INTERNAL void scene_set_background(oxl_context *ctx, oxl_scene *scene, const float rgb[3]);
 
 /* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 

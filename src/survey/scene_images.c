@@ -39,11 +39,11 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
     struct text name = {.ctx = ctx};
     uint64_t key;
     oxl_result rc = OXL_OK;
-    if (!scene->decoded) return image_load_training(ctx, path, mask, from, to, out);
-    key = image_file_key(path, mask, from, to);
+    if (!scene->decoded) return image_load_training(ctx, path, mask, &scene->alpha, from, to, out);
+    key = image_file_key(path, mask, &scene->alpha, from, to);
     text_add(&name, "%s/%016llx", scene->decoded, (unsigned long long)key);
     if (name.failed || !image_file_read(ctx, name.data, key, to, out)) {
-        rc = image_load_training(ctx, path, mask, from, to, out);
+        rc = image_load_training(ctx, path, mask, &scene->alpha, from, to, out);
         if (rc == OXL_OK && !name.failed) image_file_write(ctx, name.data, key, out);
     }
     text_free(&name);

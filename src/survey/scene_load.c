@@ -205,6 +205,7 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     rc = scene_mark_test_views(ctx, scene, o.test_every);
     if (rc == OXL_OK && o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
+    if (rc == OXL_OK && o.read_images) rc = scene_decide_alpha(ctx, scene, o.alpha);
 done:
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
     else *out = scene;

@@ -9,7 +9,7 @@
 #include "survey.h"
 
 enum {
-    SCENE_TEST_EVERY = 8, /* views, by name [Barron 2022] */
+    SCENE_TEST_EVERY = 8,     /* views, by name [Barron 2022] */
     SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */
     /* limit of cameras whose first image's size is read: some surveys have one camera per image */
     SCENE_HEADERS = 16

@@ -160,7 +160,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
         if (rc == OXL_OK && models == 0 && !sparse_option)
             rc = survey_find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
     }
-    if (rc == OXL_OK && models == 0 && !sparse_option) 
+    if (rc == OXL_OK && models == 0 && !sparse_option)
         rc = survey_find_try_json(ctx, path, images, out, &models);
     if (rc == OXL_OK && models == 0)
         rc = oxl_fail(
