@@ -17,8 +17,8 @@
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
 #include "src/core/codec.h"
-#include "src/core/codec.c"     /* JPEG, PNG and deflate, by stb */
-#include "src/core/options.c"    /* the table of options, parsing and printing */
+#include "src/core/codec.c"   /* JPEG, PNG and deflate, by stb */
+#include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* input: the survey */
 #include "src/core/json.c"               /* JSON reader */

@@ -132,8 +132,7 @@ oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_i
     for (size_t i = 0; bytes && i < count; i++)
         for (size_t c = 0; c < 4; c++)
             bytes[4 * i + c] = image_to_byte(c < 3 ? image->rgb[c * count + i] : image->weight[i]);
-    encoded =
-        bytes ? codec_encode_png(bytes, image->width, image->height, 4, &size) : NULL;
+    encoded = bytes ? codec_encode_png(bytes, image->width, image->height, 4, &size) : NULL;
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
