@@ -1,4 +1,5 @@
 /* test_scene.c - surveys as they come: what is found, what is missing, what is wrong with them. */
+#include "../src/survey/scene_alpha.h"
 #include "test.h"
 
 static char scene_log[4096]; /* what the library said */

@@ -59,14 +59,6 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
 /* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
 
-/* scene_alpha.c. scene_decide_alpha: counts images with alpha and sets scene->alpha. scene_background: the colour
- * behind the scene; wanted (-1,-1,-1): white where images are composited over it, else black.
- * scene_set_background: images are composited over this colour from now on. */
-OXL_INTERNAL oxl_result scene_decide_alpha(oxl_context *ctx, oxl_scene *scene, oxl_alpha option);
-OXL_INTERNAL int scene_is_composited(const oxl_scene *scene);
-OXL_INTERNAL void scene_background(const oxl_scene *scene, const float wanted[3], float out[3]);
-OXL_INTERNAL void scene_set_background(oxl_context *ctx, oxl_scene *scene, const float rgb[3]);
-
 /* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */

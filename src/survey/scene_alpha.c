@@ -7,6 +7,7 @@
  * Invariant: the decision depends on the survey's files alone.
  */
 #include "scene.h"
+#include "scene_alpha.h"
 
 enum {
     ALPHA_SAMPLE = 8,     /* images that are decoded for the decision */

@@ -10,6 +10,7 @@
 #include "image.h"
 #include "imaging.h"
 #include "scene.h"
+#include "scene_alpha.h"
 #include "survey.h"
 
 #define SCENE_EXTENT 1.1      /* x the radius of the training cameras [Kerbl 2023] */

@@ -6,6 +6,7 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
 
 #define TRAIN_RANDOM_POINTS 10000   /* to start from when the scene has none */
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
