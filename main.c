@@ -342,6 +342,10 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, struct conso
     if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
     /* convert --scale wrote it in metres */
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
+    if (rc == OXL_OK && a->job.train.background[0] >= 0) { /* --background */
+        memcpy(model->background, a->job.train.background, sizeof model->background);
+        model->has_background = 1;
+    }
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     /* a block's or another program's has its own */

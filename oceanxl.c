@@ -17,37 +17,40 @@
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
 #include "src/core/codec.h"
-#include "src/core/codec.c"     /* JPEG, PNG and deflate, by stb */
-#include "src/core/options.c"    /* the table of options, parsing and printing */
+#include "src/core/codec.c"   /* JPEG, PNG and deflate, by stb */
+#include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* input: the survey */
-#include "src/core/json.c"            /* JSON reader */
-#include "src/survey/colmap.h"        /* shared by the COLMAP readers */
-#include "src/survey/colmap_text.c"   /* lines and fields of text files, and their errors */
-#include "src/survey/colmap_binary.c" /* binary files */
-#include "src/survey/colmap_order.c"  /* rows sorted by id */
-#include "src/survey/colmap_points.c" /* points3D.txt, multi-threaded */
-#include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the whole model */
-#include "src/survey/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
-#include "src/survey/ply.c"           /* PLY reader */
-#include "src/survey/nerfstudio.c"    /* transforms.json */
-#include "src/survey/opensfm.c"       /* reconstruction.json */
-#include "src/survey/camera.c"        /* camera models, undistortion */
-#include "src/survey/image.c"         /* decode, undistort, reduce, mask */
-#include "src/survey/image_write.c"   /* PNG and JPEG */
-#include "src/survey/survey_files.c"  /* paths of a survey's files */
-#include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
-#include "src/survey/image_cache.c"   /* decoded images in memory */
-#include "src/survey/image_file.c"    /* decoded images in files */
-#include "src/survey/scene.c"         /* views, points, depths and rays of a scene */
-#include "src/survey/scene_images.c"  /* its images and masks */
-#include "src/survey/scene_views.c"   /* views of a survey */
-#include "src/survey/scene_load.c"    /* a scene from files or arrays: origin, points, extent */
-#include "src/survey/scene_file.c"    /* a survey in one file that is mapped */
-#include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
-#include "src/survey/match.c"         /* are the images those that the model was made from? */
-#include "src/survey/conventions.c"   /* the convention that poses were written in */
-#include "src/survey/depth_bands.c"   /* depth band of each pixel, from the points */
+#include "src/core/json.c"               /* JSON reader */
+#include "src/survey/colmap.h"           /* shared by the COLMAP readers */
+#include "src/survey/colmap_text.c"      /* lines and fields of text files, and their errors */
+#include "src/survey/colmap_binary.c"    /* binary files */
+#include "src/survey/colmap_order.c"     /* rows sorted by id */
+#include "src/survey/colmap_points.c"    /* points3D.txt, multi-threaded */
+#include "src/survey/colmap.c"           /* cameras.txt, images.txt, and the whole model */
+#include "src/survey/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
+#include "src/survey/ply.c"              /* PLY reader */
+#include "src/survey/ply_points.c"       /* points of a PLY file */
+#include "src/survey/nerfstudio_names.c" /* its images: names, sizes, which are held out */
+#include "src/survey/nerfstudio.c"       /* transforms.json */
+#include "src/survey/opensfm.c"          /* reconstruction.json */
+#include "src/survey/camera.c"           /* camera models, undistortion */
+#include "src/survey/image.c"            /* decode, undistort, reduce, mask */
+#include "src/survey/image_write.c"      /* PNG and JPEG */
+#include "src/survey/survey_files.c"     /* paths of a survey's files */
+#include "src/survey/robust_stats.c"     /* robust statistics: bounds, radius of the cameras, depths */
+#include "src/survey/image_cache.c"      /* decoded images in memory */
+#include "src/survey/image_file.c"       /* decoded images in files */
+#include "src/survey/scene.c"            /* views, points, depths and rays of a scene */
+#include "src/survey/scene_alpha.c"      /* transparent pixels: composited or masked */
+#include "src/survey/scene_images.c"     /* its images and masks */
+#include "src/survey/scene_views.c"      /* views of a survey */
+#include "src/survey/scene_load.c"       /* a scene from files or arrays: origin, points, extent */
+#include "src/survey/scene_file.c"       /* a survey in one file that is mapped */
+#include "src/survey/imaging.c"          /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/match.c"            /* are the images those that the model was made from? */
+#include "src/survey/conventions.c"      /* the convention that poses were written in */
+#include "src/survey/depth_bands.c"      /* depth band of each pixel, from the points */
 
 /* partition of a large survey into blocks */
 #include "src/blocks/partition.h"            /* shared by these files */

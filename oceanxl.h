@@ -140,6 +140,8 @@ OXL_API void oxl_image_free(oxl_context *ctx, oxl_image *image);
  * OXL_ERR_INPUT: the file is missing or no such image; OXL_ERR_IO: it cannot be read or written. */
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
+/* The same with `weight` as the alpha channel of the PNG. */
+OXL_API oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_image *image);
 
 /* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
 OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out,
@@ -179,13 +181,22 @@ typedef struct oxl_point {
 
 typedef struct oxl_scene oxl_scene;
 
+/* What transparent pixels of images are. */
+typedef enum oxl_alpha {
+    OXL_ALPHA_AUTO = 0,  /* masked where points of the scene project onto them, else composited */
+    OXL_ALPHA_COMPOSITE, /* over the background */
+    OXL_ALPHA_MASK       /* ignored, where alpha is below a half */
+} oxl_alpha;
+
 /* Defaults and ranges of all options: src/core/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
-    const char *images;       /* image folder; NULL: SCENE/images */
-    const char *sparse;       /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
-    const char *masks;        /* mask folder; NULL: SCENE/masks if it exists */
-    int max_side;             /* larger images are reduced to this longer side, px; 0: full size */
-    int test_every;           /* every n-th view by name is held out; 0: none */
+    const char *images; /* image folder; NULL: SCENE/images */
+    const char *sparse; /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
+    const char *masks;  /* mask folder; NULL: SCENE/masks if it exists */
+    oxl_alpha alpha;    /* of images with an alpha channel */
+    int max_side;       /* larger images are reduced to this longer side, px; 0: full size */
+    /* every n-th view by name is held out; 0: none; -1: 8, or those that the survey names (-1) */
+    int test_every;
     size_t image_cache_bytes; /* memory for decoded images; others are decoded again when needed */
     double missing_images;    /* fail if more than this fraction of the images is missing on disk */
     int read_images;          /* 0: read the COLMAP model only, for check and partition */
@@ -263,7 +274,10 @@ typedef struct oxl_model {
     double scale;
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void *memory;             /* the allocation that holds the planes */
-    size_t not_finite;        /* rows of the file that oxl_model_read left out */
+    /* colour behind the Gaussians, 0..1, of evaluation and renders; has_background 0: not known */
+    float background[3];
+    int has_background;
+    size_t not_finite; /* rows of the file that oxl_model_read left out */
     /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
     struct oxl_model_pages *pages;
 } oxl_model;
@@ -316,7 +330,7 @@ OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the
  * expected camera z, sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
- * options may be NULL. OXL_ERR_USAGE: the camera has no pixels. */
+ * options may be NULL: the defaults, on the model's background. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
 
@@ -420,9 +434,10 @@ typedef struct oxl_train_options {
     int sh_degree;  /* 0..3: final SH degree; -1 (auto): chosen by validation views */
     /* limit of their number; 0: one per 60 training pixels, at least one per point (PAPER.md) */
     int max_gaussians;
-    double max_seconds;  /* stop after this time and write the model; 0: no limit */
-    float background[3]; /* red, green, blue, 0..1 */
-    float ssim_weight;   /* loss = (1 - w) L1 + w (1 - SSIM) */
+    double max_seconds; /* stop after this time and write the model; 0: no limit */
+    /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black */
+    float background[3];
+    float ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
     /* Fraction of the Gaussians that a step leaves out [Park 2025], rising from 0 to this during the run; CPU

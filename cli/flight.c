@@ -128,9 +128,10 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
                         const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user)
 {
-    const oxl_render_options render = oxl_render_options_default();
+    oxl_render_options render = oxl_render_options_default();
     const int orbit = strcmp(a->flight, "orbit") == 0;
     oxl_result rc = oxl_make_folder(ctx, a->out);
+    memcpy(render.background, model->background, sizeof render.background);
     if (rc == OXL_OK && !orbit && strcmp(a->flight, "survey") != 0)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);

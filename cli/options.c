@@ -112,6 +112,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", OXL_OPTION_CHOICE, FIELD(synth.water), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels", NULL},
 {"fish", "N", OXL_OPTION_INT, FIELD(synth.fish), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "fish per image; truth/still/ has the images without them, truth/masks/ their masks", NULL},
+{"alpha", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.alpha), 0, 2000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "cut out what lies within so many metres of the centre: images are transparent elsewhere, and no points are there; 0: all", NULL},
 {"points", "N", OXL_OPTION_LONG, FIELD(synth.points), 0, 100000000, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of sparse points; 0: 400 per view", NULL},
 {"origin", "X,Y,Z", OXL_OPTION_POINT, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the centre, metres", NULL},
 {"seed", "S", OXL_OPTION_SEED, FIELD(synth.seed), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "seed of all random choices", NULL},

@@ -85,6 +85,7 @@ static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl
         a->depth ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
     oxl_result rc = OXL_OK;
     render.near_plane = (float)(0.5 * o->distance);
+    memcpy(render.background, model->background, sizeof render.background);
     if (a->depth && !depth)
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
     if (rc == OXL_OK) rc = oxl_render(ctx, model, &o->camera, &render, &image, depth);

@@ -184,7 +184,7 @@ static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
     oxl_result rc;
     fuzz_clean();
     fuzz_write(name, data, size);
-    rc = json_survey_read(ctx, fuzz_folder(), name, &c);
+    rc = json_survey_read(ctx, fuzz_folder(), name, NULL, &c);
     fuzz_explained(ctx, rc);
     if (rc != OXL_OK) return;
     fuzz_check_colmap(&c);

@@ -221,6 +221,29 @@ static oxl_result synth_write_image(struct synth_run *s, const char *folder, int
     return oxl_image_write(s->ctx, path, image);
 }
 
+/* 1 within options.alpha of the vertical axis through the centre; beyond, and where no surface is, transparent
+ * and black, as programs that cut out an object leave it. */
+static void synth_cut_out(struct synth_run *s, const struct synth_camera *c)
+{
+    const size_t width = (size_t)c->width;
+    for (size_t at = 0; at < width * (size_t)c->height; at++) {
+        const int x = (int)(at % width), y = (int)(at / width);
+        const double range = synth_range(s, c, x, y);
+        const v3 p = v3_along(c->centre, synth_pixel_ray(c, x + 0.5, y + 0.5), range);
+        s->image.weight[at] = range > 0 && hypot(p.x, p.y) <= s->options->alpha;
+        if (!(s->image.weight[at] > 0)) synth_set(&s->image, at, v3_of(0, 0, 0));
+    }
+}
+
+static oxl_result synth_write_cut_out(struct synth_run *s, const struct synth_camera *c, int view)
+{
+    char name[32], path[1024];
+    synth_cut_out(s, c);
+    synth_image_name(s->options, view, name);
+    snprintf(path, sizeof path, "%s/images/%s", s->options->out, name);
+    return oxl_image_write_alpha(s->ctx, path, &s->image);
+}
+
 static oxl_result synth_write_depth(struct synth_run *s, int view)
 {
     char name[32], path[1024];
@@ -252,9 +275,19 @@ static oxl_result synth_view(struct synth_run *s, int view)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
     synth_points_collect(&s->points, view, &s->image);
     if (s->options->fish > 0) rc = synth_draw_fish(s, c, view);
-    if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->image);
+    if (rc == OXL_OK && s->options->alpha > 0) rc = synth_write_cut_out(s, c, view);
+    else if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->image);
     if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
+}
+
+/* The image gets the memory of its alpha from the library, which frees it. */
+static oxl_result synth_reserve_weight(struct synth_run *s)
+{
+    oxl_image other;
+    const oxl_result rc = oxl_image_create(s->ctx, s->options->width, s->options->height, &other);
+    if (rc == OXL_OK) s->image.weight = other.rgb; /* of three planes the first is used */
+    return rc;
 }
 
 static oxl_result synth_make_images(struct synth_run *s)
@@ -265,6 +298,7 @@ static oxl_result synth_make_images(struct synth_run *s)
     if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
     s->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *s->depth);
     s->fish = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
+    if (rc == OXL_OK && o->alpha > 0) rc = synth_reserve_weight(s);
     return rc == OXL_OK && s->depth && s->fish
                ? OXL_OK
                : oxl_fail(s->ctx, OXL_ERR_MEMORY, "synth: no memory for an image");

@@ -195,6 +195,12 @@ static void export_model(const struct synth_run *s, struct output *t)
             "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
             "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
             "         black where they are. No points are on them, they throw no shadow.\n\n");
+    if (o->alpha > 0)
+        output_add(
+            t,
+            "Alpha    images/ are transparent, and black, beyond %g m from the vertical axis through the "
+            "centre;\n         no points are there.\n\n",
+            o->alpha);
     output_add(t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, paths[o->path],
                scenes[s->world.scene], o->views);
     export_triple(t, "origin", origin);

@@ -186,6 +186,7 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     t->is_outlier = random_unit(random_bits(s->run->options->seed ^ 0x0dd, number, 0)) < OUTLIER_FRACTION;
     if (t->is_outlier) range *= 0.6 + 0.8 * random_unit(random_bits(seed, 2, 0));
     t->position = v3_along(c->centre, ray, range);
+    if (s->run->options->alpha > 0 && hypot(t->position.x, t->position.y) > s->run->options->alpha) return 0;
     t->side = v3_scale(ray, -1);
     if (!s->run->options->write_images) t->normal = synth_normal(&s->run->world, t->position, 0.02);
     found = points_list(s, t, list);

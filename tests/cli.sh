@@ -295,5 +295,19 @@ promise a_study_of_no_seeds_is_refused 2 "1 to 99" "$program" ablate survey -o a
 promise wrong_rows_are_told_with_what_helps 2 "fix: --rows" "$program" ablate survey -o ablation --rows nope
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 
+promise synth_cuts_out_what_is_near_the_centre 0 "composited over --background, by default white" sh -c \
+    "'$program' synth -o object --path orbit --views 12 --size 64x48 --points 300 --alpha 1.5 --quiet && '$program' train object -o object/out --iterations 60"
+promise a_background_goes_from_the_model_into_evaluation_and_renders 0 "" sh -c \
+    "grep -qa '^comment background 1 1 1$' object/out/scene.ply && grep '^  \"psnr\": ' object/out/metrics.json >object/psnr &&
+     '$program' eval object/out object --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - object/psnr &&
+     '$program' convert object/out/scene.ply object/a.spz >/dev/null && '$program' convert object/a.spz object/a.ply >/dev/null && grep -qa '^comment background 1 1 1$' object/a.ply &&
+     '$program' render object/out object -o object/again --split test && for f in object/again/*.png; do cmp \"\$f\" object/out/renders/\"\$(basename \"\$f\")\" || exit 1; done &&
+     '$program' render object/out object -o object/black --background 0,0,0 && ! cmp -s object/black/IMG_00000.png.png object/again/IMG_00000.png.png"
+promise a_background_is_that_of_every_block 0 "" sh -c \
+    "'$program' train object -o object/cut --iterations 60 --blocks 2 --background 0,0.5,1 --quiet >/dev/null && grep -qa '^comment background 0 0.5019608 1$' object/cut/scene.ply"
+mkdir -p object/split && cp -r object/images object/sparse object/split/
+promise a_mask_of_alpha_has_no_background 0 "pixels of 12 images are masked: as set" sh -c \
+    "'$program' train object/split -o object/masked --iterations 60 --alpha mask 2>&1 && ! grep -qa '^comment background' object/masked/scene.ply"
+
 echo "command line: $passed passed, $failed failed"
 [ "$failed" = 0 ]

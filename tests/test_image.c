@@ -168,7 +168,7 @@ TEST(image_png_of_16_bits_that_we_write_is_one)
     os_release_file(test_ctx, &map);
 }
 
-TEST(image_alpha_of_a_png_is_ignored)
+TEST(image_alpha_of_a_png_is_ignored_unless_it_is_asked_for)
 {
     static const char png[] = /* 2 x 1, RGBA: 10 20 30 0, 200 100 50 128 */
         "\x89\x50\x4e\x47\x0d\x0a\x1a\x0a\x00\x00\x00\x0d\x49\x48\x44\x52\x00\x00\x00\x02\x00\x00\x00\x01\x08\x06\x00\x00"
@@ -328,7 +328,7 @@ TEST(image_reduction_is_the_exact_mean_over_the_area)
     const char *path = image_test_file("p.png", 64, 48);
     oxl_camera to = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
     struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &image_pinhole, &to, &image));
     CHECK(image.width == 24 && image.height == 12 && !image.mask);
     for (int at = 0; at < 3 * 24 * 12; at++) {
         const int c = at / (24 * 12), y = at / 24 % 12, x = at % 24;
@@ -352,7 +352,7 @@ TEST(image_of_the_right_size_is_taken_byte_by_byte)
     struct training_image image;
     float rgb[3 * 64 * 48], weight[64 * 48];
     int wrong = 0;
-    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &image_pinhole, &to, &image));
     image_from_training(test_ctx, &image, NULL, rgb, weight);
     for (int at = 0; at < 3 * 64 * 48; at++) {
         const int v = image_pattern(at % 64, at / 64 % 48, at / (64 * 48));
@@ -366,15 +366,15 @@ TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
 {
     oxl_camera to = image_camera(32, 24);
     struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, image_test_file("half.png", 32, 24), NULL, &image_pinhole, &to,
-                                 &image));
+    CHECK_OK(image_load_training(test_ctx, image_test_file("half.png", 32, 24), NULL, NULL, &image_pinhole,
+                                 &to, &image));
     image_training_free(test_ctx, &image);
-    CHECK(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, &image_pinhole, &to,
+    CHECK(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, NULL, &image_pinhole, &to,
                               &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "crop.png: 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
     CHECK(!image.rgb);
-    CHECK(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, &image_pinhole, &to,
-                              &image) == OXL_ERR_INPUT);
+    CHECK(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, NULL, &image_pinhole,
+                              &to, &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "fix: undo the rotation");
 }
 
@@ -397,8 +397,8 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     to.fy /= reduction;
     to.cx /= reduction;
     to.cy /= reduction;
-    CHECK_OK(image_load_training(test_ctx, image_test_file("d.png", file_width, file_height), NULL, &from,
-                                 &to, &image));
+    CHECK_OK(image_load_training(test_ctx, image_test_file("d.png", file_width, file_height), NULL, NULL,
+                                 &from, &to, &image));
     CHECK(!image.mask);
     for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
         const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx,
@@ -440,9 +440,9 @@ TEST(image_undistorted_agrees_with_colmaps_own)
     if (!test_shared("data/subvo_pool_distorted/images/f150.jpg")) SKIP("no ../shared/data");
     CHECK_OK(camera_undistorted(test_ctx, &lens, &to));
     path = test_shared("data/subvo_pool_distorted/images/f150.jpg");
-    CHECK_OK(image_load_training(test_ctx, path, NULL, &lens, &to, &ours));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &lens, &to, &ours));
     path = test_shared("data/subvo_pool/images/f150.jpg");
-    CHECK_OK(image_load_training(test_ctx, path, NULL, &ideal, &to, &colmaps));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, NULL, &ideal, &to, &colmaps));
     CHECK(!ours.mask);
     for (int i = 0; i < 3 * to.width * to.height; i++)
         error += (ours.rgb[i] - colmaps.rgb[i]) * (ours.rgb[i] - colmaps.rgb[i]);
@@ -462,13 +462,13 @@ TEST(image_mask_covers_every_pixel_that_touches_black)
                                   "...#");
     oxl_camera to = image_camera(16, 12), odd = image_camera(6, 4);
     struct training_image image;
-    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, &image_pinhole, &to, &image));
     for (int i = 0; i < 16 * 12; i++) {
         const int x = i % 16 / 4, y = i / 16 / 4;
         CHECK(image.mask[i] == ((x == 1 && y == 1) || (x == 3 && y == 2) ? 0 : 255));
     }
     image_training_free(test_ctx, &image);
-    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &odd, &image));
+    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, &image_pinhole, &odd, &image));
     CHECK(memcmp(image.mask,
                  "\377\377\377\377\377\377"
                  "\377\0\0\377\377\377"
@@ -477,11 +477,11 @@ TEST(image_mask_covers_every_pixel_that_touches_black)
                  24) == 0);
     image_training_free(test_ctx, &image);
     mask = image_mask("white.png", 2, 2, "....");
-    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, path, mask, NULL, &image_pinhole, &to, &image));
     CHECK(!image.mask);
     image_training_free(test_ctx, &image);
-    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &image) ==
-          OXL_ERR_INPUT);
+    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), NULL, &image_pinhole, &to,
+                              &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "bad.png");
 }
 
@@ -500,7 +500,7 @@ TEST(image_mask_is_undistorted_with_its_image)
     struct training_image image;
     int wrong = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
-    CHECK_OK(image_load_training(test_ctx, image_test_file("p.png", 64, 48), mask, &from, &to, &image));
+    CHECK_OK(image_load_training(test_ctx, image_test_file("p.png", 64, 48), mask, NULL, &from, &to, &image));
     CHECK(image.mask && image.mask[0] == 0);
     for (int i = 0; image.mask && i < to.width * to.height; i++) {
         const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx,
@@ -527,9 +527,11 @@ TEST(image_image_is_the_same_with_any_number_of_threads)
     for (int distorted = 0; distorted < 2; distorted++) {
         struct training_image one, many;
         test_ctx->threads = 1;
-        CHECK_OK(image_load_training(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &one));
+        CHECK_OK(
+            image_load_training(test_ctx, path, NULL, NULL, distorted ? &from : &image_pinhole, &to, &one));
         test_ctx->threads = 7;
-        CHECK_OK(image_load_training(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &many));
+        CHECK_OK(
+            image_load_training(test_ctx, path, NULL, NULL, distorted ? &from : &image_pinhole, &to, &many));
         CHECK(memcmp(one.rgb, many.rgb, (size_t)3 * to.width * to.height) == 0);
         image_training_free(test_ctx, &one);
         image_training_free(test_ctx, &many);
@@ -548,4 +550,65 @@ TEST(image_halved_is_means_of_four_and_drops_an_odd_edge)
         CHECK_CLOSE(rgb[2 * c + 1], 100 * c + (2 + 3 + 7 + 8) / 4.0, 1e-5);
     }
     CHECK(weight[0] == 0 && weight[1] == 1);
+}
+
+/* ---------------- alpha */
+
+/* 64 x 48 px of the pattern; alpha: a column's index x 4, so that most are in between. */
+static const char *image_with_alpha(const char *name)
+{
+    oxl_image image;
+    CHECK_OK(oxl_image_create(test_ctx, 64, 48, &image));
+    image.weight = oxl_alloc(test_ctx, 64 * 48, sizeof *image.weight);
+    for (int i = 0; i < 64 * 48; i++) {
+        for (int c = 0; c < 3; c++)
+            image.rgb[c * 64 * 48 + i] = (float)image_pattern(i % 64, i / 64, c) / 255.0f;
+        image.weight[i] = (float)(i % 64 * 4) / 255.0f;
+    }
+    CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(name), &image));
+    oxl_image_free(test_ctx, &image);
+    return test_path(name);
+}
+
+TEST(image_with_alpha_is_composited_before_it_is_reduced)
+{
+    const struct image_alpha over = {0, {255, 100, 0}};
+    const char *path = image_with_alpha("alpha.png");
+    oxl_camera to = image_camera(16, 12);
+    struct training_image image;
+    CHECK(image_has_alpha(path) && !image_has_alpha(image_test_file("p.png", 64, 48)));
+    CHECK(!image_has_alpha("nothing") && !image_has_alpha(test_write("x.png", "\x89PNG")));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &over, &image_pinhole, &to, &image));
+    CHECK(!image.mask);
+    for (int at = 0; at < 3 * 16 * 12; at++) {
+        const int c = at / (16 * 12), y = at / 16 % 12, x = at % 16;
+        double sum = 0;
+        for (int j = 4 * y; j < 4 * y + 4; j++)
+            for (int i = 4 * x; i < 4 * x + 4; i++) {
+                const double alpha = 4 * i / 255.;
+                sum += alpha * image_pattern(i, j, c) + (1 - alpha) * over.background[c];
+            }
+        CHECK_CLOSE(image.rgb[at], sum / 16, 1.0);
+    }
+    image_training_free(test_ctx, &image);
+}
+
+TEST(image_with_alpha_as_its_mask_leaves_out_transparent_pixels_and_those_of_the_mask)
+{
+    const struct image_alpha masks = {1, {0, 0, 0}};
+    const char *path = image_with_alpha("alpha.png");
+    const char *mask = image_mask("m.png", 4, 1, "...#");
+    oxl_camera to = image_camera(64, 48);
+    struct training_image image;
+    for (int with = 0; with < 2; with++) {
+        CHECK_OK(
+            image_load_training(test_ctx, path, with ? mask : NULL, &masks, &image_pinhole, &to, &image));
+        for (int i = 0; image.mask && i < 64 * 48; i++) {
+            const int x = i % 64;
+            CHECK(image.mask[i] == (x < 32 || (with && x >= 48) ? 0 : 255));
+            CHECK(image.rgb[i] == image_pattern(x, i / 64, 0));
+        }
+        CHECK(image.mask != NULL);
+        image_training_free(test_ctx, &image);
+    }
 }

@@ -111,7 +111,7 @@ TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_nerfstudio(&colmap, cases[i][1]);
-        CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, &other));
+        CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, NULL, &other));
         CHECK(other.camera_count == 1 && !other.images_beside && other.warnings == 0);
         jsurvey_check_same(&colmap, &other);
         colmap_free(test_ctx, &colmap);
@@ -139,7 +139,7 @@ TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_opensfm(&colmap, cases[i][1]);
-        CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, &other));
+        CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, NULL, &other));
         CHECK(other.camera_count == 2);
         jsurvey_check_same(&colmap, &other);
         colmap_free(test_ctx, &colmap);
@@ -153,7 +153,7 @@ static const char *jsurvey_refused(const char *name, const char *text)
     char path[64];
     snprintf(path, sizeof path, "bad/%s", name);
     test_write(path, text);
-    CHECK(json_survey_read(test_ctx, test_path("bad"), name, &c) == OXL_ERR_INPUT);
+    CHECK(json_survey_read(test_ctx, test_path("bad"), name, NULL, &c) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
     return oxl_error_text(test_ctx);
 }
@@ -167,7 +167,7 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
     static const char whole[] = "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}";
     struct colmap c;
     test_write("good/transforms.json", whole);
-    CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", &c));
+    CHECK_OK(json_survey_read(test_ctx, test_path("good"), "transforms.json", NULL, &c));
     CHECK(c.image_count == 1 && c.point_count == 0 && c.camera[0].parameter[2] == 32 &&
           strcmp(c.names, "a.png") == 0);
     colmap_free(test_ctx, &c);
@@ -180,7 +180,7 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
     CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"),
                "found none for the images");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"frames\": [" JSURVEY_FRAME "]}"),
-               "record 1: found none for w and h");
+               "record 1: found none, and no image to take them from for w and h");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"w\": 64, \"h\": 48, \"frames\": [" JSURVEY_FRAME "]}"),
                "a parameter that is missing");
     CHECK_TEXT(jsurvey_refused("transforms.json", "{\"camera_model\": \"ORTHOPHOTO\", " JSURVEY_CAMERA
@@ -221,7 +221,7 @@ TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
     test_write("ns/transforms.json",
                "{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME
                ", {\"file_path\": \"./rgb/r_0\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}");
-    CHECK_OK(json_survey_read(test_ctx, test_path("ns"), "transforms.json", &c));
+    CHECK_OK(json_survey_read(test_ctx, test_path("ns"), "transforms.json", NULL, &c));
     CHECK(c.images_beside && c.camera_count == 1);
     CHECK(strcmp(c.names + c.image[0].name, "images/a.png") == 0 &&
           strcmp(c.names + c.image[1].name, "rgb/r_0.png") == 0);
@@ -262,4 +262,115 @@ TEST(json_cursor_reads_what_is_there_and_nothing_else)
     CHECK(oxl_json_text(oxl_json_value(oxl_json_next(array)), out, sizeof out) == 4 &&
           strcmp(out, "x\xc3\xa9\n") == 0);
     CHECK(oxl_json_text(oxl_json_value(oxl_json_next(array)), out, 3) == 0 && oxl_json_next(NULL) == NULL);
+}
+
+/* ---------------- splits, sizes and names that the files leave to the images */
+
+#define JSURVEY_AT(name) \
+    "{\"file_path\": \"" name "\", \"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"
+
+static void jsurvey_write_image(const char *name, int width, int height)
+{
+    oxl_image image;
+    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    CHECK_OK(os_make_folder(test_ctx, test_path("blender/train")));
+    CHECK_OK(os_make_folder(test_ctx, test_path("blender/test")));
+    CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+    oxl_image_free(test_ctx, &image);
+}
+
+/* NeRF synthetic's layout: 24 x 16 px, three images to train on, two to hold out. */
+static void jsurvey_write_blender(const char *held_out)
+{
+    char name[64];
+    test_write("blender/transforms_train.json",
+               "{\"camera_angle_x\": 1.5707963267948966, \"frames\": [" JSURVEY_AT(
+                   "./train/r_0") ", " JSURVEY_AT("./train/r_1") ", " JSURVEY_AT("./train/r.2") "]}");
+    snprintf(name, sizeof name, "blender/%s", held_out);
+    test_write(name, "{\"camera_angle_x\": 1.5707963267948966, \"frames\": [" JSURVEY_AT(
+                         "./test/r_0") ", " JSURVEY_AT("./test/r_1") "]}");
+    jsurvey_write_image("blender/train/r_0.png", 24, 16);
+    jsurvey_write_image("blender/train/r_1.JPG", 24, 16);
+    jsurvey_write_image("blender/train/r.2.png", 24, 16);
+    jsurvey_write_image("blender/test/r_0.png", 24, 16);
+    jsurvey_write_image("blender/test/r_1.png", 24, 16);
+}
+
+TEST(nerf_synthetic_trains_on_its_train_file_and_holds_out_its_test_or_val_file)
+{
+    static const char *const held_out[] = {"transforms_val.json", "transforms_test.json"};
+    static const char *const names[] = {"test/r_0.png", "test/r_1.png", "train/r.2.png", "train/r_0.png",
+                                        "train/r_1.JPG"};
+    for (size_t k = 0; k < OXL_COUNT(held_out); k++) { /* with both, test is held out */
+        oxl_scene *scene = NULL;
+        jsurvey_write_blender(held_out[k]);
+        if (k == 1)
+            test_write("blender/transforms_val.json", "{\"frames\": [" JSURVEY_AT("./train/r_0") "]}");
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("blender"), NULL, &scene));
+        CHECK(scene && oxl_scene_view_count(scene) == 5 && scene->stats.test_views == 2);
+        for (int i = 0; scene && i < oxl_scene_view_count(scene); i++) {
+            const oxl_view *view = oxl_scene_view(scene, i);
+            CHECK(strcmp(view->name, names[i]) == 0 && view->is_test == (i < 2));
+            CHECK(view->camera.width == 24 && view->camera.height == 16);
+            CHECK_CLOSE(view->camera.fx, 12, 1e-9);
+        }
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+TEST(a_split_that_the_survey_states_refuses_another)
+{
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene *scene;
+    jsurvey_write_blender("transforms_test.json");
+    for (options.test_every = 0; options.test_every < 9; options.test_every += 8) {
+        CHECK(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene) == OXL_ERR_USAGE);
+        CHECK_TEXT(oxl_error_text(test_ctx), "states which of its images are held out (2 of 5)\nfix: ");
+    }
+    test_write("blender/transforms_train.json",
+               "{\"w\": 24, \"h\": 16, \"camera_angle_x\": 1, \"frames\": [" JSURVEY_AT("./train/r_0") "]}");
+    os_remove(test_path("blender/train/r_0.png"));
+    os_remove(test_path("blender/train/r_1.JPG"));
+    os_remove(test_path("blender/train/r.2.png"));
+    options = oxl_scene_options_default();
+    options.missing_images = 1;
+    CHECK(oxl_scene_load(test_ctx, test_path("blender"), &options, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "all 2 images that are there are held out");
+}
+
+/* The splits of the images that are left, by name: 1 trained on, 2 held out. */
+static void jsurvey_check_lists(const char *lists, const char *wanted)
+{
+    struct text t = {.ctx = test_ctx};
+    struct colmap c;
+    char seen[16] = "....";
+    text_add(&t, "{" JSURVEY_CAMERA ", %s \"frames\": [", lists);
+    for (int i = 0; i < 4; i++)
+        text_add(
+            &t,
+            "%s{\"file_path\": \"./images/%c.png\", \"transform_matrix\": [[1,0,0,%d],[0,1,0,0],[0,0,1,0]]}",
+            i ? "," : "", 'a' + i, i);
+    text_add(&t, "]}");
+    test_write("lists/transforms.json", t.data);
+    CHECK_OK(json_survey_read(test_ctx, test_path("lists"), "transforms.json", NULL, &c));
+    for (size_t i = 0; i < c.image_count; i++)
+        seen[c.names[c.image[i].name] - 'a'] = (char)('0' + c.image[i].split);
+    CHECK_TEXT(seen, wanted);
+    CHECK(c.states_split == (strchr(wanted, '0') == NULL));
+    colmap_free(test_ctx, &c);
+    text_free(&t);
+}
+
+TEST(nerfstudio_lists_of_filenames_are_its_split)
+{
+    jsurvey_check_lists("", "0000");
+    jsurvey_check_lists("\"train_filenames\": [], \"test_filenames\": [],", "0000");
+    jsurvey_check_lists("\"test_filenames\": [\"images/c.png\", \"none\"],", "1121");
+    jsurvey_check_lists("\"val_filenames\": [\"./images/b.png\"],", "1211");
+    jsurvey_check_lists("\"train_filenames\": [\"images/d.png\", \"images/a.png\"], "
+                        "\"test_filenames\": [\"images/c.png\"], \"val_filenames\": [\"images/b.png\"],",
+                        "1.21");
+    jsurvey_check_lists("\"train_filenames\": [\"images/a.png\", \"images/b.png\"], "
+                        "\"val_filenames\": [\"images/b.png\", \"images/c.png\"],",
+                        "122.");
 }

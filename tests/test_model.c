@@ -837,3 +837,37 @@ TEST(model_functions_report_any_refused_allocation)
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, points);
 }
+
+TEST(model_background_goes_through_files_and_into_renders)
+{
+    static const char *const names[] = {"m.ply", "m.spz", "m_standard.ply"};
+    const oxl_camera camera = {.width = 16,
+                               .height = 16,
+                               .fx = 16,
+                               .fy = 16,
+                               .cx = 8,
+                               .cy = 8,
+                               .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    for (size_t k = 0; k < OXL_COUNT(names); k++)
+        for (int known = 0; known < 2; known++) {
+            oxl_model m, back, copy;
+            oxl_image image;
+            CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
+            for (int i = 0; i < 3; i++) m.plane[OXL_MEAN + 2][i] = -5; /* behind the camera */
+            m.has_background = known;
+            if (known) memcpy(m.background, (float[3]){1, 0.25f, 0}, sizeof m.background);
+            CHECK_OK(oxl_model_write(test_ctx, test_path(names[k]), &m));
+            CHECK_OK(oxl_model_read(test_ctx, test_path(names[k]), &back));
+            CHECK(back.has_background == known &&
+                  !memcmp(back.background, m.background, sizeof m.background));
+            CHECK_OK(model_copy(test_ctx, &back, &copy));
+            CHECK_OK(model_set_degree(test_ctx, &copy, 1));
+            CHECK_OK(oxl_render(test_ctx, &copy, &camera, NULL, &image, NULL));
+            CHECK(image.rgb[0] == m.background[0] && image.rgb[256] == m.background[1] &&
+                  image.rgb[512] == 0);
+            oxl_image_free(test_ctx, &image);
+            oxl_model_free(test_ctx, &m);
+            oxl_model_free(test_ctx, &back);
+            oxl_model_free(test_ctx, &copy);
+        }
+}

@@ -97,7 +97,7 @@ TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fi
     options_test_refusal("ucd", "3,2", "MID,FAR");
     options_test_refusal("keep", "0", "FRACTION");
     options_test_refusal("keep", "97350650T", "FRACTION"); /* more bytes than any option takes */
-    options_test_refusal("background", "0,0,2", "R,G,B");
+    options_test_refusal("background", "0,0,2", "auto|R,G,B");
     options_test_refusal("seed", "99999999999999999999", "2^64");
 }
 
@@ -126,7 +126,7 @@ static oxl_job_options options_test_others(void)
 {
     static const char *const texts[] = {
         "1.25,3,fixed", "12345678B", "85%", "true",      "2",         "0.04",        "0.0003", "0.2", "4G",
-        "paper",        "midpoint",  "3d",  "quantiles", "selective", "0.1,0.2,0.3", "on",     "off"};
+        "paper",        "midpoint",  "3d",  "quantiles", "selective", "0.1,0.2,0.3", "on",     "off", "mask"};
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
     const oxl_job_options plain = o;
     for (int i = 1; i < oxl_option_count(); i++) {

@@ -1,4 +1,5 @@
 /* test_scene.c - surveys as they come: what is found, what is missing, what is wrong with them. */
+#include "../src/survey/scene_alpha.h"
 #include "test.h"
 
 static char scene_log[4096]; /* what the library said */
@@ -628,4 +629,69 @@ TEST(scene_of_a_real_dive_is_read_and_undistorted)
     CHECK_CLOSE(scene->stats.mean_error, 0.383, 0.001);
     CHECK(scene_image(test_ctx, scene, 5) != NULL);
     oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- transparent pixels */
+
+/* Every image of scene_survey again, transparent left of column `from` and from column `to` on. */
+static void scene_make_transparent(const char *name, int n, int from, int to)
+{
+    for (int i = 0; i < n; i++) {
+        char path[128];
+        oxl_image image;
+        snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
+        CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
+        image.weight = oxl_calloc(test_ctx, 32 * 24, sizeof *image.weight);
+        for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = 0.2f;
+        for (int k = 0; k < 32 * 24; k++) image.weight[k] = k % 32 >= from && k % 32 < to;
+        CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(path), &image));
+        oxl_image_free(test_ctx, &image);
+    }
+}
+
+/* The points of scene_survey lie in columns 4 to 28 of its three images, none left of column 4. */
+TEST(scene_masks_transparent_pixels_where_points_are_and_composites_them_elsewhere)
+{
+    static const struct {
+        int from, to, masks;
+    } cases[] = {{3, 32, 0}, {18, 32, 1}, {0, 14, 1}};
+    const float black[3] = {0, 0, 0};
+    for (size_t k = 0; k < OXL_COUNT(cases); k++) {
+        oxl_scene *scene = NULL;
+        oxl_image image = {0};
+        const char *path = scene_survey("alpha", 3, 0, 1);
+        scene_make_transparent("alpha", 3, cases[k].from, cases[k].to);
+        scene_listen();
+        CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+        CHECK(scene->transparent == 3 && scene->alpha.masks == cases[k].masks);
+        CHECK_TEXT(scene_log, cases[k].masks ? "images are masked: " : "images are composited over");
+        CHECK_OK(oxl_scene_image(test_ctx, scene, 0, &image));
+        CHECK((image.weight != NULL) == cases[k].masks);
+        CHECK(cases[k].masks || (image.rgb[0] == 1 && image.rgb[16] == 51 / 255.0f));
+        oxl_image_free(test_ctx, &image);
+        scene_set_background(test_ctx, scene, black);
+        CHECK_OK(oxl_scene_image(test_ctx, scene, 0, &image));
+        CHECK(cases[k].masks || image.rgb[0] == 0);
+        oxl_image_free(test_ctx, &image);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+TEST(scene_alpha_is_what_the_option_says)
+{
+    oxl_scene_options options = oxl_scene_options_default();
+    const float none[3] = {-1, -1, -1}, grey[3] = {0.5f, 0.5f, 0.5f};
+    for (options.alpha = OXL_ALPHA_COMPOSITE; options.alpha <= OXL_ALPHA_MASK; options.alpha++) {
+        oxl_scene *scene = NULL;
+        float rgb[3];
+        const char *path = scene_survey("alpha", 3, 0, 1);
+        scene_make_transparent("alpha", 3, 3, 14);
+        CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+        CHECK(scene->alpha.masks == (options.alpha == OXL_ALPHA_MASK));
+        scene_background(scene, none, rgb);
+        CHECK(rgb[0] == !scene->alpha.masks && rgb[2] == rgb[0]);
+        scene_background(scene, grey, rgb); /* of a composited image's 8 bits */
+        CHECK(rgb[1] == (scene->alpha.masks ? 0.5f : 128 / 255.0f));
+        oxl_scene_free(test_ctx, scene);
+    }
 }

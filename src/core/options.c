@@ -56,13 +56,14 @@ static const oxl_option OPTIONS[] = {
 {"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_truncated), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey has fewer rows than its header states", NULL},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders", NULL},
-{"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, EACH("0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "weight of SSIM in the loss, (1 - W) L1 + W (1 - SSIM)", NULL},
 {"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "image folder; otherwise SCENE/images", NULL},
 {"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "folder with cameras, images and points3D, .txt or .bin; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
 {"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "mask folder, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},
+{"alpha", "auto|composite|mask", OXL_OPTION_CHOICE, OPTION_AT(scene.alpha), 0, 2, EACH("auto"), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "transparent pixels of images: composited over --background, or ignored; auto: ignored where points of the scene project onto them", NULL},
+{"background", "auto|R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("auto"), OXL_TIER_ADVANCED, SURVEY | TRAINING | RESULT, "Input", "colour behind the scene, each channel 0 to 1; auto: in training white where transparent images are composited over it, else black; in other commands the model's", NULL},
 {"max-side", "PX", OXL_OPTION_INT, OPTION_AT(scene.max_side), 0, INT_MAX, EACH("1600"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "reduce images so that the longer side has at most this many pixels; 0: full size", NULL},
-{"test-every", "N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("8"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none", NULL},
+{"test-every", "auto|N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("auto"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none; auto: 8, or those that the survey's files name", NULL},
 {"image-cache", "SIZE", OXL_OPTION_BYTES, OPTION_AT(scene.image_cache_bytes), 0, OPTION_BYTES_MAX, EACH("1G"), OXL_TIER_ADVANCED, SURVEY, "Input", "memory for decoded images, e.g. 512M or 4G; others are files in OUT/blocks/decoded until the run ends", NULL},
 {"keep-decoded", NULL, OXL_OPTION_FLAG, OPTION_AT(keep_decoded), 0, 1, EACH("false"), OXL_TIER_EXPERT, OXL_OPTION_OF_OUT, "Input", "keep the decoded images in OUT/blocks/decoded for the next run", NULL},
 {"missing-images", "FRACTION", OXL_OPTION_DOUBLE, OPTION_AT(scene.missing_images), 0, 1, EACH("0.25"), OXL_TIER_EXPERT, SURVEY, "Input", "fail if more than this fraction of the images is missing on disk", NULL},
@@ -227,6 +228,7 @@ static int option_three(const char *text, double out[3])
 static int option_read_rgb(const oxl_option *o, const char *text, float *out)
 {
     double v[3];
+    if (option_word(o) && !strcmp(text, "auto")) return out[0] = out[1] = out[2] = -1, 1;
     if (!option_three(text, v)) return 0;
     for (int k = 0; k < 3; k++)
         if (!(v[k] >= o->low && v[k] <= o->high)) return 0;
@@ -562,7 +564,10 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
     case OXL_OPTION_SEED: snprintf(out, size, "%llu", (unsigned long long)*(const uint64_t *)field); break;
     case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
     case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
-    case OXL_OPTION_RGB: option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size); break;
+    case OXL_OPTION_RGB:
+        if (option_word(o) && f[0] == -1 && f[1] == -1 && f[2] == -1) snprintf(out, size, "auto");
+        else option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size);
+        break;
     case OXL_OPTION_POINT: option_get_three(field, 0, out, size); break;
     case OXL_OPTION_SIZE:
         snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]);

@@ -3,9 +3,24 @@
 #include "job.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
 #include "../survey/survey.h"
 
 /* ---------------- a view as its image was taken */
+
+/* The model's, or where it has none the scene's. */
+static void evaluate_background(const oxl_model *model, const oxl_scene *scene, float out[3])
+{
+    static const float none[3] = {-1, -1, -1};
+    scene_background(scene, model->has_background ? model->background : none, out);
+}
+
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene)
+{
+    float background[3];
+    evaluate_background(model, scene, background);
+    scene_set_background(ctx, scene, background);
+}
 
 /* Without the lamp and the gains. */
 static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
@@ -13,6 +28,7 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
 {
     oxl_render_options options = oxl_render_options_default();
     options.near_plane = (float)scene_near_plane(d->scene);
+    evaluate_background(d->model, d->scene, options.background);
     renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
     return renderer_draw(ctx, d->r, d->model, &oxl_scene_view(d->scene, view)->camera, &options, out, depth);
 }
@@ -126,6 +142,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
+    evaluate_begin(ctx, model, scene);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         scene_images_ahead(ctx, scene, view + i, count - i);

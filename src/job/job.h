@@ -119,6 +119,8 @@ struct drawn { /* what evaluate_draw renders */
     /* with its medium, lamp and gains, as the images were taken; NULL: without */
     const struct imaging *imaging;
 };
+/* Composites the scene's images over the model's background from now on; before the first image is compared. */
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
 /* depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);

@@ -322,6 +322,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = render_files_replace(ctx, f);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    evaluate_begin(ctx, f->model, f->scene);
     while (rc == OXL_OK && *count < f->views) {
         int rendered, written;
         oxl_result wrote;

@@ -108,6 +108,7 @@ static void gltf_add_semantic(struct text *t, int array)
 static void gltf_add_origin(struct text *t, const oxl_model *model)
 {
     const double *o = model->origin;
+    const int b = model->has_background;
     text_add(t, "\"translation\":[");
     for (int i = 0; i < 3; i++) {
         char text[NUMBER_TEXT_MAX];
@@ -115,7 +116,11 @@ static void gltf_add_origin(struct text *t, const oxl_model *model)
         text_add(t, "%s%s", i ? "," : "", text);
     }
     text_add(t, "]");
-    if (model->scale > 0) text_add(t, ",\"extras\":{\"scale\":%s}", NUMBER(model->scale));
+    if (model->scale > 0) text_add(t, ",\"extras\":{\"scale\":%s%s", NUMBER(model->scale), b ? "" : "}");
+    if (b)
+        text_add(t, "%s\"background\":[%s,%s,%s]}", model->scale > 0 ? "," : ",\"extras\":{",
+                 NUMBER((double)model->background[0]), NUMBER((double)model->background[1]),
+                 NUMBER((double)model->background[2]));
 }
 
 static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t bytes, struct text *t)

@@ -87,11 +87,17 @@ static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *fr
     }
 }
 
+OXL_INTERNAL void model_copy_background(const oxl_model *from, oxl_model *to)
+{
+    memcpy(to->background, from->background, sizeof to->background);
+    to->has_background = from->has_background;
+}
+
 /* Reallocates the model with another capacity, degree or number of lobes; on failure it is unchanged. */
 static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree,
                                 size_t lobes)
 {
-    oxl_model m = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
+    oxl_model m = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree, .scale = model->scale};
     const int planes = oxl_model_planes(&m);
     float *memory = NULL;
     m.capacity = model_capacity(capacity);
@@ -101,7 +107,7 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
     if (!memory) return model_no_memory(ctx, capacity, planes);
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
-    m.scale = model->scale;
+    model_copy_background(model, &m);
     for (int p = 0; p < planes; p++) {
         m.plane[p] = memory + (size_t)p * m.capacity;
         if (model->plane[p]) memcpy(m.plane[p], model->plane[p], m.count * sizeof(float));
@@ -182,6 +188,7 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
     if (rc != OXL_OK) return rc;
     memcpy(to->origin, from->origin, sizeof to->origin);
     to->scale = from->scale;
+    model_copy_background(from, to);
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
     for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++)
@@ -626,7 +633,7 @@ OXL_INTERNAL unsigned char model_byte(double x)
     return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
 }
 
-/* ---------------- origin and scale as text, in comments of files */
+/* ---------------- origin, scale and background as text, in comments of files */
 
 #define MODEL_ORIGIN_MAX 1e15 /* limit of |origin| */
 
@@ -641,12 +648,32 @@ static int model_read_numbers(const char *text, double *value, int count)
     return 1;
 }
 
-/* "origin X Y Z" and "scale S". */
+OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model)
+{
+    if (model->has_background) text_add(t, "%sbackground", before);
+    for (int c = 0; c < 3 && model->has_background; c++) {
+        char number[NUMBER_TEXT_MAX];
+        format_float(number, model->background[c]);
+        text_add(t, " %s", number);
+    }
+}
+
+/* "background R G B"; 0: it is not. */
+static int model_read_background(const char *comment, oxl_model *model)
+{
+    double value[3];
+    if (strncmp(comment, "background ", 11) || !model_read_numbers(comment + 11, value, 3)) return 0;
+    for (int c = 0; c < 3; c++) model->background[c] = (float)OXL_CLAMP(value[c], 0, 1);
+    return model->has_background = 1;
+}
+
+/* "origin X Y Z", "scale S" and "background R G B". */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model)
 {
     const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
     double value[3];
+    if (model_read_background(comment, model)) return;
     if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
     else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
         model->scale = value[0] == 1 ? 0 : value[0];

@@ -69,7 +69,10 @@ OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
 
 OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, of length 1 */
 OXL_INTERNAL unsigned char model_byte(double x);                                   /* the nearest */
-/* Origin or scale from a comment of a file; other comments are ignored. */
+/* The background's comment for a file, after the text `before`; nothing where it is not known. */
+OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model);
+OXL_INTERNAL void model_copy_background(const oxl_model *from, oxl_model *to);
+/* Origin, scale or background from a comment of a file; other comments are ignored. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model);
 

@@ -119,16 +119,18 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     }
 }
 
-/* The header with the comment; without one when there is no origin or scale. */
+/* The header with the comment; without one when there is no origin, scale or background. */
 static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
-    text_add(t, "\x1f\x8b\x08%c%c%c%c%c%c\xff", placed || model->scale > 0 ? 16 : 0, 0, 0, 0, 0, 0);
+    const int commented = placed || model->scale > 0 || model->has_background;
+    text_add(t, "\x1f\x8b\x08%c%c%c%c%c%c\xff", commented ? 16 : 0, 0, 0, 0, 0, 0);
     if (placed)
         text_add(t, "origin %s %s %s", NUMBER(model->origin[0]), NUMBER(model->origin[1]),
                  NUMBER(model->origin[2]));
     if (model->scale > 0) text_add(t, "%sscale %s", placed ? "\n" : "", NUMBER(model->scale));
-    if (placed || model->scale > 0) text_add(t, "%c", 0);
+    model_write_background(t, placed || model->scale > 0 ? "\n" : "", model);
+    if (commented) text_add(t, "%c", 0);
 }
 
 static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *model,

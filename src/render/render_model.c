@@ -83,10 +83,17 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, model, camera, options, out, depth) : rc;
 }
 
+static oxl_render_options render_options_of(const oxl_model *model)
+{
+    oxl_render_options o = oxl_render_options_default();
+    memcpy(o.background, model->background, sizeof o.background);
+    return o;
+}
+
 oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                       const oxl_render_options *options, oxl_image *out, float *depth)
 {
-    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    const oxl_render_options o = options ? *options : render_options_of(model);
     struct renderer *r = NULL;
     oxl_result rc = renderer_create(ctx, &r);
     *out = (oxl_image){0};
@@ -113,7 +120,7 @@ static oxl_result render_gradient(oxl_context *ctx, struct renderer *r, const ox
 oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options, const float *drgb, oxl_model *gradient)
 {
-    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    const oxl_render_options o = options ? *options : render_options_of(model);
     struct renderer *r = NULL;
     oxl_result rc = renderer_create(ctx, &r);
     *gradient = (oxl_model){0};

@@ -52,6 +52,8 @@ struct colmap_reader {
     size_t warned[WARN_COUNT];
     struct colmap_index cameras, images;
     size_t camera_capacity, image_capacity, point_capacity, track_capacity, names_capacity;
+    const char *image_folder; /* of a survey in JSON: where names start; NULL: as the file has it */
+    int width, height; /* px of the first image, where such a file does not state them; 0: not read yet */
 };
 
 /* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated.
@@ -108,6 +110,8 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 /* colmap_points.c: reads the open file points3D.txt. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
 
+/* colmap.c: 1: the file of points is there. */
+OXL_INTERNAL int colmap_has_points(const char *folder, enum colmap_format format);
 /* colmap_binary.c: the three files of a folder. */
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder);
 

@@ -171,6 +171,30 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
     return OXL_OK;
 }
 
+/* Whether a PNG's pixels have an alpha channel, or its colours one that is transparent (tRNS): of its bytes up
+ * to the first IDAT, each chunk's head at least. */
+static int image_bytes_have_alpha(const unsigned char *data, size_t size)
+{
+    enum { SIGNATURE = 8, COLOUR = 25, GREY_ALPHA = 4, RGB_ALPHA = 6, HEAD = 8, CHUNK = 12 };
+    size_t at = SIGNATURE;
+    if (size <= COLOUR || memcmp(data, "\x89PNG\r\n\x1a\n", SIGNATURE)) return 0;
+    if (data[COLOUR] == GREY_ALPHA || data[COLOUR] == RGB_ALPHA) return 1;
+    while (at + HEAD <= size && memcmp(data + at + 4, "IDAT", 4)) {
+        if (!memcmp(data + at + 4, "tRNS", 4)) return 1;
+        at += CHUNK + image_be32(data + at);
+    }
+    return 0;
+}
+
+OXL_INTERNAL int image_has_alpha(const char *path)
+{
+    unsigned char head[4096]; /* profiles and texts before tRNS may be longer: then the decoder finds it */
+    FILE *file = os_open(path, "rb");
+    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
+    if (file) fclose(file);
+    return image_bytes_have_alpha(head, size);
+}
+
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out)
 {
     struct os_file_map file = {0};
@@ -180,7 +204,8 @@ OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int cha
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
     if (rc != OXL_OK) goto done;
-    *out = (struct pixels){.width = w, .height = h};
+    if (channels == 0) channels = image_bytes_have_alpha((const unsigned char *)file.data, file.size) ? 4 : 3;
+    *out = (struct pixels){.width = w, .height = h, .channels = channels};
     if (codec_is_16_bit(file.data, file.size))
         out->data = image_to_8_bits(codec_decode_16(file.data, file.size, channels, &w, &h),
                                     (size_t)w * h * channels);
@@ -452,18 +477,68 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
                     path, image->width, image->height);
 }
 
+/* ---------------- alpha */
+
+enum { IMAGE_OPAQUE = 128 }; /* least alpha of a pixel that is not masked */
+
+/* Four channels to three, in place: premultiplied with their alpha, over the background. */
+static void image_composite(struct pixels *image, const uint8_t background[3])
+{
+    const size_t count = (size_t)image->width * (size_t)image->height;
+    for (size_t i = 0; i < count; i++) {
+        const unsigned alpha = image->data[4 * i + 3];
+        for (size_t c = 0; c < 3; c++)
+            image->data[3 * i + c] =
+                (uint8_t)((image->data[4 * i + c] * alpha + background[c] * (255 - alpha) + 127) / 255);
+    }
+    image->channels = 3;
+}
+
+/* Four channels to three; *out becomes a mask of the image's size, black where that is or where the image is
+ * transparent. Free its data with oxl_free. */
+static oxl_result image_move_alpha(oxl_context *ctx, const char *path, struct pixels *image,
+                                   const struct pixels *mask, struct pixels *out)
+{
+    const size_t count = (size_t)image->width * (size_t)image->height;
+    struct pixels own = {.width = image->width, .height = image->height, .data = oxl_alloc(ctx, count, 1)};
+    const struct training_image all = {.width = own.width, .height = own.height, .mask = own.data};
+    if (!own.data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its alpha", path);
+    memset(own.data, 255, count);
+    for (int y = 0; y < own.height && mask->data; y++) image_reduce_mask_row(mask, &all, y);
+    for (size_t i = 0; i < count; i++) {
+        if (image->data[4 * i + 3] < IMAGE_OPAQUE) own.data[i] = 0;
+        memmove(image->data + 3 * i, image->data + 4 * i, 3);
+    }
+    image->channels = 3;
+    *out = own;
+    return OXL_OK;
+}
+
+/* *mask: of the file mask_path or empty; *alpha_mask: of both, where alpha masks. */
+static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const char *mask_path,
+                                      const struct image_alpha *alpha, struct pixels *image,
+                                      struct pixels *mask, struct pixels *alpha_mask)
+{
+    oxl_result rc = image_decode(ctx, path, alpha ? 0 : 3, image);
+    if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, mask);
+    if (rc != OXL_OK || image->channels == 3) return rc;
+    if (alpha->masks) return image_move_alpha(ctx, path, image, mask, alpha_mask);
+    image_composite(image, alpha->background);
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
-                                            const struct colmap_camera *from, const oxl_camera *to,
-                                            struct training_image *out)
+                                            const struct image_alpha *alpha, const struct colmap_camera *from,
+                                            const oxl_camera *to, struct training_image *out)
 {
     const int distorted = camera_is_distorted(from);
-    struct pixels image = {0}, mask = {0};
+    struct pixels image = {0}, given = {0}, own = {0}, mask;
     struct image_warp warp;
     oxl_result rc;
     *out = (struct training_image){0};
-    rc = image_decode(ctx, path, 3, &image);
+    rc = image_decode_masked(ctx, path, mask_path, alpha, &image, &given, &own);
+    mask = own.data ? own : given;
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, image.width, image.height, from);
-    if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
     if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;
     if (!distorted) rc = image_reduce(ctx, &image, out);
@@ -475,10 +550,11 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
         else if (mask.data) image_reduce_mask_row(&mask, out, y);
     }
     image_drop_empty_mask(ctx, out);
-    if (mask_path) rc = image_check_mask(ctx, mask_path, out);
+    if (mask_path || mask.data) rc = image_check_mask(ctx, mask_path ? mask_path : path, out);
 done:
     image_pixels_free(ctx, &image);
-    image_pixels_free(ctx, &mask);
+    image_pixels_free(ctx, &given);
+    oxl_free(ctx, own.data);
     if (rc != OXL_OK) image_training_free(ctx, out);
     return rc;
 }

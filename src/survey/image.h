@@ -7,9 +7,10 @@
 /* ---------------- image.c: decode, reduce, undistort, mask, cache */
 
 struct pixels { /* 8 bits, interleaved */
-    int width, height;
+    int width, height, channels;
     uint8_t *data;
 };
+/* channels 0: 4 where the file has alpha, else 3. */
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
 /* reads the header only */
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height);
@@ -24,11 +25,18 @@ struct training_image {
     uint8_t *rgb;
     uint8_t *mask;
 };
+/* What transparent pixels of an image are: `background`, or masked where alpha is below a half. */
+struct image_alpha {
+    int masks;
+    uint8_t background[3];
+};
+OXL_INTERNAL int image_has_alpha(
+    const char *path); /* by the head of the file: PNG only; 0: unreadable, too */
 /* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike.
- * mask_path may be NULL. */
+ * mask_path may be NULL; so may alpha: colours are then taken as they are. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
-                                            const struct colmap_camera *from, const oxl_camera *to,
-                                            struct training_image *out);
+                                            const struct image_alpha *alpha, const struct colmap_camera *from,
+                                            const oxl_camera *to, struct training_image *out);
 OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image);
 struct image_window { /* a part of an image, px; width 0: nothing of it */
     int x, y, width, height;
@@ -74,14 +82,16 @@ OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
 /* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
                                                           int view);
+/* Forgets all images. */
+OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache);
 /* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is
  * requested. */
 OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
 
 /* ---------------- image_file.c: decoded images in files */
 
-OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from,
-                                     const oxl_camera *to);
+OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct image_alpha *alpha,
+                                     const struct colmap_camera *from, const oxl_camera *to);
 OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
                                  struct training_image *out); /* 1: it exists and is complete */
 OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key,

@@ -26,6 +26,12 @@ OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const 
                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu images", count);
 }
 
+OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache)
+{
+    for (int i = 0; i < cache->count; i++) image_training_free(ctx, &cache->image[i]);
+    cache->held = 0;
+}
+
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache)
 {
     for (int i = 0; cache->image && i < cache->count; i++) image_training_free(ctx, &cache->image[i]);

@@ -30,12 +30,23 @@ static size_t image_file_bytes(const struct training_image *image)
     return (size_t)image->width * (size_t)image->height;
 }
 
-OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from,
-                                     const oxl_camera *to)
+OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct image_alpha *alpha,
+                                     const struct colmap_camera *from, const oxl_camera *to)
 {
     const int64_t modified[2] = {os_modified(path), mask ? os_modified(mask) : 0};
-    const double numbers[] = {from->model, from->width, from->height, to->width, to->height,
-                              to->fx,      to->fy,      to->cx,       to->cy};
+    const double numbers[] = {from->model,
+                              from->width,
+                              from->height,
+                              to->width,
+                              to->height,
+                              to->fx,
+                              to->fy,
+                              to->cx,
+                              to->cy,
+                              alpha->masks,
+                              alpha->background[0],
+                              alpha->background[1],
+                              alpha->background[2]};
     uint64_t sum = image_file_hash(UINT64_C(14695981039346656037), path, strlen(path));
     sum = image_file_hash(sum, modified, sizeof modified);
     sum = image_file_hash(sum, numbers, sizeof numbers);

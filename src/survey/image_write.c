@@ -120,6 +120,22 @@ oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *
     return image_write_png(ctx, path, image->rgb, image->width, image->height);
 }
 
+oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_image *image)
+{
+    const size_t count = (size_t)OXL_MAX(image->width, 0) * (size_t)OXL_MAX(image->height, 0);
+    uint8_t *bytes;
+    unsigned char *encoded;
+    int size = 0;
+    if (!image->rgb || !image->weight || count == 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the image to write is empty, or without weights", path);
+    bytes = oxl_alloc(ctx, count, 4);
+    for (size_t i = 0; bytes && i < count; i++)
+        for (size_t c = 0; c < 4; c++)
+            bytes[4 * i + c] = image_to_byte(c < 3 ? image->rgb[c * count + i] : image->weight[i]);
+    encoded = bytes ? codec_encode_png(bytes, image->width, image->height, 4, &size) : NULL;
+    return image_write_encoded(ctx, path, bytes, encoded, size);
+}
+
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before,
                                       size_t after, unsigned char **out, size_t *deflated)
 {

@@ -4,9 +4,11 @@
  * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w
  * h; k1 k2 k3 p1 p2, or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x).
  * transform_matrix is camera to world with x right, y up, z back; file_path starts from the file's folder;
- * ply_file_path too, in the same world.
+ * ply_file_path too, in the same world. NeRF synthetic's files (Mildenhall 2020) are such files with
+ * camera_angle_x, without w, h and extensions of names: these are found in the image folder.
  *
- * Masks of frames are not read: those in SCENE/masks are.
+ * mask_path of a frame starts from the file's folder, too; SCENE/masks and --masks come first. Members that change
+ * what an image shows, and that are not read, are named once.
  */
 #include "json_survey.h"
 #include "ply.h"
@@ -23,6 +25,42 @@ static double nerfstudio_number(const char *json, const char *frame, const char 
     return isnan(value) ? otherwise : value;
 }
 
+/* distortion_params is an array of them. */
+static double nerfstudio_distortion(const char *json, const char *frame, const char *name)
+{
+    static const char *const order[6] = {"k1", "k2", "k3", "k4", "p1", "p2"};
+    double all[6], value = nerfstudio_number(json, frame, name, NAN);
+    const char *array = oxl_json_member(frame, "distortion_params");
+    if (!array) array = oxl_json_member(json, "distortion_params");
+    if (isnan(value) && array && json_survey_numbers(array, 6, all))
+        for (int i = 0; i < 6; i++)
+            if (!strcmp(name, order[i])) value = all[i];
+    return isnan(value) ? 0 : value;
+}
+
+/* instant-ngp's word for OPENCV_FISHEYE. */
+static int nerfstudio_is_fisheye(const char *json, const char *frame)
+{
+    return oxl_json_is_true(frame, "is_fisheye") || oxl_json_is_true(json, "is_fisheye");
+}
+
+/* Names members, of the file or its frames, that change what images show and that nothing here reads. */
+static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
+{
+    static const char *const ignored[] = {"depth_file_path", "normal_file_path",     "semantics", "time",
+                                          "rolling_shutter", "transform_matrix_end", "ftheta_p0", "fisheye_crop_radius"};
+    struct text names = {.ctx = r->ctx};
+    for (size_t i = 0; i < OXL_COUNT(ignored); i++) {
+        int has = oxl_json_member(json, ignored[i]) != NULL;
+        for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && !has; frame = oxl_json_next(frame))
+            has = oxl_json_member(frame, ignored[i]) != NULL;
+        if (has) text_add(&names, "%s%s", names.size ? ", " : "", ignored[i]);
+    }
+    if (names.data)
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s: not used, though it is there: %s", r->path, names.data);
+    text_free(&names);
+}
+
 static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, const char *frame,
                                    int distorted, const char **out)
 {
@@ -30,8 +68,8 @@ static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, co
     const char *value = oxl_json_member(frame, "camera_model");
     if (!value) value = oxl_json_member(json, "camera_model");
     oxl_json_text(value, name, sizeof name);
-    *out = distorted ? "FULL_OPENCV" : "PINHOLE";
-    if (!strcmp(name, "OPENCV_FISHEYE")) *out = name[0] ? "OPENCV_FISHEYE" : *out;
+    *out = nerfstudio_is_fisheye(json, frame) ? "OPENCV_FISHEYE" : distorted ? "FULL_OPENCV" : "PINHOLE";
+    if (!strcmp(name, "OPENCV_FISHEYE")) *out = "OPENCV_FISHEYE";
     else if (!strcmp(name, "EQUIRECTANGULAR")) *out = "EQUIRECTANGULAR";
     else if (value && strcmp(name, "OPENCV") && strcmp(name, "PINHOLE") && strcmp(name, "SIMPLE_PINHOLE"))
         return json_survey_fail(r, "camera_model", name[0] ? name : "something",
@@ -44,7 +82,8 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
 {
     static const char *const names[2][8] = {{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"},
                                             {"k1", "k2", "k3", "k4"}};
-    const double w = nerfstudio_number(json, frame, "w", 0), h = nerfstudio_number(json, frame, "h", 0);
+    const double w = nerfstudio_number(json, frame, "w", r->width),
+                 h = nerfstudio_number(json, frame, "h", r->height);
     const double angle = nerfstudio_number(json, frame, "camera_angle_x", NAN);
     double fx = nerfstudio_number(json, frame, "fl_x", NAN), k[8];
     const char *model;
@@ -52,11 +91,13 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     oxl_result rc;
     if (isnan(fx) && angle > 0 && angle < 3.1)
         fx = 0.5 * w * vecmath_sin(angle / 2 + 1.5707963267948966) / vecmath_sin(angle / 2);
-    for (int i = 0; i < 8; i++) distorted |= (k[i] = nerfstudio_number(json, frame, names[0][i], 0)) != 0;
+    for (int i = 0; i < 8; i++) k[i] = nerfstudio_distortion(json, frame, names[0][i]);
+    for (int i = 0; i < 8; i++) distorted |= k[i] != 0;
     rc = nerfstudio_model(r, json, frame, distorted, &model);
     if (rc != OXL_OK) return rc;
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
-        return json_survey_fail(r, "w and h", "none", "the images' width and height");
+        return json_survey_fail(r, "w and h", "none, and no image to take them from",
+                                "the images' width and height");
     *c = (struct colmap_camera){
         .model = camera_model_find(model, strlen(model)), .width = (int)w, .height = (int)h};
     c->parameter[0] = fx;
@@ -64,7 +105,7 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     c->parameter[2] = nerfstudio_number(json, frame, "cx", w / 2);
     c->parameter[3] = nerfstudio_number(json, frame, "cy", h / 2);
     if (!strcmp(model, "OPENCV_FISHEYE"))
-        for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_number(json, frame, names[1][i], 0);
+        for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_distortion(json, frame, names[1][i]);
     if (!strcmp(model, "FULL_OPENCV")) {
         if (k[5] != 0)
             return json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
@@ -133,73 +174,37 @@ static int nerfstudio_beside(const char *json)
 
 static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, const char *frame)
 {
-    char path[1024];
+    char path[NERFSTUDIO_PATH];
     struct colmap_camera camera;
     double q[4], t[3];
-    size_t length = oxl_json_text(oxl_json_member(frame, "file_path"), path, sizeof path - 4),
-           row = r->out->camera_count;
-    const char *name = path;
+    const size_t row = r->out->camera_count;
+    const char *end, *name = nerfstudio_name(r, oxl_json_member(frame, "file_path"), path, &end);
     oxl_result rc = nerfstudio_camera(r, json, frame, &camera);
-    if (rc == OXL_OK && length == 0) rc = json_survey_fail(r, "file_path", "none", "the image's path");
+    if (rc == OXL_OK && !name) rc = json_survey_fail(r, "file_path", "none", "the image's path");
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
-    if (!strchr(path_base_name(path), '.'))
-        memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
-    if (!strncmp(name, "./", 2)) name += 2;
-    if (!r->out->images_beside) name += strlen("images/");
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera))
         rc = json_survey_add_camera(r, &camera);
-    return rc == OXL_OK
-               ? json_survey_add_image(r, name, path + length, (int64_t)r->out->camera_count - 1, q, t)
-               : rc;
+    if (rc == OXL_OK) rc = json_survey_add_image(r, name, end, (int64_t)r->out->camera_count - 1, q, t);
+    if (rc == OXL_OK && oxl_json_text(oxl_json_member(frame, "mask_path"), path, sizeof path))
+        rc = json_survey_add_mask(r, path);
+    return rc;
 }
 
 /* ---------------- points */
-
-static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct ply *ply)
-{
-    static const char *const names[6] = {"x", "y", "z", "red", "green", "blue"};
-    const int vertex = ply_find_element(ply, "vertex");
-    const size_t rows = vertex < 0 ? 0 : (size_t)ply->element[vertex].rows;
-    struct ply_target *target = NULL;
-    double *value = oxl_alloc(r->ctx, 6 * rows + 1, sizeof *value);
-    oxl_result rc =
-        value ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for its points", ply->path);
-    if (rc == OXL_OK && vertex >= 0)
-        target = oxl_calloc(r->ctx, (size_t)ply->element[vertex].properties + 1, sizeof *target);
-    for (int i = 0; target && i < 6 && rc == OXL_OK; i++) {
-        const int p = ply_find_property(&ply->element[vertex], names[i]);
-        if (p >= 0) target[p].as_double = value + (size_t)i * rows;
-        else if (i < 3)
-            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %s of its points\nfix: export them again",
-                          ply->path, names[i]);
-        else
-            for (size_t k = 0; k < rows; k++) value[(size_t)i * rows + k] = 0;
-    }
-    if (rc == OXL_OK && target) rc = ply_read(r->ctx, ply, vertex, target);
-    for (size_t k = 0; target && k < rows && rc == OXL_OK; k++) {
-        const double position[3] = {value[k], value[rows + k], value[2 * rows + k]};
-        const double rgb[3] = {value[3 * rows + k], value[4 * rows + k], value[5 * rows + k]};
-        if (fabs(position[0]) + fabs(position[1]) + fabs(position[2]) <= DBL_MAX)
-            rc = json_survey_add_point(r, position, rgb);
-    }
-    OXL_FREE(r->ctx, value, target);
-    return rc;
-}
 
 static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
 {
     char name[512], *folder = oxl_strdup(r->ctx, r->path), *path,
                     *slash = folder ? strrchr(folder, '/') : NULL;
-    struct ply ply = {0};
+    const int named = oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name) > 0;
     oxl_result rc;
     if (slash) *slash = 0;
-    path = folder && oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name)
-               ? oxl_path_join(r->ctx, folder, name)
-               : NULL;
-    rc = path ? ply_open(r->ctx, path, &ply) : OXL_OK;
-    if (path && rc == OXL_OK) rc = nerfstudio_copy_points(r, &ply);
-    if (path && rc == OXL_OK) ply_close(r->ctx, &ply);
+    path = folder && named ? oxl_path_join(r->ctx, folder, name) : NULL;
+    rc = path ? ply_points_read(r, path) : OXL_OK;
+    if (folder && slash && !named && os_is_file(PATH(folder, "sparse_pc.ply")))
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s: \"ply_file_path\" is missing, so the points of sparse_pc.ply beside it are not read",
+                r->path);
     OXL_FREE(r->ctx, path, folder);
     return rc;
 }
@@ -207,11 +212,19 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
 OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json)
 {
     oxl_result rc = OXL_OK;
-    r->out->images_beside = nerfstudio_beside(json);
+    const int beside = nerfstudio_beside(json);
+    if (r->out->image_count > 0 && beside && !r->out->images_beside)
+        return json_survey_fail(r, "file_path", "a path outside images/",
+                                "images/, where " JSON_SURVEY_TRAIN " has its images");
+    if (r->out->image_count == 0) r->out->images_beside = beside;
+    if (isnan(oxl_json_number(json, "w")) || isnan(oxl_json_number(json, "h")))
+        nerfstudio_measure_image(r, json);
     for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && rc == OXL_OK;
          frame = oxl_json_next(frame)) {
         r->line++;
         rc = nerfstudio_frame(r, json, frame);
     }
-    return rc == OXL_OK ? nerfstudio_points(r, json) : rc;
+    nerfstudio_name_ignored(r, json);
+    if (rc == OXL_OK) rc = nerfstudio_points(r, json);
+    return rc == OXL_OK ? nerfstudio_split(r, json) : rc;
 }

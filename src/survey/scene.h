@@ -41,6 +41,8 @@ struct oxl_scene {
     double *on_disk;             /* from files: (cameras) px of an image's side for one in cameras.txt */
     char *images, *masks;        /* from files: folders; masks NULL: none */
     char *decoded;               /* folder of decoded images, or NULL */
+    int transparent;             /* images with an alpha channel */
+    struct image_alpha alpha;    /* what it means */
     /* of scene_file_map: it holds all arrays but views and cameras; or no data */
     struct os_file_map map;
 };
@@ -54,7 +56,8 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
-OXL_INTERNAL void scene_mark_test_views(oxl_scene *scene, int test_every);
+/* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
+OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
 
 /* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 
@@ -75,8 +78,7 @@ OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, si
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out);
 /* NULL: none */
-OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name,
-                                        char **out);
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
 /* 0: too far away */
 OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3]);
 /* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with

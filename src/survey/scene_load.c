@@ -10,6 +10,7 @@
 #include "image.h"
 #include "imaging.h"
 #include "scene.h"
+#include "scene_alpha.h"
 #include "survey.h"
 
 #define SCENE_EXTENT 1.1      /* x the radius of the training cameras [Kerbl 2023] */
@@ -39,16 +40,23 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 
 static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
 {
-    for (int i = 0; i < scene->view_count && scene->masks; i++) {
+    int named = 0, lost = 0;
+    for (int i = 0; i < scene->view_count; i++) {
+        const int names = scene_source_image(scene, i)->mask != 0;
         char *path;
-        const oxl_result rc = scene_mask_path(ctx, scene, scene->view[i].name, &path);
+        const oxl_result rc = scene_mask_path(ctx, scene, i, &path);
         if (rc != OXL_OK) return rc;
         scene->stats.masks += path != NULL;
+        named += names;
+        lost += names && !path;
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
         oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; expected NAME.png, NAME as in the model",
                 scene->masks);
+    if (lost)
+        oxl_log(ctx, OXL_LOG_WARNING, "%d of the %d masks that %s names by mask_path are not there, so nothing is ignored in these images",
+                lost, named, scene->colmap.images_file);
     return OXL_OK;
 }
 
@@ -163,7 +171,7 @@ done:
 
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
-    oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
+    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
@@ -202,9 +210,10 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
     if (rc != OXL_OK) goto done;
-    scene_mark_test_views(scene, o.test_every);
-    if (o.read_images) rc = scene_count_masks(ctx, scene);
+    rc = scene_mark_test_views(ctx, scene, o.test_every);
+    if (rc == OXL_OK && o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
+    if (rc == OXL_OK && o.read_images) rc = scene_decide_alpha(ctx, scene, o.alpha);
 done:
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
     else *out = scene;

@@ -9,6 +9,7 @@
 #include "survey.h"
 
 enum {
+    SCENE_TEST_EVERY = 8,     /* views, by name [Barron 2022] */
     SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */
     /* limit of cameras whose first image's size is read: some surveys have one camera per image */
     SCENE_HEADERS = 16
@@ -209,11 +210,34 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
     return rc;
 }
 
-/* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
-OXL_INTERNAL void scene_mark_test_views(oxl_scene *scene, int test_every)
+/* Views that the survey's files hold out. */
+static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, int test_every)
 {
-    for (int i = 0; i < scene->view_count && scene->view_count > 1 && test_every > 0; i++) {
-        scene->view[i].is_test = i % test_every == 0;
+    const struct colmap *c = &scene->colmap;
+    for (int i = 0; i < scene->view_count; i++) {
+        scene->view[i].is_test = scene_source_image(scene, i)->split == COLMAP_TEST;
         scene->stats.test_views += scene->view[i].is_test;
     }
+    if (scene->stats.test_views == scene->view_count)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s/%s: all %d images that are there are held out, expected some to train on\n"
+                        "fix: put the training images into %s",
+                        c->folder, c->images_file, scene->view_count, scene->images);
+    if (test_every < 0) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "--test-every %d: the survey itself states which of its images are held out (%d of %d)\n"
+                    "fix: leave --test-every out; %s/%s and the files beside it state the split",
+                    test_every, scene->stats.test_views, scene->view_count, c->folder, c->images_file);
+}
+
+/* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
+OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every)
+{
+    const int every = test_every < 0 ? SCENE_TEST_EVERY : test_every;
+    if (scene->colmap.states_split) return scene_mark_stated_views(ctx, scene, test_every);
+    for (int i = 0; i < scene->view_count && scene->view_count > 1 && every > 0; i++) {
+        scene->view[i].is_test = i % every == 0;
+        scene->stats.test_views += scene->view[i].is_test;
+    }
+    return OXL_OK;
 }

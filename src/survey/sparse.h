@@ -18,15 +18,19 @@ struct colmap_camera {
     int line;
 };
 
+enum colmap_split { COLMAP_UNSPLIT, COLMAP_TRAIN, COLMAP_TEST }; /* stated by the survey's files */
+
 struct colmap_image {
     int64_t id;
     double rotation[4]; /* w x y z as read */
     double translation[3];
     int64_t camera_id;
     size_t name;        /* offset in colmap.names */
+    size_t mask;        /* the same of its mask, a path from colmap.folder; 0: the files name none */
     uint64_t points_at; /* offset of its 2D points in the file of images, text or binary; exports copy them */
     size_t points_size; /* bytes; 0: none */
     int line;
+    enum colmap_split split;
 };
 
 struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); compact: a large survey has 10^8 */
@@ -64,6 +68,7 @@ struct colmap {
     size_t warnings;   /* deviations that were logged and corrected */
     int is_truncated;  /* a file has fewer rows than its header states */
     int images_beside; /* names are relative to `folder`, not to the image folder */
+    int states_split;  /* each image's split is stated: COLMAP_TRAIN or COLMAP_TEST */
     enum colmap_format format;
     const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
@@ -81,9 +86,10 @@ OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c);
-/* survey_files.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
+/* survey_files.c: a survey of nerfstudio (transforms*.json) or OpenSfM (any other name) in a folder. images:
+ * folder that the names start from; NULL: as the file has it. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         struct colmap *out);
+                                         const char *images, struct colmap *out);
 
 /* ---------------- camera.c: camera models, undistortion */
 

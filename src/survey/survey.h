@@ -7,9 +7,9 @@
 /* ---------------- survey_files.c: where a survey's files are */
 
 /* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations
- * are not kept. */
+ * are not kept. images: as in json_survey_read. */
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
-                                          struct colmap *out);
+                                          const char *images, struct colmap *out);
 /* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "":
  * none. */
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,

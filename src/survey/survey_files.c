@@ -73,37 +73,61 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, i
     return rc;
 }
 
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         struct colmap *out)
+/* Adds the images and points of one file. */
+static oxl_result json_survey_add_file(struct colmap_reader *r, const char *path)
 {
-    struct colmap_reader r = {.ctx = ctx, .out = out};
     struct os_file_map map = {0};
+    const size_t before = r->out->image_count;
+    oxl_result rc;
+    oxl_free(r->ctx, r->path);
+    r->line = 0;
+    rc = json_survey_open(r, path, &map);
+    if (rc == OXL_OK)
+        rc = strncmp(path_base_name(path), "transforms", 10) ? opensfm_read(r, map.data)
+                                                             : nerfstudio_read(r, map.data);
+    if (rc == OXL_OK && r->out->image_count == before)
+        rc = json_survey_fail(r, "the images", "none", "one or more");
+    os_release_file(r->ctx, &map);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
+                                         const char *images, struct colmap *out)
+{
+    static const char *const held_out[] = {"transforms_test.json", "transforms_val.json"};
+    struct colmap_reader r = {.ctx = ctx, .out = out, .image_folder = images};
     char *path = oxl_path_join(ctx, folder, name), *slash;
     oxl_result rc = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
-    if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
-    if (rc == OXL_OK)
-        rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data)
-                                                         : nerfstudio_read(&r, map.data);
-    if (rc == OXL_OK && out->image_count == 0) rc = json_survey_fail(&r, "the images", "none", "one or more");
+    if (rc == OXL_OK) rc = json_survey_add_file(&r, path);
+    for (size_t i = 0; rc == OXL_OK && !strcmp(name, JSON_SURVEY_TRAIN) && i < OXL_COUNT(held_out); i++) {
+        const size_t trained = out->image_count;
+        if (!os_is_file(PATH(folder, "%s", held_out[i]))) continue;
+        rc = json_survey_add_file(&r, PATH(folder, "%s", held_out[i]));
+        out->states_split = 1;
+        for (size_t k = 0; k < out->image_count; k++)
+            out->image[k].split = k < trained ? COLMAP_TRAIN : COLMAP_TEST;
+        break;
+    }
     if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
     out->folder = path;
     out->warnings += r.warned[WARN_QUATERNION];
-    os_release_file(ctx, &map);
     oxl_free(ctx, r.path);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
 }
 
-/* Without a COLMAP model: nerfstudio's or OpenSfM's file, in its folder or in an OpenDroneMap project. */
-static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
+/* Without a COLMAP model: nerfstudio's, NeRF synthetic's or OpenSfM's file, in its folder or in an
+ * OpenDroneMap project. */
+static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, const char *images,
+                                       struct colmap *out, int *models)
 {
-    static const char *const names[] = {"transforms.json", "reconstruction.json",
+    static const char *const names[] = {"transforms.json", JSON_SURVEY_TRAIN, "reconstruction.json",
                                         "opensfm/reconstruction.json"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         oxl_result rc;
         if (!os_is_file(PATH(path, "%s", names[i]))) continue;
-        rc = json_survey_read(ctx, path, names[i], out);
+        rc = json_survey_read(ctx, path, names[i], images, out);
         if (rc != OXL_OK) return rc;
         ++*models;
         oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, names[i],
@@ -114,7 +138,7 @@ static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struc
 }
 
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
-                                          struct colmap *out)
+                                          const char *images, struct colmap *out)
 {
     static const char *const files[][2] = {
         {"images.txt", "images.bin"},
@@ -136,7 +160,8 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
         if (rc == OXL_OK && models == 0 && !sparse_option)
             rc = survey_find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
     }
-    if (rc == OXL_OK && models == 0 && !sparse_option) rc = survey_find_try_json(ctx, path, out, &models);
+    if (rc == OXL_OK && models == 0 && !sparse_option)
+        rc = survey_find_try_json(ctx, path, images, out, &models);
     if (rc == OXL_OK && models == 0)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,

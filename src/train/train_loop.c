@@ -6,6 +6,7 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
 
 #define TRAIN_RANDOM_POINTS 10000   /* to start from when the scene has none */
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
@@ -144,7 +145,8 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     t->render = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
-    memcpy(t->render.background, t->options->background, sizeof t->render.background);
+    scene_background(t->scene, t->options->background, t->render.background);
+    scene_set_background(ctx, t->scene, t->render.background);
     rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
@@ -374,6 +376,14 @@ static oxl_result train_loop(struct train *t)
     return rc;
 }
 
+/* For renders and viewers; nothing where it is black, as it mostly is. */
+static void train_return_background(const struct train *t, oxl_model *out)
+{
+    const float *rgb = t->render.background;
+    out->has_background = scene_is_composited(t->scene) || rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0;
+    memcpy(out->background, rgb, sizeof out->background);
+}
+
 /* Copies the decisions to the caller. */
 static void train_return_decisions(struct train *t)
 {
@@ -402,6 +412,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     started = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
     OXL_SWAP(oxl_model, *out, t.trained.model);
+    train_return_background(&t, out);
     if (output && output->moments && t.trained.square.memory) { /* rows keep their places */
         output->moments->mean = t.trained.mean, output->moments->square = t.trained.square;
         t.trained = (struct trained_model){0};
