@@ -36,6 +36,7 @@
 #include "src/survey/opensfm.c"          /* reconstruction.json */
 #include "src/survey/camera.c"           /* camera models, undistortion */
 #include "src/survey/image.c"            /* decode, undistort, reduce, mask */
+#include "src/survey/image_header.c"     /* size, bits, EXIF orientation */
 #include "src/survey/image_write.c"      /* PNG and JPEG */
 #include "src/survey/survey_files.c"     /* paths of a survey's files */
 #include "src/survey/robust_stats.c"     /* robust statistics: bounds, radius of the cameras, depths */
@@ -49,6 +50,7 @@
 #include "src/survey/scene_file.c"       /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"          /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/match.c"            /* are the images those that the model was made from? */
+#include "src/survey/values.c"           /* images and masks whose values are not what they look like */
 #include "src/survey/conventions.c"      /* the convention that poses were written in */
 #include "src/survey/depth_bands.c"      /* depth band of each pixel, from the points */
 
@@ -138,6 +140,7 @@
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */
+#include "src/job/overlap.c"           /* does a model belong to a survey? */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */

@@ -105,13 +105,6 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
 /* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to);
 
-/* ---------------- overlap.c: does a model belong to a survey? */
-
-/* Writes a warning when the model covers another place than the survey, or the same at another size; ""
- * otherwise. */
-oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name,
-                         char *warning, size_t size);
-
 /* ---------------- report.c: one page about a run */
 
 /* Writes OUT/report.html, whole or not at all. Absent parts are left out. */

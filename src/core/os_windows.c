@@ -62,8 +62,9 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 static int os_identity(const char *path, BY_HANDLE_FILE_INFORMATION *out)
 {
     wchar_t wide[OS_PATH_MAX];
-    const HANDLE file = CreateFileW(os_wide(path, wide), 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
-                                    OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
+    const HANDLE file =
+        CreateFileW(os_wide(path, wide), 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
+                    OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
     const int known = file != INVALID_HANDLE_VALUE && GetFileInformationByHandle(file, out);
     if (file != INVALID_HANDLE_VALUE) CloseHandle(file);
     return known;

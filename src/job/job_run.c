@@ -33,8 +33,7 @@ oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, 
     *run = oxl_calloc(ctx, 1, sizeof **run);
     if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
     rc = manifest_read(ctx, out, *run);
-    if (rc == OXL_OK && (*run)->line && manifest_is_of(*run, scene))
-        manifest_options(*run, options);
+    if (rc == OXL_OK && (*run)->line && manifest_is_of(*run, scene)) manifest_options(*run, options);
     if (rc != OXL_OK) oxl_manifest_free(ctx, run);
     return rc;
 }
@@ -154,6 +153,10 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
         start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
     if (rc != OXL_OK || job->start.model.count == 0) return rc;
     oxl_model_move_origin(&job->start.model, job->origin);
+    if (job->start.after == 0 && job->scene && job->options.from) {
+        rc = oxl_model_check_overlap(job->ctx, &job->start.model, job->scene, job->options.from);
+        if (rc != OXL_OK) return rc;
+    }
     job->total.iterations = job->start.after;
     text_free(&job->key);
     return job_make_key(job);
@@ -435,6 +438,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_plan_decoded(&job);
+        if (rc == OXL_OK && job.scene) rc = values_check(ctx, job.scene);
         if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, &job.survey);
         if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
         rc = job_finish_if_complete(&job, rc);

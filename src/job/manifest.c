@@ -209,12 +209,13 @@ OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scen
 
 /* Values of a member of both lines. is_path: those of one folder are the same, and where what was `found` is, those
  * of a folder that is no longer there. */
-static oxl_result manifest_same_member(oxl_context *ctx, const char *const line[2], const char *member, int is_path,
-                                       int found, int *same)
+static oxl_result manifest_same_member(oxl_context *ctx, const char *const line[2], const char *member,
+                                       int is_path, int found, int *same)
 {
     char *value[2] = {NULL, NULL};
     oxl_result rc = OXL_OK;
-    for (int i = 0; i < 2 && rc == OXL_OK; i++) rc = manifest_read_value(ctx, manifest_find(line[i], member), &value[i]);
+    for (int i = 0; i < 2 && rc == OXL_OK; i++)
+        rc = manifest_read_value(ctx, manifest_find(line[i], member), &value[i]);
     if (rc == OXL_OK && value[0] && value[1])
         *same &= !strcmp(value[0], value[1]) ||
                  (is_path && (os_is_same(value[0], value[1]) || (found && !os_is_folder(value[0]))));

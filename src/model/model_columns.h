@@ -47,7 +47,7 @@ enum model_format {
     MODEL_FORMAT_SPLAT,
     MODEL_FORMAT_SPZ,
     MODEL_FORMAT_GLB,
-    MODEL_FORMAT_SOG, /* of other programs, not read: this one */
+    MODEL_FORMAT_SOG,    /* of other programs, not read: this one */
     MODEL_FORMAT_KSPLAT, /* and this one */
     MODEL_FORMAT_UNKNOWN
 };

@@ -84,8 +84,9 @@ OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
 OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count)
 {
     if (dropped)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: dropped %zu of %zu Gaussians that hold values which are not finite",
-                path, dropped, count);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path, dropped,
+                count);
 }
 
 static size_t model_file_count_unturned(const oxl_model *m)
@@ -112,18 +113,21 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
     oxl_free(ctx, keep);
     model->not_finite = count - model->count;
     if (count > 0 && model->count == 0)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: all %zu Gaussians hold values that are not finite, so nothing is left\n"
-                        "fix: export the model again; its training has diverged, or its columns are in another order",
-                        path, count);
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: all %zu Gaussians hold values that are not finite, so nothing is left\n"
+            "fix: export the model again; its training has diverged, or its columns are in another order",
+            path, count);
     model_file_report_dropped(ctx, path, model->not_finite, count);
     unturned = model_file_count_unturned(model);
     if (limits)
-        oxl_log(ctx, OXL_LOG_INFO, "%s: %zu Gaussians are at the limit of opacity or width (infinite), and are kept", path,
+        oxl_log(ctx, OXL_LOG_INFO,
+                "%s: %zu Gaussians are at the limit of opacity or width (infinite), and are kept", path,
                 limits);
     if (unturned)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: %zu of %zu Gaussians have the rotation 0 0 0 0, and are taken as not turned",
-                path, unturned, model->count);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %zu of %zu Gaussians have the rotation 0 0 0 0, and are taken as not turned", path,
+                unturned, model->count);
     return OXL_OK;
 }
 
@@ -175,8 +179,9 @@ static int model_file_has_rgb(const struct ply_element *vertex)
 
 static const char *model_file_name(const struct model_file_column *column, int rgb)
 {
-    return rgb && column->plane >= OXL_SH && column->plane < OXL_SH + 3 ? MODEL_FILE_RGB[column->plane - OXL_SH]
-                                                                        : column->name;
+    return rgb && column->plane >= OXL_SH && column->plane < OXL_SH + 3
+               ? MODEL_FILE_RGB[column->plane - OXL_SH]
+               : column->name;
 }
 
 static void model_file_from_rgb(const struct ply_element *vertex, oxl_model *model)
@@ -409,7 +414,8 @@ static enum model_format model_file_format(const char *path)
     const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
     if (file) fclose(file);
     if (size == sizeof head && !memcmp(head, "ply", 3)) return MODEL_FORMAT_PLY;
-    if (size == sizeof head && (!memcmp(head, "\x1f\x8b", 2) || !memcmp(head, "NGSP", 4))) return MODEL_FORMAT_SPZ;
+    if (size == sizeof head && (!memcmp(head, "\x1f\x8b", 2) || !memcmp(head, "NGSP", 4)))
+        return MODEL_FORMAT_SPZ;
     if (size == sizeof head && !memcmp(head, "glTF", 4)) return MODEL_FORMAT_GLB;
     if (size == sizeof head && !memcmp(head, "PK\3\4", 4)) return MODEL_FORMAT_SOG;
     return model_format_by_name(path);
@@ -426,9 +432,11 @@ OXL_INTERNAL enum model_format model_format_by_name(const char *path)
 static oxl_result model_file_refuse(oxl_context *ctx, const char *path, enum model_format format)
 {
     if (format == MODEL_FORMAT_GLB)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: .glb files are written, not read\nfix: use the .ply or .spz that it was made from", path);
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: a model in the format %s, which is not read\nfix: splat-transform IN%s OUT.ply",
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: .glb files are written, not read\nfix: use the .ply or .spz that it was made from", path);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: a model in the format %s, which is not read\nfix: splat-transform IN%s OUT.ply",
                     path, format == MODEL_FORMAT_SOG ? "SOG (a zip file)" : "of GaussianSplats3D, KSPLAT",
                     format == MODEL_FORMAT_SOG ? ".sog" : ".ksplat");
 }
@@ -440,8 +448,9 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     *out = (oxl_model){0};
     rc = format == MODEL_FORMAT_SPLAT ? splat_file_read(ctx, path, out)
          : format == MODEL_FORMAT_SPZ ? spz_read(ctx, path, out)
-         : format == MODEL_FORMAT_PLY || format == MODEL_FORMAT_UNKNOWN ? model_file_read_ply(ctx, path, out)
-                                                                        : model_file_refuse(ctx, path, format);
+         : format == MODEL_FORMAT_PLY || format == MODEL_FORMAT_UNKNOWN
+             ? model_file_read_ply(ctx, path, out)
+             : model_file_refuse(ctx, path, format);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0)
         oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);

@@ -135,9 +135,10 @@ oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, 
     out->not_finite = rc == OXL_OK ? p->layout.rows - out->count : 0;
     model_file_report_dropped(ctx, path, out->not_finite, p->layout.rows);
     if (rc == OXL_OK && out->not_finite && out->count == 0)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: all %zu Gaussians hold values that are not finite, so nothing is left\nfix: export the model again",
-                      path, p->layout.rows);
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: all %zu Gaussians hold values that are not finite, so nothing is left\nfix: export the model again",
+            path, p->layout.rows);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

@@ -26,12 +26,12 @@
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR 0.15      /* range for colours slightly below 0 and above 1 */
+#define SPZ_COLOUR 0.15       /* range for colours slightly below 0 and above 1 */
 #define SPZ_QUANTILE 0.99     /* of the coordinates: nearly all Gaussians */
 #define SPZ_ROOM 16.0         /* times their extent: as much is in range */
 #define SPZ_COARSE 1e-4       /* of their extent: a step that shows */
 #define SPZ_FIXED_MAX 8388606 /* of 24 bits */
-#define SPZ_FEW 1000 /* one of so many Gaussians may be limited without a word */
+#define SPZ_FEW 1000          /* one of so many Gaussians may be limited without a word */
 #define SPZ_LOG_SCALE_MIN -10.0
 #define SPZ_LOG_SCALE_MAX 5.9375
 #define SPZ_DEFLATE_MAX 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
@@ -334,7 +334,8 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
 
 /* The fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a few that lie far
  * out must not cost the others their precision. *spread: that extent. */
-static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *model, int *bits, double *spread)
+static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *model, int *bits,
+                           double *spread)
 {
     double *value = oxl_alloc(ctx, model->count + 1, sizeof *value), farthest = 0, size = 0;
     *bits = SPZ_BITS_MAX;
@@ -360,7 +361,8 @@ static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *
 }
 
 /* What the format cannot hold, each kind once. */
-static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model, const struct spz_layout *l, double spread)
+static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model, const struct spz_layout *l,
+                     double spread)
 {
     const double step = 1.0 / (1 << l->bits);
     size_t far = 0, small = 0, large = 0;
@@ -373,18 +375,21 @@ static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model,
         large += widest > SPZ_LOG_SCALE_MAX;
     }
     if (far)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: %zu of %zu Gaussians lie beyond the format's range of %g units, and are drawn in to it", path,
-                far, model->count, SPZ_FIXED_MAX * step);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %zu of %zu Gaussians lie beyond the format's range of %g units, and are drawn in to it",
+                path, far, model->count, SPZ_FIXED_MAX * step);
     if ((small + large) * SPZ_FEW > model->count)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: the widths of %zu of %zu Gaussians are outside the format's range, 4.5e-5 to 365 units, and are limited to it\n"
-                "fix: convert with --scale, which changes the unit",
-                path, small + large, model->count);
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: the widths of %zu of %zu Gaussians are outside the format's range, 4.5e-5 to 365 units, and are limited to it\n"
+            "fix: convert with --scale, which changes the unit",
+            path, small + large, model->count);
     if (spread > 0 && step > SPZ_COARSE * spread)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: positions are rounded to %g units, since the model lies far from its origin or is large\n"
-                "fix: keep the .ply, too; or write it in a larger unit (--scale)",
-                path, step);
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: positions are rounded to %g units, since the model lies far from its origin or is large\n"
+            "fix: keep the .ply, too; or write it in a larger unit (--scale)",
+            path, step);
 }
 
 OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model)
@@ -396,8 +401,8 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     if (rc != OXL_OK) return rc;
     spz_lay_out(&l);
     if (l.end > INT_MAX)
-        return oxl_fail(ctx, OXL_ERR_FAILED, "%s: SPZ stores 2 GB of data; this model exceeds that\nfix: write it as .ply",
-                        path);
+        return oxl_fail(ctx, OXL_ERR_FAILED,
+                        "%s: SPZ stores 2 GB of data; this model exceeds that\nfix: write it as .ply", path);
     spz_warn(ctx, path, model, &l, spread);
     data = oxl_calloc(ctx, l.end, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, l.end);

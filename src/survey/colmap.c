@@ -230,11 +230,14 @@ static oxl_result colmap_read_other_points(struct colmap_reader *r, const char *
 {
     const char *ply = PATH(folder, "points3D.ply");
     if (os_is_file(ply)) {
-        oxl_log(r->ctx, OXL_LOG_INFO, "%s: there is no points3D.txt or .bin; the points of points3D.ply are read", folder);
+        oxl_log(r->ctx, OXL_LOG_INFO,
+                "%s: there is no points3D.txt or .bin; the points of points3D.ply are read", folder);
         return ply_points_read(r, ply);
     }
-    oxl_log(r->ctx, OXL_LOG_WARNING, "%s: there is no points3D.txt or .bin, so training starts from random points\n"
-            "fix: compute points for these poses: colmap point_triangulator", folder);
+    oxl_log(r->ctx, OXL_LOG_WARNING,
+            "%s: there is no points3D.txt or .bin, so training starts from random points\n"
+            "fix: compute points for these poses: colmap point_triangulator",
+            folder);
     return OXL_OK;
 }
 

@@ -23,21 +23,42 @@ enum {
 
 static const struct convention {
     int inverted, flip_first, flip; /* as read, then: y and z negated, inverted, y and z negated */
-    int world[3];                   /* axis of the points for each of the poses' world, from 1; negative: negated */
+    int world[3]; /* axis of the points for each of the poses' world, from 1; negative: negated */
     const char *of_json, *of_colmap; /* what it is called; NULL: none writes it */
 } conventions[] = {
-    {0, 0, 1, {1, 2, 3}, "camera axes as in OpenCV (y down, z ahead)", "camera axes as in OpenGL (y up, z back)"},
+    {0,
+     0,
+     1,
+     {1, 2, 3},
+     "camera axes as in OpenCV (y down, z ahead)",
+     "camera axes as in OpenGL (y up, z back)"},
     {1, 0, 0, {1, 2, 3}, NULL, "camera to world"},
     {1, 0, 1, {1, 2, 3}, NULL, "camera to world, with camera axes as in OpenGL (y up, z back)"},
     {1, 1, 0, {1, 2, 3}, "world to camera, with camera axes as in OpenCV (y down, z ahead)", NULL},
     {1, 1, 1, {1, 2, 3}, "world to camera", NULL},
-    {0, 0, 0, {1, 3, -2}, "points in the frame before applied_transform (x z -y)", "world axes x z -y for the points"},
-    {0, 0, 0, {1, -3, 2}, "points in the frame after applied_transform (x -z y)", "world axes x -z y for the points"},
-    {0, 0, 0, {2, 1, -3}, "points in the frame before applied_transform (y x -z)", "world axes y x -z for the points"},
+    {0,
+     0,
+     0,
+     {1, 3, -2},
+     "points in the frame before applied_transform (x z -y)",
+     "world axes x z -y for the points"},
+    {0,
+     0,
+     0,
+     {1, -3, 2},
+     "points in the frame after applied_transform (x -z y)",
+     "world axes x -z y for the points"},
+    {0,
+     0,
+     0,
+     {2, 1, -3},
+     "points in the frame before applied_transform (y x -z)",
+     "world axes y x -z for the points"},
 };
 
 /* The camera of a view, read in another way. */
-static oxl_camera convention_apply(const struct convention *c, const oxl_camera *as_read, const double origin[3])
+static oxl_camera convention_apply(const struct convention *c, const oxl_camera *as_read,
+                                   const double origin[3])
 {
     oxl_camera out = *as_read;
     double r[9], t[3];
@@ -99,7 +120,8 @@ static oxl_result conventions_find(struct match *w, double filled, const char **
     double best = OXL_MAX(CONVENTIONS_CORRELATION, match_median(w) + MATCH_CHANCE);
     double most = filled <= CONVENTIONS_UNFILLED ? CONVENTIONS_FILLED : 1;
     const char *by_count = NULL;
-    oxl_result rc = room ? OXL_OK : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to try other conventions of poses");
+    oxl_result rc =
+        room ? OXL_OK : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to try other conventions of poses");
     *name = NULL;
     for (size_t i = 0; i < OXL_COUNT(conventions) && rc == OXL_OK; i++) {
         const char *called = json ? conventions[i].of_json : conventions[i].of_colmap;
@@ -139,10 +161,11 @@ OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found)
     rc = conventions_find(w, (double)judged / w->count, &name);
     if (rc != OXL_OK || (!name && (w->tracked || 2 * empty <= w->count))) return rc;
     *found = 1;
-    oxl_log(w->ctx, OXL_LOG_WARNING,
-            "poses and points do not fit%s%s: %d of %d images have fewer than %d points in front of them and inside\n"
-            "fix: %s the poses %s",
-            name ? "; they would as: " : "", name ? name : "", empty, w->count, (int)CONVENTIONS_EMPTY,
-            name ? "write" : "take points and poses of one model and one frame, with", conventions_wanted(w));
+    oxl_log(
+        w->ctx, OXL_LOG_WARNING,
+        "poses and points do not fit%s%s: %d of %d images have fewer than %d points in front of them and inside\n"
+        "fix: %s the poses %s",
+        name ? "; they would as: " : "", name ? name : "", empty, w->count, (int)CONVENTIONS_EMPTY,
+        name ? "write" : "take points and poses of one model and one frame, with", conventions_wanted(w));
     return rc;
 }

@@ -81,7 +81,7 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
             oxl_log(
                 ctx, OXL_LOG_WARNING,
                 "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"
-                "fix: remove it from the model with colmap image_deleter",
+                "fix: take it out of the model: colmap image_deleter, or its frame in a transforms.json",
                 oxl_scene_view(scene, i)->name, 100.0 * (double)views[i].missed / (double)views[i].seen);
     if (named > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more", named - LINT_NAMED);
 }

@@ -18,17 +18,18 @@ enum {
     MATCH_SIDE = 320,    /* px: longer side of the brightness that is compared */
     MATCH_OTHERS = 4,    /* images whose points give the correlation by chance */
     MATCH_POINTS = 2048, /* limit of points to project where there are no tracks */
-    MATCH_NAMED = 3 /* images named */
+    MATCH_NAMED = 3      /* images named */
 };
-#define MATCH_CLIP 1.5        /* times the median of the absolute differences */
-#define MATCH_BORDER 0.01     /* of the side: points so close to it are left out */
-#define MATCH_BETTER 0.06     /* by which another map must be better in the median */
-#define MATCH_WINS 0.7        /* and the fraction of the images in which it is */
-#define MATCH_SUSPECT 0.5     /* of the correlation that a tenth of the images exceeds: images below are looked at */
-#define MATCH_ELSEWHERE 0.25  /* by which such an image must fit better turned, or at another place */
-#define MATCH_DEVIATIONS 4.0  /* or be below the other images, and within */
-#define MATCH_NOISE 3.0       /* standard deviations of what chance gives */
-#define MATCH_LOW 0.3         /* of the median */
+#define MATCH_CLIP 1.5    /* times the median of the absolute differences */
+#define MATCH_BORDER 0.01 /* of the side: points so close to it are left out */
+#define MATCH_BETTER 0.06 /* by which another map must be better in the median */
+#define MATCH_WINS 0.7    /* and the fraction of the images in which it is */
+#define MATCH_SUSPECT \
+    0.5 /* of the correlation that a tenth of the images exceeds: images below are looked at */
+#define MATCH_ELSEWHERE 0.25 /* by which such an image must fit better turned, or at another place */
+#define MATCH_DEVIATIONS 4.0 /* or be below the other images, and within */
+#define MATCH_NOISE 3.0      /* standard deviations of what chance gives */
+#define MATCH_LOW 0.3        /* of the median */
 
 /* ---------------- maps */
 
@@ -42,7 +43,8 @@ static void match_add_map(struct match *w, enum match_kind kind, const double m[
 /* The part of the image that is left: its size, and where it begins along both sides. */
 static void match_add_crop(struct match *w, double size, double left, double top)
 {
-    match_add_map(w, MATCH_CROPPED, (const double[6]){1 / size, 0, -left / size, 0, 1 / size, -top / size}, 0);
+    match_add_map(w, MATCH_CROPPED, (const double[6]){1 / size, 0, -left / size, 0, 1 / size, -top / size},
+                  0);
 }
 
 static void match_fill_maps(struct match *w)
@@ -58,13 +60,15 @@ static void match_fill_maps(struct match *w)
     for (int i = 0; i < 2; i++) match_add_map(w, MATCH_MIRRORED, mirror[i], 0);
     for (size_t i = 0; i < OXL_COUNT(left); i++)
         for (int k = 0; k < 5; k++) /* the middle, and the corners */
-            match_add_crop(w, left[i], (1 - left[i]) * (k == 4 ? 0.5 : k % 2), (1 - left[i]) * (k == 4 ? 0.5 : k / 2));
+            match_add_crop(w, left[i], (1 - left[i]) * (k == 4 ? 0.5 : k % 2),
+                           (1 - left[i]) * (k == 4 ? 0.5 : k / 2));
     for (size_t i = 0; i < OXL_COUNT(more); i++)
         match_add_crop(w, more[i], 0.5 * (1 - more[i]), 0.5 * (1 - more[i]));
     for (size_t i = 0; i < OXL_COUNT(lens); i++) match_add_map(w, MATCH_DISTORTED, plain, lens[i]);
     for (int i = 0; i < 8; i++) {
         const double by[2] = {0.02, 0.04}, d = by[i / 4], sign = i & 1 ? 1 : -1;
-        match_add_map(w, MATCH_SHIFTED, (const double[6]){1, 0, i & 2 ? sign * d : 0, 0, 1, i & 2 ? 0 : sign * d}, 0);
+        match_add_map(w, MATCH_SHIFTED,
+                      (const double[6]){1, 0, i & 2 ? sign * d : 0, 0, 1, i & 2 ? 0 : sign * d}, 0);
     }
 }
 
@@ -141,7 +145,8 @@ static void match_add_point(struct match_layout *l, const oxl_camera *c, const d
                             const struct colmap_point *point)
 {
     const double u = pixel[0] / c->width, v = pixel[1] / c->height;
-    if (l->count >= MATCH_SAMPLES || !(u > MATCH_BORDER && u < 1 - MATCH_BORDER && v > MATCH_BORDER && v < 1 - MATCH_BORDER))
+    if (l->count >= MATCH_SAMPLES ||
+        !(u > MATCH_BORDER && u < 1 - MATCH_BORDER && v > MATCH_BORDER && v < 1 - MATCH_BORDER))
         return;
     l->focal[0] = c->fx / c->width, l->focal[1] = c->fy / c->height;
     l->u[l->count] = (float)u, l->v[l->count] = (float)v;
@@ -161,7 +166,8 @@ static void match_from_tracks(struct match *w, const int *of_image, uint32_t *se
             double x[3], pixel[2];
             if (at < 0 || seen[2 * at + 1]++ % (seen[2 * at] / MATCH_SAMPLES + 1)) continue;
             if (scene_project_point(w->scene, w->layout[at].view, i, x, pixel))
-                match_add_point(&w->layout[at], &oxl_scene_view(w->scene, w->layout[at].view)->camera, pixel, &c->point[i]);
+                match_add_point(&w->layout[at], &oxl_scene_view(w->scene, w->layout[at].view)->camera, pixel,
+                                &c->point[i]);
         }
     }
 }
@@ -193,8 +199,9 @@ static oxl_result match_lay_out(struct match *w)
 {
     int *of_image = oxl_alloc(w->ctx, w->colmap->image_count + 1, sizeof *of_image);
     uint32_t *seen = oxl_calloc(w->ctx, (size_t)w->count + 1, 2 * sizeof *seen);
-    const oxl_result rc =
-        of_image && seen ? OXL_OK : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to compare images with points");
+    const oxl_result rc = of_image && seen
+                              ? OXL_OK
+                              : oxl_fail(w->ctx, OXL_ERR_MEMORY, "no memory to compare images with points");
     for (size_t i = 0; rc == OXL_OK && i < w->colmap->image_count; i++) of_image[i] = -1;
     for (int k = 0; k < w->count && rc == OXL_OK; k++) {
         w->layout[k].view = (int)((int64_t)k * oxl_scene_view_count(w->scene) / w->count);
@@ -226,7 +233,8 @@ static oxl_result match_reduce(struct match *w, const struct training_image *ima
             int masked = 0;
             for (int i = 0; i < step * step; i++) {
                 const size_t row = (size_t)OXL_MIN(y * step + i / step, image->height - 1),
-                             at = row * (size_t)image->width + (size_t)OXL_MIN(x * step + i % step, image->width - 1);
+                             at = row * (size_t)image->width +
+                                  (size_t)OXL_MIN(x * step + i % step, image->width - 1);
                 sum += (unsigned)image->rgb[at] + image->rgb[pixels + at] + image->rgb[2 * pixels + at];
                 masked |= image->mask && !image->mask[at];
             }
@@ -243,14 +251,16 @@ static float match_brightness(const struct match_plane *p, double u, double v)
     if (!(u >= 0 && v >= 0 && x < p->width && y < p->height)) return NAN;
     for (int i = -1; i <= 1; i++)
         for (int k = -1; k <= 1; k++) {
-            const float value = p->value[OXL_CLAMP(y + i, 0, p->height - 1) * p->width + OXL_CLAMP(x + k, 0, p->width - 1)];
+            const float value =
+                p->value[OXL_CLAMP(y + i, 0, p->height - 1) * p->width + OXL_CLAMP(x + k, 0, p->width - 1)];
             if (value < 0) return NAN;
             sum += value;
         }
     return sum;
 }
 
-OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *l, const struct match_map *map)
+OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *l,
+                                    const struct match_map *map)
 {
     float value[MATCH_SAMPLES] = {0}, difference[MATCH_SAMPLES];
     double own = 0, its = 0, both = 0;
@@ -301,9 +311,13 @@ static oxl_result match_compare(struct match *w)
         rc = match_take_image(w, w->layout[k].view, &has);
         if (rc != OXL_OK) return rc;
         w->judged[k] = (uint8_t)has;
-        for (int m = 0; has && m < w->maps; m++) w->score[k].as_is[m] = match_correlate(w, &w->layout[k], &w->map[m]);
+        for (int m = 0; has && m < w->maps; m++)
+            w->score[k].as_is[m] = match_correlate(w, &w->layout[k], &w->map[m]);
         for (int i = 1; has && i <= MATCH_OTHERS; i++)
-            w->score[k].chance += match_correlate(w, &w->layout[(k + i * w->count / (MATCH_OTHERS + 1)) % w->count], &w->map[0]) / MATCH_OTHERS;
+            w->score[k].chance +=
+                match_correlate(w, &w->layout[(k + i * w->count / (MATCH_OTHERS + 1)) % w->count],
+                                &w->map[0]) /
+                MATCH_OTHERS;
     }
     return OXL_OK;
 }
@@ -351,14 +365,20 @@ static int match_best_map(struct match *w)
 
 static const char *match_kind_text(enum match_kind kind)
 {
-    static const char *const text[] = {"as they are", "turned by 180 degrees", "turned by 90 degrees", "mirrored",
-                                       "cropped", "through a lens with distortion", "shifted"};
+    static const char *const text[] = {"as they are",
+                                       "turned by 180 degrees",
+                                       "turned by 90 degrees",
+                                       "mirrored",
+                                       "cropped",
+                                       "through a lens with distortion",
+                                       "shifted"};
     return text[kind];
 }
 
 static const char *match_kind_fix(enum match_kind kind)
 {
-    return kind == MATCH_DISTORTED ? "use the images that colmap image_undistorter wrote beside this model, or the model from before it"
+    return kind == MATCH_DISTORTED
+               ? "use the images that colmap image_undistorter wrote beside this model, or the model from before it"
            : kind == MATCH_TURNED || kind == MATCH_QUARTER || kind == MATCH_MIRRORED
                ? "turn them back to what the model was made from; another program may have applied or removed an EXIF orientation"
                : "use the images that the model was made from, whole and under the same names";
@@ -373,11 +393,13 @@ static oxl_result match_find_place(struct match *w, int k, int *fits_map)
     *fits_map = 0;
     s->other = 0, s->fits = -1;
     for (int i = 0; i < w->count && rc == OXL_OK && has; i++) {
-        const double r = i == k || w->layout[i].count < MATCH_FEWEST ? 0 : match_correlate(w, &w->layout[i], &w->map[0]);
+        const double r =
+            i == k || w->layout[i].count < MATCH_FEWEST ? 0 : match_correlate(w, &w->layout[i], &w->map[0]);
         if (r > s->other) s->other = r, s->fits = i;
     }
     for (int m = 1; m < w->maps && w->map[m].kind <= MATCH_MIRRORED; m++)
-        if (s->as_is[m] > s->other && s->as_is[m] > s->as_is[*fits_map]) *fits_map = m, s->other = s->as_is[m];
+        if (s->as_is[m] > s->other && s->as_is[m] > s->as_is[*fits_map])
+            *fits_map = m, s->other = s->as_is[m];
     if (*fits_map) s->fits = -1;
     return rc;
 }
@@ -394,7 +416,9 @@ static void match_name(struct match *w, int k, int map, int elsewhere, struct ma
     if (f->count++ >= MATCH_NAMED) return;
     text_add(&f->names, "%s%s", f->count > 1 ? ", " : "", oxl_scene_view(w->scene, w->layout[k].view)->name);
     if (elsewhere && map) text_add(&f->names, " (fits %s)", match_kind_text(w->map[map].kind));
-    else if (elsewhere) text_add(&f->names, " (fits the place of %s)", oxl_scene_view(w->scene, w->layout[s->fits].view)->name);
+    else if (elsewhere)
+        text_add(&f->names, " (fits the place of %s)",
+                 oxl_scene_view(w->scene, w->layout[s->fits].view)->name);
 }
 
 /* Images that fit elsewhere, or nowhere while the others fit well. all: of a survey where none fits. */
@@ -415,8 +439,10 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
         if (!w->judged[k] || (!all && r >= MATCH_SUSPECT * high)) continue;
         rc = match_find_place(w, k, &map);
         if (rc != OXL_OK) return rc;
-        elsewhere = s->other > r + MATCH_ELSEWHERE && s->other > (all ? MATCH_CHANCE : MATCH_SUSPECT * high) && (map || s->fits >= 0);
-        if (elsewhere || (!all && w->tracked && r < median - MATCH_DEVIATIONS * spread && r < MATCH_LOW * median && r < s->chance + noise))
+        elsewhere = s->other > r + MATCH_ELSEWHERE &&
+                    s->other > (all ? MATCH_CHANCE : MATCH_SUSPECT * high) && (map || s->fits >= 0);
+        if (elsewhere || (!all && w->tracked && r < median - MATCH_DEVIATIONS * spread &&
+                          r < MATCH_LOW * median && r < s->chance + noise))
             match_name(w, k, map, elsewhere, f);
     }
     return OXL_OK;
@@ -432,25 +458,29 @@ static oxl_result match_judge(struct match *w, int *foreign)
     oxl_result rc = OXL_OK;
     if (best) {
         *foreign = judged;
-        oxl_log(w->ctx, OXL_LOG_WARNING,
-                "the images fit the model's points better %s (correlation of brightness and colours %.2f, as they are %.2f)\nfix: %s",
-                match_kind_text(w->map[best].kind), match_quantile(w, best, 0.5), median, match_kind_fix(w->map[best].kind));
+        oxl_log(
+            w->ctx, OXL_LOG_WARNING,
+            "the images fit the model's points better %s (correlation of brightness and colours %.2f, as they are %.2f)\nfix: %s",
+            match_kind_text(w->map[best].kind), match_quantile(w, best, 0.5), median,
+            match_kind_fix(w->map[best].kind));
         return OXL_OK;
     }
     rc = match_find_images(w, none, &f);
     if (rc == OXL_OK && (none || 2 * f.elsewhere > judged)) {
         *foreign = judged;
-        oxl_log(w->ctx, OXL_LOG_WARNING,
-                "the images are not those of the model: at its points their brightness has nothing to do with the points' colours "
-                "(correlation %.2f, by chance %.2f)%s%s\n"
-                "fix: use the images that the model was made from, under the same names; frames that were extracted or numbered again are others",
-                median, chance, f.count ? "; " : "", f.count ? f.names.data : "");
+        oxl_log(
+            w->ctx, OXL_LOG_WARNING,
+            "the images are not those of the model: at its points their brightness has nothing to do with the points' colours "
+            "(correlation %.2f, by chance %.2f)%s%s\n"
+            "fix: use the images that the model was made from, under the same names; frames that were extracted or numbered again are others",
+            median, chance, f.count ? "; " : "", f.count ? f.names.data : "");
     } else if (rc == OXL_OK && f.count) {
         *foreign = f.count;
-        oxl_log(w->ctx, OXL_LOG_WARNING,
-                "%d of %d images do not show what the model has at their points: %s%s\n"
-                "fix: use the images that the model was made from, under the same names, or leave these out of the folder",
-                f.count, judged, f.names.data ? f.names.data : "", f.count > MATCH_NAMED ? ", ..." : "");
+        oxl_log(
+            w->ctx, OXL_LOG_WARNING,
+            "%d of %d images do not show what the model has at their points: %s%s\n"
+            "fix: use the images that the model was made from, under the same names, or leave these out of the folder",
+            f.count, judged, f.names.data ? f.names.data : "", f.count > MATCH_NAMED ? ", ..." : "");
     }
     text_free(&f.names);
     return rc;
@@ -486,7 +516,8 @@ OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_surv
     if (rc == OXL_OK) rc = match_lay_out(&w);
     if (rc == OXL_OK) rc = match_compare(&w);
     if (rc == OXL_OK && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
-    if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH) rc = match_judge(&w, &s->foreign);
+    if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH)
+        rc = match_judge(&w, &s->foreign);
     OXL_FREE(ctx, w.layout, w.score, w.judged, w.work, w.plane.value);
     return rc;
 }

@@ -30,9 +30,9 @@ struct match_map { /* from the place that the camera gives to the one in the ima
 };
 struct match_layout { /* points of an image */
     int count, view;
-    double focal[2];                      /* in sides */
+    double focal[2]; /* in sides */
     float u[MATCH_SAMPLES], v[MATCH_SAMPLES];
-    float colour[MATCH_SAMPLES];          /* first brightness, then the limited difference */
+    float colour[MATCH_SAMPLES]; /* first brightness, then the limited difference */
     uint8_t near[MATCH_SAMPLES][MATCH_NEAR];
 };
 struct match_plane { /* brightness of an image, reduced; below 0: masked */
@@ -60,13 +60,13 @@ struct match {
     int maps;
 };
 
-
 /* match.c. The points that the camera has in its image. */
 OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, const oxl_camera *camera);
 /* The brightness of a view for match_correlate. *has: 0: it cannot be read, which is reported elsewhere. */
 OXL_INTERNAL oxl_result match_take_image(struct match *w, int view, int *has);
 /* Of the differences of brightness and colour, under a map; 0 with too few points. */
-OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *l, const struct match_map *map);
+OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *l,
+                                    const struct match_map *map);
 /* The median over the judged images, as they are; by chance. */
 OXL_INTERNAL double match_median(struct match *w);
 OXL_INTERNAL double match_median_by_chance(struct match *w);

@@ -47,12 +47,14 @@ static int nerfstudio_is_fisheye(const char *json, const char *frame)
 /* Names members, of the file or its frames, that change what images show and that nothing here reads. */
 static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
 {
-    static const char *const ignored[] = {"depth_file_path", "normal_file_path",     "semantics", "time",
-                                          "rolling_shutter", "transform_matrix_end", "ftheta_p0", "fisheye_crop_radius"};
+    static const char *const ignored[] = {
+        "depth_file_path", "normal_file_path",     "semantics", "time",
+        "rolling_shutter", "transform_matrix_end", "ftheta_p0", "fisheye_crop_radius"};
     struct text names = {.ctx = r->ctx};
     for (size_t i = 0; i < OXL_COUNT(ignored); i++) {
         int has = oxl_json_member(json, ignored[i]) != NULL;
-        for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && !has; frame = oxl_json_next(frame))
+        for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && !has;
+             frame = oxl_json_next(frame))
             has = oxl_json_member(frame, ignored[i]) != NULL;
         if (has) text_add(&names, "%s%s", names.size ? ", " : "", ignored[i]);
     }
@@ -203,7 +205,8 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
     path = folder && named ? oxl_path_join(r->ctx, folder, name) : NULL;
     rc = path ? ply_points_read(r, path) : OXL_OK;
     if (folder && slash && !named && os_is_file(PATH(folder, "sparse_pc.ply")))
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s: \"ply_file_path\" is missing, so the points of sparse_pc.ply beside it are not read",
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s: \"ply_file_path\" is missing, so the points of sparse_pc.ply beside it are not read",
                 r->path);
     OXL_FREE(r->ctx, path, folder);
     return rc;

@@ -117,7 +117,8 @@ static double opensfm_white(const char *points)
     const char *key = oxl_json_first(points);
     double most = 0, rgb[3];
     for (int i = 0; i < FIRST && key && oxl_json_value(key); i++, key = oxl_json_next(oxl_json_value(key)))
-        for (int c = 0; c < 3 && json_survey_numbers(oxl_json_member(oxl_json_value(key), "color"), 3, rgb); c++)
+        for (int c = 0; c < 3 && json_survey_numbers(oxl_json_member(oxl_json_value(key), "color"), 3, rgb);
+             c++)
             most = OXL_MAX(most, rgb[c]);
     return most > 0 && most <= 1 ? 1 : 255;
 }

@@ -10,7 +10,7 @@ enum { SCENE_GREY = 128 };  /* of points without colour */
 #define SCENE_FARTHEST 1e15 /* farther points are dropped, farther cameras an error */
 
 struct scene_stats { /* for `check` and the first message */
-    int images_listed, images_missing, views, test_views, distorted_cameras, masks;
+    int images_listed, images_missing, unregistered, views, test_views, distorted_cameras, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */

@@ -106,13 +106,15 @@ static void selection_release_views(struct train *t)
     while (t->validation_views > 0) t->view[t->views++] = t->validation[--t->validation_views];
 }
 
-/* An unreadable view is logged and removed, so that all means are over the same views. */
+/* An unreadable view is logged and removed, so that all means are over the same views. The last one is replaced by a
+ * view that was trained on until now, the same in all branches of a trial: without any, no decision could be made. */
 static void selection_drop_view(struct train *t, int slot)
 {
     nonfinite_count_unreadable(t->ctx, &t->nonfinite);
     t->validation_views--;
     memmove(t->validation + slot, t->validation + slot + 1,
             (size_t)(t->validation_views - slot) * sizeof *t->validation);
+    if (t->validation_views == 0 && t->views > 1) t->validation[t->validation_views++] = t->view[--t->views];
 }
 
 /* NaN without validation views. */
