@@ -49,7 +49,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help unity without shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -73,7 +73,7 @@ $(BUILD)/liboceanxl.a: $(BUILD)/oceanxl.o
 
 $(BUILD)/%.o: %.c $(BUILD)/flags
 	@mkdir -p $(@D)
-	$(CC) $(if $(filter tests/test%,$<),$(TEST_CFLAGS) -I$(BUILD),$(CFLAGS)) $(BASE) -MMD -MP -c $< -o $@
+	$(CC) $(if $(filter tests/test% tests/cases.c,$<),$(TEST_CFLAGS) -I$(BUILD),$(CFLAGS)) $(BASE) -MMD -MP -c $< -o $@
 
 # Objects depend on this: it changes with the compiler and its flags. A missing stb is said in one line, before the compiler
 # says it in twenty; STB=folder is linked to a name that #include <stb/stb_image.h> finds.
@@ -100,7 +100,7 @@ $(BUILD)/test_list.h: FORCE
 # The reference and the kernels in double: units of their own, see tests/wide.h.
 WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o
 TEST_CFLAGS = $(if $(filter -O3,$(CFLAGS)),-O1 -g,$(CFLAGS)) # of the tests themselves: they are to be built fast
-TEST_O := $(patsubst %.c,$(BUILD)/%.o,tests/test.c $(TESTS))
+TEST_O := $(patsubst %.c,$(BUILD)/%.o,tests/test.c tests/cases.c $(TESTS))
 $(BUILD)/tests/test.o: $(BUILD)/test_list.h
 $(BUILD)/test: $(TEST_O) $(WIDE) $(LIBRARY)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
@@ -181,6 +181,9 @@ shaders-check: ## fails when the committed SPIR-V does not match the shaders
 
 rooms: ## the layers of src/: includes go downwards only; line counts
 	scripts/rooms.sh
+
+without: ## PART=lamp: removes a part of training, its file and its row, in a copy of the tree, and tests the rest
+	scripts/without.sh $(PART)
 
 modules: $(LIBRARY) ## from the objects: no file calls a higher layer, and no files call each other in a cycle
 	scripts/rooms.sh links $(BUILD)

@@ -106,29 +106,38 @@
 #include "src/render/backend.c" /* selects the CPU or Vulkan */
 
 /* training */
-#include "src/train/checkpoint.c"   /* training state in a file, for resuming */
-#include "src/train/density.c"      /* which Gaussians are split or removed, opacity reset */
-#include "src/survey/contrast.c"    /* fall of image contrast with depth */
-#include "src/survey/photometry.c"  /* exposure, lamp and medium from the colours of tracks */
-#include "src/train/ucd.c"          /* depth weights of density control */
-#include "src/train/prune.c"        /* pruning: schedule and scores */
-#include "src/train/transients.c"   /* masks pixels that disagree with all other images */
-#include "src/train/scalar_adam.c"  /* Adam for single numbers, of medium and lamp */
-#include "src/train/medium_fit.c"   /* the nine parameters of the medium */
-#include "src/train/lamp.c"         /* a light that moves with the camera */
-#include "src/train/exposure_fit.c" /* log gains per training image */
-#include "src/train/free_space.c"   /* finds Gaussians between a camera and the points that it saw */
-#include "src/train/track_depth.c"  /* depths that the tracks give */
-#include "src/train/nonfinite.c"    /* handles and counts values that are not finite */
-#include "src/train/schedule.c"     /* values that depend on options and step only */
-#include "src/train/step.c"   /* the parts of one step: forward, loss, backward, Adam, density, pruning */
-#include "src/train/branch.c" /* copies of the training state */
-#include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
-#include "src/train/train_imaging.c"   /* exposure, lamp and medium of a run, before and after its steps */
+#include "src/survey/contrast.c"       /* fall of image contrast with depth */
+#include "src/survey/photometry.c"     /* exposure, lamp and medium from the colours of tracks */
+#include "src/train/part.h"            /* the hooks of a part of training */
+#include "src/train/checkpoint.c"      /* training state in a file, for resuming */
+#include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
+#include "src/train/scalar_adam.c"     /* Adam for single numbers, of medium and lamp */
+#include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
+#include "src/train/schedule.c"        /* values that depend on options and step only */
+#include "src/train/parts.c"           /* calls the hooks of all parts */
+#include "src/train/step.c"            /* one step: forward, loss, backward, Adam; density control */
+#include "src/train/branch.c"          /* copies of the training state */
+#include "src/train/model_selection.c" /* validation views and trials */
+#include "src/train/train_imaging.c"   /* light and water of a run, before and after its steps */
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
-#include "src/job/metrics.c"           /* two images compared: PSNR, SSIM, MS-SSIM */
-#include "src/job/evaluate.c"          /* a model's images against those of a survey */
-#include "src/job/seam.c"              /* image error at the borders between blocks */
+
+/* the parts of training: a file and a row of the table each */
+#include "src/parts/ucd.c"         /* depth weights of density control */
+#include "src/parts/free_space.c"  /* removes Gaussians between a camera and the points that it saw */
+#include "src/parts/dropout.c"     /* leaves out Gaussians at random */
+#include "src/parts/lobes.c"       /* which Gaussians get a second lobe */
+#include "src/parts/prune.c"       /* pruning: schedule and scores */
+#include "src/parts/transients.c"  /* masks pixels that disagree with all other images */
+#include "src/parts/exposure.c"    /* log gains per training image */
+#include "src/parts/medium.c"      /* the nine parameters of the medium */
+#include "src/parts/lamp.c"        /* a light that moves with the camera */
+#include "src/parts/track_depth.c" /* depths that the tracks give */
+#include "src/parts/sh_degree.c"   /* degree of the spherical harmonics */
+#include "src/parts/table.c"       /* the table */
+
+#include "src/job/metrics.c"  /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/evaluate.c" /* a model's images against those of a survey */
+#include "src/job/seam.c"     /* image error at the borders between blocks */
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */

@@ -1,12 +1,13 @@
 #!/bin/sh
 # rooms.sh [write | links FOLDER] - the layers of src/: includes go to lower layers only; a header that another layer includes has at most
-# 320 lines, and so have the headers of its layer that it brings with it, together; line counts. Exemptions are printed: the public headers, which every layer may include, and the backend.
+# 370 lines, and so have the headers of its layer that it brings with it, together; line counts. Exemptions are printed: the public headers, which every layer may include, and the backend.
 #
 # write: puts the table between the marks in docs/ARCHITECTURE.md. Without it, the table there must be the current one.
 # links: in the objects of a build, no file calls a function of a higher layer, and no files call each other in a cycle.
+# Two functions of src/parts/table.c are exempt: through them lower layers read the table of parts, as data.
 set -eu
 cd "$(dirname "$0")/.."
-layers='core survey model render train blocks job'
+layers='core survey model render train parts blocks job'
 page=docs/ARCHITECTURE.md
 table=$(mktemp)
 trap 'rm -f "$table" "$table.page"' EXIT
@@ -39,12 +40,14 @@ if [ "${1:-}" = links ]; then
     objects=$(ls src/*/*.c | sed "s|^\(.*\)c$|$2/\1o|")
     nm -A $objects | sed "s|^$2/||" | awk '
         { split($1, part, ":") }
+        $NF ~ /^parts_(at|option)$/ { next }
         $(NF - 1) == "U" { user[++uses] = part[1]; name[uses] = $NF }
         $(NF - 1) ~ /^[TDBRC]$/ { home[$NF] = part[1] }
         END { for (i = 1; i <= uses; i++) if (name[i] in home) print user[i], home[name[i]] }' | tsort >/dev/null ||
         { echo "rooms: files of src/ call each other in a cycle, above" >&2; exit 1; }
     nm -A $objects | sed "s|^$2/||" | awk -v layers="$layers" '
         { split($1, part, ":"); file = part[1] }
+        $NF ~ /^parts_(at|option)$/ { next }
         $(NF - 1) == "U" { user[++uses] = file; name[uses] = $NF }
         $(NF - 1) ~ /^[TDBRC]$/ { home[$NF] = file }
         function rank(file) { split(file, part, "/"); return index(layers, part[2]) }
@@ -63,7 +66,7 @@ fi
 wrong=0
 complain() { echo "rooms: $1" >&2; wrong=1; }
 
-limit=320 # lines of a header that other layers include
+limit=370 # lines of a header that other layers include, of 110 columns
 allowed=''
 seen=''   # such headers
 device='' # of them, those that the backend includes: it is a renderer itself

@@ -74,7 +74,7 @@ struct prune_case {
     oxl_scene *scene;
     struct trained_model trained;
 };
-/* test_prune.c */
+/* cases.c */
 void prune_case_free(struct prune_case *c);
 struct prune_case prune_two_patches(int many, int few, float low);
 
@@ -107,6 +107,11 @@ struct checkpoint_case {
 void checkpoint_case_free(struct checkpoint_case *c);
 struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options);
 oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out);
+
+/* test_underwater.c */
+struct lamp lamp_of(int view);
+struct imaging imaging_test_make(int views, const int *known, int count);
+synth_options photometry_test_make(const char *name, enum synth_type water);
 
 /* ---------------- internal to modules of src/ */
 
@@ -149,11 +154,8 @@ int stats_is_in_image(const oxl_camera *c, const double p[3]);
 uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size);
 /* src/train/density.c */
 struct renderer_sums density_sums(const struct density *d, size_t count);
-/* src/train/free_space.c */
-int free_space_contains(const struct free_space *f, const double p[3]);
 /* src/train/step.c */
 oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred);
-oxl_result step_set_depths(struct train *t, int view, double progress);
 /* src/train/train_loop.c */
 void train_archive(struct archive *a, void *user);
 oxl_result train_begin(struct train *t);

@@ -33,7 +33,8 @@
 #include "../src/survey/sparse.h"
 #include "../src/survey/survey.h"
 #include "../src/train/train.h"
-#include "../src/train/train_parts.h"
+#include "../src/train/train_tools.h"
+#include "../src/train/parts_calls.h"
 #include "../src/train/train_state.h"
 
 #endif

@@ -104,6 +104,13 @@ const char *test_shared(const char *name)
     return os_is_file(path) || os_is_folder(path) ? path : NULL;
 }
 
+int test_has_part(const char *name)
+{
+    for (int k = 0; parts_at(k); k++)
+        if (strcmp(parts_at(k)->name, name) == 0) return 1;
+    return 0;
+}
+
 static void remove_folder(void)
 {
     char command[300];

@@ -67,6 +67,11 @@ extern const char *test_skip; /* why the running test was skipped, or NULL */
         return;            \
     } while (0)
 
+/* Skips a test that needs a part of training, where the build has none of this name (make without). */
+#define NEEDS_PART(name) \
+    if (!test_has_part(#name)) SKIP("a build without " #name)
+int test_has_part(const char *name);
+
 /* A fresh folder for the running test's files; removed afterwards. */
 const char *test_folder(void);
 /* "FOLDER/name" in a small ring of buffers. */

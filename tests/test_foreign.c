@@ -1,6 +1,7 @@
 /* test_foreign.c - files that are well formed and belong to something else: images, poses, points, models. */
 #include "test.h"
 
+#include "../src/survey/image_header.h"
 #include "../src/survey/match.h"
 
 enum { FOREIGN_VIEWS = 10, FOREIGN_WIDTH = 160, FOREIGN_HEIGHT = 112, FOREIGN_POINTS = 360 };

@@ -1,5 +1,6 @@
 /* test_prune.c - number to keep, schedule of drops, scores. */
 #include "test.h"
+#include "../src/parts/prune.h"
 
 TEST(prune_keep_reads_shares_counts_sizes_and_auto)
 {
@@ -180,52 +181,6 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
     }
 }
 
-/* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they
- * share nothing. */
-
-struct prune_case prune_two_patches(int many, int few, float low)
-{
-    enum { SIDE = 32 };
-    struct prune_case c = {NULL, {{0}, {0}, {0}}};
-    oxl_view view[16] = {{0}};
-    oxl_image image[16] = {{0}};
-    static char names[16][16];
-    CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.trained.model));
-    for (int i = 0; i < 128; i++) {
-        c.trained.model.plane[OXL_MEAN][i] = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
-        c.trained.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
-        c.trained.model.plane[OXL_OPACITY][i] = i % 2 ? 2.0f : low; /* every second one is fainter */
-        for (int a = 0; a < 3; a++)
-            c.trained.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.trained.model.plane[OXL_SH + a][i] = 1;
-    }
-    CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.mean));
-    CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.square));
-    for (int v = 0; v < many + few; v++) {
-        snprintf(names[v], sizeof names[v], "v%02d.png", v);
-        view[v] = (oxl_view){names[v],
-                             {SIDE,
-                              SIDE,
-                              40,
-                              40,
-                              SIDE / 2.0,
-                              SIDE / 2.0,
-                              {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                              {(v < many ? 20 : -20) + 0.05 * v, 0.03 * v, 4}},
-                             0};
-        CHECK_OK(oxl_image_create(test_ctx, SIDE, SIDE, &image[v]));
-        for (int i = 0; i < 3 * SIDE * SIDE; i++) image[v].rgb[i] = (float)(i % SIDE) / SIDE;
-    }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, many + few, NULL, 0, &c.scene));
-    for (int v = 0; v < many + few; v++) oxl_image_free(test_ctx, &image[v]);
-    return c;
-}
-
-void prune_case_free(struct prune_case *c)
-{
-    oxl_scene_free(test_ctx, c->scene);
-    model_trained_free(test_ctx, &c->trained);
-}
-
 /* Drops 64 of the 128; returns how many stay of the patch that few views see. */
 static int prune_run_case(struct prune_case *c, const struct prune *p)
 {
@@ -293,4 +248,24 @@ TEST(prune_scores_are_the_same_with_any_threads)
     test_ctx->threads = threads;
     CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && score[0][1] > score[0][0] && score[0][0] > 0);
     prune_case_free(&c);
+}
+
+/* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run
+ * after a reset. */
+TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_starts)
+{
+    static const oxl_preset presets[] = {OXL_PRESET_DRAFT, OXL_PRESET_STANDARD, OXL_PRESET_PAPER};
+    for (size_t k = 0; k < OXL_COUNT(presets); k++)
+        for (int n = 500; n <= 60000; n += n < 3000 ? 100 : 500) {
+            oxl_train_options o = oxl_train_options_default(presets[k]);
+            struct prune p;
+            int last = 0, count = 0;
+            o.iterations = n;
+            prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, n, (int)(o.densify_until * n), 100, 248);
+            for (int step = 1; step <= n; step++)
+                if (schedule_resets_opacity_at(&o, step)) last = step, count++;
+            CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= o.densify_until * n);
+            CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= p.start);
+            CHECK(n < 30000 || count == 4); /* of Kerbl's schedule none but the last is gone */
+        }
 }

@@ -529,26 +529,6 @@ TEST(train_refuses_invalid_options)
 
 /* ---------------- schedule */
 
-/* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run
- * after a reset. */
-TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_starts)
-{
-    static const oxl_preset presets[] = {OXL_PRESET_DRAFT, OXL_PRESET_STANDARD, OXL_PRESET_PAPER};
-    for (size_t k = 0; k < OXL_COUNT(presets); k++)
-        for (int n = 500; n <= 60000; n += n < 3000 ? 100 : 500) {
-            oxl_train_options o = oxl_train_options_default(presets[k]);
-            struct prune p;
-            int last = 0, count = 0;
-            o.iterations = n;
-            prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, n, (int)(o.densify_until * n), 100, 248);
-            for (int step = 1; step <= n; step++)
-                if (schedule_resets_opacity_at(&o, step)) last = step, count++;
-            CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= o.densify_until * n);
-            CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= p.start);
-            CHECK(n < 30000 || count == 4); /* of Kerbl's schedule none but the last is gone */
-        }
-}
-
 /* ---------------- less work a step */
 
 /* 60 steps: each option leaves a model of its own that has still learned the scene, whatever the number of
@@ -599,31 +579,6 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     oxl_model_free(test_ctx, &usual);
     oxl_model_free(test_ctx, &hasty);
     oxl_scene_free(test_ctx, scene);
-}
-
-TEST(train_drops_gaussians_out_where_views_and_images_per_point_are_few)
-{
-    oxl_train_options o = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene scene = {.view_count = 40};
-    oxl_view view[40];
-    memset(view, 0, sizeof view);
-    scene.view = view;
-    scene.stats.mean_track = 4.5;
-    for (int i = 0; i < 11; i++) view[i].is_test = 1;
-    CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.4, 0);
-    o.iterations = 45 * 29; /* 45 steps per view */
-    CHECK_CLOSE(schedule_dropout_rate(&o, &scene), 0.2, 1e-12);
-    o.iterations = 30 * 29;
-    CHECK(schedule_dropout_rate(&o, &scene) == 0);
-    o.iterations = 60 * 29;
-    scene.stats.mean_track = 4.6;
-    CHECK(schedule_dropout_rate(&o, &scene) == 0);
-    scene.stats.mean_track = 0;
-    CHECK(schedule_dropout_rate(&o, &scene) == 0);
-    scene.stats.mean_track = 4.5, view[10].is_test = 0;
-    CHECK(schedule_dropout_rate(&o, &scene) == 0);
-    o.dropout = 0.25f;
-    CHECK(schedule_dropout_rate(&o, &scene) == 0.25);
 }
 
 TEST(train_auto_halves_large_images_only)

@@ -184,7 +184,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.trained.mean, 1));
         if (fault == 4) c.t.trained.square.count--;
         if (fault == 5) c.t.trained.model.plane[OXL_SH][3] = NAN;
-        if (fault == 6) c.t.prune.drops = -1;
+        if (fault == 6) c.t.view[3] = -1;
         if (fault == 7) c.t.trained.square.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
         nonfinite_test_begin(&again, 0);

@@ -1,5 +1,6 @@
 /* test_ucd.c - how fast contrast fades, whether weights by depth are needed, and how they are learned. */
 #include "test.h"
+#include "../src/parts/ucd.h"
 
 /* ---------------- contrast */
 

@@ -4,7 +4,7 @@
 
 /* ---------------- gains by hand */
 
-static struct imaging imaging_test_make(int views, const int *known, int count)
+struct imaging imaging_test_make(int views, const int *known, int count)
 {
     struct imaging m;
     CHECK_OK(imaging_create(test_ctx, views, &m));
@@ -225,29 +225,6 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
-static int exposure_test_takes(double wave, double jump, int parts)
-{
-    struct exposure e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
-    struct photometry p = {.points = 100, .observations = 900, .parts = parts};
-    float gain[24];
-    uint8_t known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
-    char why[400];
-    int on;
-    for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
-    p.log_gain = gain, p.known = known;
-    exposure_set_from_tracks(&e, &p, why, sizeof why);
-    on = e.of.on;
-    imaging_free(test_ctx, &e.of);
-    return on;
-}
-
-TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_predict_them)
-{
-    CHECK(exposure_test_takes(0.1, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0.1, 0, PHOTOMETRY_LAMP));
-    CHECK(!exposure_test_takes(0.02, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0, 0.1, PHOTOMETRY_GAINS));
-}
-
 /* Both cameras jump together, or only the right ones do. */
 TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do)
 {
@@ -380,7 +357,7 @@ static void photometry_test_measure(const char *survey, struct photometry *p)
     oxl_scene_free(test_ctx, scene);
 }
 
-static synth_options photometry_test_make(const char *name, enum synth_type water)
+synth_options photometry_test_make(const char *name, enum synth_type water)
 {
     synth_options o = synth_test_options(name);
     struct colmap survey = {0};
@@ -978,87 +955,6 @@ TEST(depth_loss_is_that_of_one_step_alone)
     depth_case_end(&c);
 }
 
-TEST(depth_of_tracks_is_that_of_training_views_and_its_weight_falls_to_zero)
-{
-    oxl_scene *scene = NULL;
-    struct track_depth d = {0};
-    struct depth_point point[DEPTH_POINTS], again[DEPTH_POINTS];
-    int count, same;
-    size_t kept = 0;
-    photometry_test_make("depth_tracks", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_tracks"), NULL, &scene));
-    CHECK_OK(track_depth_begin(test_ctx, &d, scene, NULL));
-    for (int v = 0; v < oxl_scene_view_count(scene); v++) {
-        const oxl_view *view = oxl_scene_view(scene, v);
-        const double full = track_depth_of_step(&d, v, 7, 0, &count, point);
-        kept += (size_t)OXL_MIN(d.view[v].seen, 1024);
-        CHECK(view->is_test ? count == 0 && full == 0 : count > 10 && full > 0);
-        if (view->is_test) continue;
-        CHECK_CLOSE(track_depth_of_step(&d, v, 7, 0.75, &same, again), full / 4, 1e-9);
-        CHECK(same == count && memcmp(point, again, (size_t)count * sizeof *point) == 0);
-        CHECK(track_depth_of_step(&d, v, 7, 1, &same, again) == 0);
-        for (int i = 0; i < count; i++)
-            CHECK(point[i].z > 0 && point[i].x > -1 && point[i].x < view->camera.width + 1 &&
-                  point[i].y > -1 && point[i].y < view->camera.height + 1);
-    }
-    { /* what the prediction of memory says */
-        const double bytes =
-            track_depth_bytes((double)scene->stats.observations, oxl_scene_view_count(scene));
-        CHECK((double)(kept * sizeof *d.all) < bytes && bytes < 1.5 * (double)(kept * sizeof *d.all));
-    }
-    track_depth_free(test_ctx, &d);
-    oxl_scene_free(test_ctx, scene);
-}
-
-TEST(depth_of_tracks_is_kept_for_views_with_a_window_alone)
-{
-    oxl_scene *scene = NULL;
-    struct track_depth d = {0};
-    struct depth_point point[DEPTH_POINTS];
-    struct image_window *window;
-    int count, views;
-    photometry_test_make("depth_windows", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_windows"), NULL, &scene));
-    views = oxl_scene_view_count(scene);
-    window = oxl_calloc(test_ctx, (size_t)views, sizeof *window);
-    for (int v = 0; v < views; v += 2) window[v] = (struct image_window){.width = 8, .height = 8};
-    CHECK_OK(track_depth_begin(test_ctx, &d, scene, window));
-    for (int v = 0; v < views; v++) {
-        track_depth_of_step(&d, v, 7, 0, &count, point);
-        CHECK((count > 0) == (v % 2 == 0 && !oxl_scene_view(scene, v)->is_test));
-    }
-    track_depth_free(test_ctx, &d);
-    oxl_free(test_ctx, window);
-    oxl_scene_free(test_ctx, scene);
-}
-
-TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_images)
-{
-    const struct image_window window = {.x = 16, .y = 32, .width = 64, .height = 48};
-    struct image_window all[14];
-    struct train_output output = {.window = all};
-    struct depth_point point[DEPTH_POINTS];
-    struct train t = {.ctx = test_ctx, .output = &output, .step = 7};
-    int count;
-    photometry_test_make("depth_window", SYNTH_3C);
-    CHECK_OK(oxl_scene_load(test_ctx, test_path("depth_window"), NULL, &t.scene));
-    CHECK_OK(renderer_create(test_ctx, &t.renderer));
-    for (int v = 0; v < 14; v++) all[v] = window;
-    for (t.halved = 0; t.halved < 2; t.halved++) {
-        CHECK_OK(step_set_depths(&t, 3, 0.5));
-        track_depth_of_step(&t.track_depth, 3, 7, 0.5, &count, point);
-        CHECK(count == DEPTH_POINTS && t.renderer->depth_points == count);
-        for (int i = 0; i < count; i++) {
-            const float side = t.halved ? 2 : 1;
-            CHECK_CLOSE(side * t.renderer->depth_point[i].x + 16, point[i].x, 1e-4);
-            CHECK_CLOSE(side * t.renderer->depth_point[i].y + 32, point[i].y, 1e-4);
-        }
-    }
-    track_depth_free(test_ctx, &t.track_depth);
-    renderer_free(test_ctx, t.renderer);
-    oxl_scene_free(test_ctx, t.scene);
-}
-
 TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
     static const int stops[] = {37, 39, 40, 80};
@@ -1094,7 +990,7 @@ TEST(medium_is_read_as_it_was_written)
 
 /* ---------------- the lamp */
 
-static struct lamp lamp_of(int view)
+struct lamp lamp_of(int view)
 {
     struct lamp lamp = {.view = view};
     for (int t = 0; t < LAMP_TERMS; t++) lamp.shape[t] = 0.15f * (float)sin(1.7 * t + 1);
@@ -1262,16 +1158,6 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     oxl_metrics_free(test_ctx, &metrics);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
-}
-
-TEST(lamp_of_each_camera_begins_with_the_shape_that_its_tracks_have)
-{
-    struct photometry p = {.points = 9, .parts = PHOTOMETRY_LAMP};
-    struct lamp_fit l = {.groups = 3};
-    char why[400];
-    for (int g = 0; g < 3; g++) memcpy(p.shape[g], lamp_of(-1).shape, sizeof p.shape[g]), p.shape[g][g] += 1;
-    lamp_set_from_tracks(&l, OXL_AUTO, &p, why, sizeof why);
-    for (int g = 0; g < 3; g++) CHECK(l.on && memcmp(l.group[g].shape, p.shape[g], sizeof p.shape[g]) == 0);
 }
 
 /* The left camera has eight training views and a lamp of its own, the right one seven and the lamp of all

@@ -48,6 +48,13 @@
 #define OXL_INTERNAL static
 #endif
 
+/* Declares a constant table ahead of its definition. */
+#ifdef OXL_UNITY
+#define OXL_TABLE static
+#else
+#define OXL_TABLE extern
+#endif
+
 #define OXL_COUNT(array) (sizeof(array) / sizeof *(array))
 #define OXL_MIN(a, b) ((a) < (b) ? (a) : (b))
 #define OXL_MAX(a, b) ((a) > (b) ? (a) : (b))

@@ -4,7 +4,7 @@
  * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its
  * reading back, the command that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option
  * takes
- *   - a row here; `use` names the commands that take it, and states whether the bytes of the result depend on
+ *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the commands that take it, and states whether the bytes of the result depend on
  *   it (RESULT), and where it
  *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
@@ -13,32 +13,14 @@
  * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by
  * oxl_option_set to the same bits. Text does not depend on the locale.
  */
-#include "core.h"
-#include "../../oceanxl_job.h"
+#include "option_rows.h"
 
 #include <errno.h>
-#include <stddef.h>
 
 /* ---------------- the table */
 
-#define OPTION_AT(member) offsetof(oxl_job_options, member)
-#define EACH(text)       \
-    {                    \
-        text, text, text \
-    }
-#define PRESETS(draft, standard, paper) \
-    {                                   \
-        draft, standard, paper          \
-    }
 enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
 #define OPTION_BYTES_MAX 1e15
-#define SURVEY OXL_OPTION_OF_SURVEY
-#define TRAINING OXL_OPTION_OF_TRAINING
-#define RUN OXL_OPTION_OF_RUN
-#define RESULT OXL_OPTION_OF_RESULT
-#define NOT_REFINED OXL_OPTION_NOT_REFINED
-#define ONE_BLOCK OXL_OPTION_ONE_BLOCK
-#define CPU_ONLY OXL_OPTION_CPU_ONLY
 
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
@@ -48,7 +30,6 @@ static const oxl_option OPTIONS[] = {
 {"iterations-for", "N", OXL_OPTION_INT, OPTION_AT(iterations_for), 0, INT_MAX, PRESETS("170", "170", "2800"), OXL_TIER_ADVANCED, TRAINING, "Training", "number of images that the preset's iterations are meant for; with more images they grow in proportion, with few they are at most 700 per image; 0: no such change; --iterations sets 0", NULL},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after this time, e.g. 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians in all blocks together; 0: one per 60 training pixels, at least one per point", NULL},
-{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
 {"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "seed of all random choices; the same seed gives the same bytes; 0 means 1", NULL},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MAX, EACH("0"), OXL_TIER_BASIC, SURVEY | TRAINING | RESULT, "Training", "memory limit, e.g. 4G; number of blocks, image cache and number of Gaussians follow from it; 0: the free memory", NULL},
 {"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT | ONE_BLOCK, "Training", "start from this .ply, .spz or .splat model instead of the points, with the schedule of a whole run", NULL},
@@ -71,24 +52,10 @@ static const oxl_option OPTIONS[] = {
 {"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "cut into about this many blocks, e.g. one per machine; 0: as memory requires", NULL},
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "axes along which blocks are cut; 2d: not the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
 {"cut", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_EXPERT, TRAINING | RESULT, "Blocks", "where blocks are cut; balanced: equal load on both sides, so fewer blocks on uneven surveys; midpoint: the baseline of studies", "split"},
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band, which place more Gaussians there; at equal count -0.6 to +0.3 dB. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights", NULL},
-{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, e.g. 0.5, 400000 or 80MB; auto: as few as preserve the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
-{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit brightness and white balance of each image; auto: if the colours of tracks differ between images", NULL},
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY, "Scene content", "fit a light that moves with the camera: a smooth gain over the image, falloff with distance; auto: if the colours of tracks show it", NULL},
-{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it", NULL},
-{"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it observes", NULL},
-{"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "mask what appears in only one image of a place: fish, divers", "robust"},
-{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "give Gaussians a second, negative lobe (difference of Gaussians): 0 to 0.2 dB at equal bytes after pruning, for 10 to 20 % more time; auto: selective, if validation views gain", NULL},
-{"dog-threshold", "T|PERCENT%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "for --dog selective: mean gradient, in half images, above which a Gaussian gets a lobe; or the percentage that gets none, e.g. 90%", NULL},
-{"dog-from", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.dog_from), 0, 1, EACH("0.55"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "fraction of the run at which lobes are added", NULL},
-{"dog-opacity-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_opacity_factor), 1e-6, 0.999999, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "opacity of a new lobe, relative to its Gaussian", NULL},
-{"dog-scale-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_scale_factor), 1e-3, 1000, EACH("1.6"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "scale of a new lobe, relative to its Gaussian", NULL},
 {"coarse", "auto|FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.coarse), 0, 1, PRESETS("auto", "0", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "train the first FRACTION of the run at half resolution; auto: 0.25 for images of 640 px and more", NULL},
-{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | CPU_ONLY | NOT_REFINED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0 to this; auto: 0.4 with fewer than 30 training views, fewer than 4.6 images per point, in one block, growing from 0 at 30 steps per view to 0.4 at 60", NULL},
 {"cooldown", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.cooldown), 0, 1, EACH("0.2"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "lower all learning rates to a tenth over the last FRACTION of the run; 0: none", "settle"},
 {"short-run-exponent", "E", OXL_OPTION_FLOAT, OPTION_AT(train.short_run_exponent), 0, 1, PRESETS("0.45", "0.45", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "multiply learning rates of geometry by (30000 / n)^E in runs of n < 30000 iterations; 0: off", "haste"},
 {"alpha-min", "ALPHA", OXL_OPTION_FLOAT, OPTION_AT(train.alpha_min), 0, 0.05, EACH("1/255"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Schedule", "omit contributions to a pixel below this in the first 0.8 of the run", NULL},
-{"sh-degree-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "fraction of the run after which the SH degree rises by one", NULL},
 {"lr-position", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_position), 0, 1, EACH("0.00016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of positions at the start, relative to the scene's extent", NULL},
 {"lr-position-final", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_position_final), 0, 1, EACH("0.0000016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of positions at the end; exponential decay in between", NULL},
 {"lr-scale", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.lr_scale), 0, 1, EACH("0.005"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "learning rate of log scales", NULL},
@@ -103,33 +70,25 @@ static const oxl_option OPTIONS[] = {
 {"opacity-reset-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.opacity_reset_interval), 0, 1000, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT | NOT_REFINED, "Density control", "fraction of the run between opacity resets, at least 3000 iterations; none near the end of density control; 0: none", NULL},
 };
 /* clang-format on */
-#undef OPTION_AT
-#undef EACH
-#undef PRESETS
-#undef SURVEY
-#undef TRAINING
-#undef RUN
-#undef RESULT
-#undef NOT_REFINED
-#undef ONE_BLOCK
-#undef CPU_ONLY
 
 int oxl_option_count(void)
 {
-    return (int)OXL_COUNT(OPTIONS);
+    int count = (int)OXL_COUNT(OPTIONS);
+    while (oxl_option_at(count)) count++;
+    return count;
 }
 
 const oxl_option *oxl_option_at(int index)
 {
-    return &OPTIONS[index];
+    return index < (int)OXL_COUNT(OPTIONS) ? &OPTIONS[index] : parts_option(index - (int)OXL_COUNT(OPTIONS));
 }
 
 const oxl_option *oxl_option_find(const char *name)
 {
-    for (size_t i = 0; i < OXL_COUNT(OPTIONS); i++)
-        if (strcmp(OPTIONS[i].name, name) == 0 ||
-            (OPTIONS[i].alias && strcmp(OPTIONS[i].alias + (OPTIONS[i].alias[0] == '='), name) == 0))
-            return &OPTIONS[i];
+    const oxl_option *o;
+    for (int i = 0; (o = oxl_option_at(i)) != NULL; i++)
+        if (strcmp(o->name, name) == 0 || (o->alias && strcmp(o->alias + (o->alias[0] == '='), name) == 0))
+            return o;
     return NULL;
 }
 
@@ -149,8 +108,9 @@ const char *oxl_option_member(const oxl_option *option, char out[40])
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
     oxl_job_options o = {.scene = {.read_images = 1}, .preset = OPTIONS[0].preset[preset]};
-    for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++)
-        if (OPTIONS[i].preset[preset]) oxl_option_set(&OPTIONS[i], &o, OPTIONS[i].preset[preset], NULL, 0);
+    const oxl_option *row;
+    for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
+        if (row->preset[preset]) oxl_option_set(row, &o, row->preset[preset], NULL, 0);
     return o;
 }
 
@@ -595,8 +555,9 @@ static const char *option_off(const oxl_option *o)
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
 {
     oxl_job_options job = {.train = *train};
-    for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++)
-        if (OPTIONS[i].use & flag) oxl_option_set(&OPTIONS[i], &job, option_off(&OPTIONS[i]), NULL, 0);
+    const oxl_option *row;
+    for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
+        if (row->use & flag) oxl_option_set(row, &job, option_off(row), NULL, 0);
     *train = job.train;
 }
 
@@ -605,10 +566,11 @@ oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *option
 {
     oxl_job_options read = *options;
     char text[128], error[400];
-    for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++) {
-        if (OPTIONS[i].kind == OXL_OPTION_TEXT) continue;
-        oxl_option_get(&OPTIONS[i], options, text, sizeof text);
-        if (oxl_option_set(&OPTIONS[i], &read, text, error, sizeof error) != OXL_OK)
+    const oxl_option *row;
+    for (int i = 1; (row = oxl_option_at(i)) != NULL; i++) {
+        if (row->kind == OXL_OPTION_TEXT) continue;
+        oxl_option_get(row, options, text, sizeof text);
+        if (oxl_option_set(row, &read, text, error, sizeof error) != OXL_OK)
             return oxl_fail(ctx, OXL_ERR_USAGE, "%s", error);
     }
     return OXL_OK;

@@ -76,10 +76,9 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double cache =
         image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
-    const double depths =
-        o->train.medium == OXL_OFF ? 0 : track_depth_bytes((double)load->observations, load->views);
+    const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
     /* sets of planes: parameters and two moments; a trial holds three copies */
-    const int sets = schedule_has_trials(&o->train) ? 9 : 3;
+    const int sets = parts_trials(&o->train) > 0 ? 9 : 3;
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
            gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +

@@ -8,6 +8,7 @@
  */
 #include "sparse.h"
 #include "image.h"
+#include "image_header.h"
 #include "../core/codec.h"
 #include "../core/simd.h"
 

@@ -17,17 +17,6 @@ OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *widt
 /* Fails unless the file's size is the camera's, reduced or enlarged: not cropped or rotated. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from);
-/* image_header.c: from the first bytes of a file. */
-struct image_header {
-    int width, height;
-    int bits;        /* of a channel */
-    int orientation; /* EXIF: 1 upright, 5 to 8 turned by a quarter */
-};
-#define IMAGE_SHAPE_ERROR 0.01 /* by which ratios of sides may differ */
-OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, struct image_header *out);
-OXL_INTERNAL int image_has_shape(int width, int height, int wanted_width, int wanted_height);
-/* Turns pixels by a quarter as the orientation says: 5 to 8; others stay. */
-OXL_INTERNAL oxl_result image_turn(oxl_context *ctx, struct pixels *p, int channels, int orientation);
 OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p);
 
 /* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 used, 0 masked). */

@@ -4,7 +4,7 @@
  *
  * Invariant: nothing here decodes, so that a survey of one camera an image costs one short read each.
  */
-#include "image.h"
+#include "image_header.h"
 
 enum {
     HEADER_BYTES = 1 << 16, /* read of a file: markers and EXIF data are near its start */

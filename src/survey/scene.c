@@ -28,6 +28,12 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
     return stats_quantile(scene->depth, scene->depth_count, quantile);
 }
 
+OXL_INTERNAL double scene_depth_span(const oxl_scene *scene)
+{
+    const double nearest = scene_depth_quantile(scene, 0.1), farthest = scene_depth_quantile(scene, 0.9);
+    return nearest > 0 ? farthest / nearest : 1;
+}
+
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
 {
     return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01)

@@ -92,6 +92,10 @@ OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view);
 /* camera z of points in training views */
 OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile);
+/* Ratio of the depths' 0.9 to their 0.1 quantile; 1 without points. */
+OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
+/* Below this ratio a medium is not identifiable, and `auto` is off (docs/IMAGING.md). */
+#define SCENE_DEPTH_SPAN_MIN 2
 /* from the depths, since COLMAP's scale is arbitrary */
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
 /* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:

@@ -5,6 +5,7 @@
  */
 #include "sparse.h"
 #include "image.h"
+#include "image_header.h"
 #include "scene.h"
 #include "survey.h"
 

@@ -3,6 +3,7 @@
  *
  * Invariant: nothing that is trained changes.
  */
+#include "image_header.h"
 #include "lint.h"
 #include "scene.h"
 

@@ -1,61 +1,45 @@
-/* branch.c - copies of the training state: a trial continues from one state with several settings, and one
- * result is kept. */
-#include "train_state.h"
+/* branch.c - keeps the training state in memory, so that a trial continues from one state with several
+ * settings, and one result is kept. */
+#include "parts_calls.h"
+
+/* Lists the state that a step changes, for trials and, with what else is saved, for checkpoints. */
+OXL_INTERNAL void branch_archive(struct archive *a, struct train *t)
+{
+    size_t views = (size_t)t->views;
+    archive_int(a, &t->step);
+    archive_doubles(a, &t->loss, 1);
+    archive_doubles(a, &t->psnr, 1);
+    archive_size(a, &views);
+    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations);
+    archive_expect(a, views <= (size_t)schedule_training_views(t->scene));
+    if (a->rc == OXL_OK) archive_ints(a, t->view, views);
+    for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
+    for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
+    density_archive(a, t->density, t->trained.model.count);
+    parts_archive(a, t, 1);
+    if (a->reading && a->rc == OXL_OK) t->views = (int)views;
+}
+
+static void branch_state(struct archive *a, void *user)
+{
+    branch_archive(a, user);
+}
 
 OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
 {
-    model_trained_free(t->ctx, &b->trained);
-    density_free(t->ctx, b->density);
-    exposure_free(t->ctx, &b->exposure);
-    oxl_free(t->ctx, b->view);
+    oxl_free(t->ctx, b->memory.data);
     *b = (struct train_branch){0};
 }
 
-OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
+OXL_INTERNAL oxl_result branch_save(struct train *t, struct train_branch *out)
 {
-    oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
-    *out = (struct train_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
-    out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->validation_views + 1, sizeof *out->view);
-    if (!out->view)
-        return oxl_fail(t->ctx, OXL_ERR_MEMORY,
-                        "no memory for a trial\nfix: --sh-degree and --dog by name need none");
-    memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->trained.model.count, &out->density);
-    for (int k = 0; rc == OXL_OK && k < TRAINED_PARTS; k++)
-        rc = model_copy(t->ctx, model_trained_part(&t->trained, k), model_trained_part(&out->trained, k));
-    out->medium_fit = t->medium_fit;
-    out->lamp = t->lamp;
-    out->ucd = t->ucd;
-    if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
-    return rc;
+    const oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
+    return rc == OXL_OK ? archive_to_memory(t->ctx, &out->memory, branch_state, t) : rc;
 }
 
-OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
+OXL_INTERNAL oxl_result branch_load(struct train *t, struct train_branch *b)
 {
     const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
-    if (rc != OXL_OK) return rc;
-    OXL_SWAP(struct trained_model, t->trained, b->trained);
-    OXL_SWAP(struct density *, t->density, b->density);
-    OXL_SWAP(int *, t->view, b->view);
-    OXL_SWAP(int, t->views, b->views);
-    OXL_SWAP(int, t->step, b->step);
-    OXL_SWAP(double, t->loss, b->loss);
-    OXL_SWAP(double, t->psnr, b->psnr);
-    OXL_SWAP(struct exposure, t->exposure, b->exposure);
-    OXL_SWAP(struct medium_fit, t->medium_fit, b->medium_fit);
-    OXL_SWAP(struct lamp_fit, t->lamp, b->lamp);
-    OXL_SWAP(struct ucd, t->ucd, b->ucd);
-    return OXL_OK;
-}
-
-/* Copies `start` to t, and the former state of t to `other`. */
-OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start,
-                                       struct train_branch *other)
-{
-    oxl_result rc;
-    branch_free(t, other);
-    rc = branch_swap(t, start);
-    if (rc != OXL_OK) return rc;
-    *other = *start;
-    return branch_copy(t, start);
+    return rc == OXL_OK ? archive_from_memory(t->ctx, &b->memory, branch_state, t) : rc;
 }

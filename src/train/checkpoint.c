@@ -12,7 +12,7 @@
  * the new one, flushed to disk, is renamed to checkpoint.oxl (os_writer_close in os.c). A crash between the
  * two renames leaves checkpoint.prev.oxl.
  */
-#include "train_parts.h"
+#include "train_tools.h"
 
 #include <errno.h>
 
@@ -64,6 +64,15 @@ static void archive_write(struct archive *a, const unsigned char *data, size_t c
     }
 }
 
+static void archive_write_memory(struct archive *a, const unsigned char *data, size_t bytes)
+{
+    struct archive_memory *m = a->memory;
+    a->rc = oxl_reserve(a->ctx, &m->data, &m->capacity, m->size + bytes, 1);
+    if (a->rc != OXL_OK || bytes == 0) return;
+    memcpy(m->data + m->size, data, bytes);
+    m->size += bytes;
+}
+
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 {
     if (a->reading && a->rc == OXL_OK && count > a->left / size)
@@ -74,6 +83,11 @@ OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size)
 static void archive_read(struct archive *a, unsigned char *data, size_t count, size_t size)
 {
     if (!archive_fits(a, count, size)) return;
+    if (a->memory) {
+        if (count > 0) memcpy(data, a->memory->data + a->memory->size - a->left, count * size);
+        a->left -= count * size;
+        return;
+    }
     if (fread(data, size, count, a->file) != count) archive_fail(a, OXL_ERR_IO, "cannot be read");
     for (size_t i = 0; i < count; i++) archive_swap(data + i * size, size);
     a->left -= count * size;
@@ -83,6 +97,7 @@ static void archive_numbers(struct archive *a, void *data, size_t count, size_t 
 {
     if (a->rc != OXL_OK) return;
     if (a->reading) archive_read(a, data, count, size);
+    else if (a->memory) archive_write_memory(a, data, count * size);
     else archive_write(a, data, count, size);
 }
 
@@ -126,7 +141,7 @@ OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count)
 
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so)
 {
-    if (a->reading && !is_so)
+    if (a->reading && !is_so && !a->memory)
         archive_fail(a, OXL_ERR_INPUT,
                      "holds invalid numbers\nfix: remove this file and run again; the run starts again");
 }
@@ -169,6 +184,23 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
         archive_floats(a, model->plane[k], lobes);
     for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++)
         archive_expect(a, model_row_is_finite(model, i));
+}
+
+OXL_INTERNAL oxl_result archive_to_memory(oxl_context *ctx, struct archive_memory *memory,
+                                          checkpoint_state *state, void *user)
+{
+    struct archive a = {.ctx = ctx, .path = "memory", .memory = memory};
+    memory->size = 0;
+    state(&a, user);
+    return a.rc;
+}
+
+OXL_INTERNAL oxl_result archive_from_memory(oxl_context *ctx, struct archive_memory *memory,
+                                            checkpoint_state *state, void *user)
+{
+    struct archive a = {.ctx = ctx, .path = "memory", .memory = memory, .reading = 1, .left = memory->size};
+    state(&a, user);
+    return a.rc;
 }
 
 /* ---------------- writing */

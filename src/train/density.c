@@ -13,7 +13,7 @@
  * out of view are skipped);
  * once rows have a second lobe none may split, so those stay first. A row with a nonfinite number is removed.
  */
-#include "train_parts.h"
+#include "train_tools.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 

@@ -18,7 +18,7 @@
  *
  * Invariant: trained models are finite, and all interventions are reported.
  */
-#include "train_parts.h"
+#include "train_tools.h"
 #include "../core/json.h"
 
 #include <stddef.h>

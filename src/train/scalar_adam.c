@@ -2,7 +2,7 @@
  *
  * exposure_fit.c has its own, with other decay rates and float moments.
  */
-#include "train_parts.h"
+#include "train_tools.h"
 #include "../core/vecmath.h"
 
 #define SCALAR_ADAM_EPSILON 1e-15 /* against division by 0, as of the Gaussians (adam.c) */

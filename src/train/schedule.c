@@ -25,14 +25,6 @@
 /* rates other than of positions begin larger by this power of a short run's factor */
 #define SCHEDULE_EARLY_EXPONENT 0.5
 #define SCHEDULE_EARLY_UNTIL 0.5 /* of the run: until then those rates are larger */
-/* fraction of Gaussians left out in the last step (docs/TRADEOFF.md) */
-#define SCHEDULE_DROPOUT_AUTO 0.4
-/* images that see a point, on average: with as many, no dropout, which would cost detail */
-#define SCHEDULE_DROPOUT_IMAGES 4.6
-/* training views: with as many there is no dropout, for the same reason */
-#define SCHEDULE_DROPOUT_VIEWS 30
-/* epochs: a run of so many has no dropout, one of twice as many all of it */
-#define SCHEDULE_DROPOUT_EPOCHS 30
 /* of the run: alpha_min holds until then, ALPHA_MIN from then on */
 #define SCHEDULE_ALPHA_MIN_UNTIL 0.8
 #define SCHEDULE_COOLDOWN_END 0.1 /* factor on the learning rates at the end of a run */
@@ -83,16 +75,6 @@ static double schedule_cooldown(const struct train *t)
 OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 {
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
-}
-
-OXL_INTERNAL double schedule_dropout_rate(const oxl_train_options *o, const oxl_scene *scene)
-{
-    const double images = scene->stats.mean_track;
-    const int views = schedule_training_views(scene);
-    const double epochs = (double)o->iterations / OXL_MAX(views, 1);
-    if (o->dropout >= 0) return o->dropout;
-    if (images <= 0 || images >= SCHEDULE_DROPOUT_IMAGES || views >= SCHEDULE_DROPOUT_VIEWS) return 0;
-    return SCHEDULE_DROPOUT_AUTO * OXL_CLAMP(epochs / SCHEDULE_DROPOUT_EPOCHS - 1, 0, 1);
 }
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
@@ -155,11 +137,6 @@ OXL_INTERNAL int schedule_densifications(const oxl_train_options *options)
     int count = 0;
     for (int step = 1; step <= options->iterations; step++) count += schedule_densifies_at(options, step);
     return count;
-}
-
-OXL_INTERNAL int schedule_has_trials(const oxl_train_options *o)
-{
-    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO;
 }
 
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *o, int width, int height)

@@ -1,12 +1,11 @@
 /* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and
  * pruning. */
-#include "train_state.h"
+#include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
 #define STEP_ORDER (UINT64_C(0x5649455753) << 24) /* random numbers of the views' order: "VIEWS" in ASCII */
-#define STEP_DROPOUT (UINT64_C(0x44524f50) << 24) /* random numbers of dropout: "DROP" in ASCII */
 /* views of the epoch looked at for images to read ahead: many may be in memory already */
 #define STEP_READ_AHEAD 64
 #define STEP_MSE_MIN 1e-10 /* 100 dB: PSNR of equal images in progress reports */
@@ -32,8 +31,7 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
     return t->step <= fraction * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
-/* The part of a view that this step compares; NULL: all of it. */
-static const struct image_window *step_window(const struct train *t, int view)
+OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view)
 {
     return t->output && t->output->window ? &t->output->window[view] : NULL;
 }
@@ -75,19 +73,13 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
     return OXL_OK;
 }
 
-/* 1: the target is on the host, for transients and a lamp. */
-static int step_loss_on_host(const struct train *t)
-{
-    return t->transients.points > 0 || t->lamp.on;
-}
-
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
     const struct image_window *window = step_window(t, view);
     const struct training_image *image;
     oxl_result rc = OXL_ERR_MEMORY;
     t->halved = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    if (step_loss_on_host(t)) return step_load_image_on_host(t, view);
+    if (parts_needs(t) & PART_NEEDS_HOST) return step_load_image_on_host(t, view);
     if (renderer_has_image(t->renderer, view))
         rc = renderer_set_image(t->ctx, t->renderer, view, NULL, window, t->halved);
     if (rc != OXL_ERR_MEMORY) return rc; /* else the CPU continues, and needs the image */
@@ -123,69 +115,37 @@ static oxl_result step_next_image(struct train *t, int *view)
         "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
-/* What the image has and the scene has not. */
-static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera)
-{
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    const float *rendered = NULL;
-    oxl_result rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
-    if (rc == OXL_OK) {
-        const struct transients_view view = {camera,   t->render.near_plane, rendered, t->target, t->weight,
-                                             t->masked};
-        rc = transients_mask(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
-    }
-    t->masked = 1;
-    return rc;
-}
-
-static void step_gain(const struct train *t, int view, float gain[3])
-{
-    if (t->exposure.of.on) imaging_gain(&t->exposure.of, view, gain);
-}
-
 /* The step that comes, on a view. */
-static struct train_deferred step_begin(struct train *t, int view)
+static struct train_deferred step_begin(struct train *t, int view, int learns)
 {
-    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
-    exposure_apply_pending(&t->exposure, t->step - 2);
-    step_gain(t, view, step.gain);
+    struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
+    parts_set_gain(t, &step, learns);
     return step;
 }
 
 OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 {
-    struct imaging m = {.medium = medium_fit_value(&t->medium_fit)};
-    lamp_store(&t->lamp, &m);
+    struct imaging m = {0};
+    parts_form_image(t, &m);
     return m;
 }
 
-/* Of the view's camera; NULL: none. */
-static const struct lamp *step_lamp(const struct train *t, int view)
-{
-    const int which = t->lamp.on ? imaging_find_lamp(t->scene, t->lamp.group, t->lamp.groups, view) : -1;
-    return which < 0 ? NULL : &t->lamp.group[which];
-}
-
-/* The model rendered from a view, times its gain, against its image as step_load_image has left it. */
-static oxl_result step_forward_loss(struct train *t, int view, const float gain[3], int learns,
-                                    struct renderer_loss *loss)
+/* Renders the model, times the view's gain, and compares it with its image as step_load_image has left it. */
+static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct renderer_loss *loss)
 {
     const float ssim_weight = t->options->ssim_weight;
-    const oxl_camera camera = step_camera(t, view);
-    const struct imaging m = step_imaging(t);
     oxl_result rc;
-    renderer_set_medium(t->renderer, &m.medium, learns && !t->medium_fit.fixed);
-    renderer_set_lamp(t->renderer, step_lamp(t, view));
-    if (learns)
-        renderer_set_dropout(t->renderer, t->dropout * t->step / t->options->iterations,
-                             STEP_DROPOUT ^ t->ctx->options.seed, t->step);
-    rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &camera, &t->render);
-    renderer_set_dropout(t->renderer, 0, 0, 0);
-    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
-    if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
+    v->camera = step_camera(t, v->view);
+    v->imaging = step_imaging(t);
+    v->imaging_learns = v->learns;
+    rc = parts_before_render(t, v);
     if (rc != OXL_OK) return rc;
-    if (step_loss_on_host(t))
+    renderer_set_medium(t->renderer, &v->imaging.medium, v->imaging_learns);
+    rc = renderer_forward(t->ctx, t->renderer, &t->trained.model, &v->camera, &t->render);
+    renderer_set_gain(t->renderer, v->step->has_gain ? v->step->gain : NULL);
+    if (rc == OXL_OK) rc = parts_after_render(t, v);
+    if (rc != OXL_OK) return rc;
+    if (parts_needs(t) & PART_NEEDS_HOST)
         return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
@@ -193,9 +153,9 @@ static oxl_result step_forward_loss(struct train *t, int view, const float gain[
 /* Evaluation with the full loss. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss)
 {
-    float gain[3];
-    step_gain(t, view, gain);
-    return step_forward_loss(t, view, gain, 0, loss);
+    struct train_deferred step = step_begin(t, view, 0);
+    struct part_view v = {.view = view, .step = &step};
+    return step_forward_loss(t, &v, loss);
 }
 
 /* A loss that is not finite: the step is left out. */
@@ -219,68 +179,37 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
     const double psnr =
         -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
     const double k = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
-    const struct exposure_gradient gradient = {
-        .step = of->step,
-        .view = of->view,
-        .progress = (double)of->step / t->options->iterations,
-        .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
-    exposure_set_pending(&t->exposure, &gradient);
-    if (!renderer_has_device(t->renderer)) exposure_apply_pending(&t->exposure, of->step);
+    parts_after_loss(t, of, loss);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
                       renderer_has_device(t->renderer) ? NULL : &t->trained);
     t->last_loss = loss->total;
-    if (!of->is_trial) prune_observe(&t->prune, of->step, loss->l1);
     t->loss += k * (loss->total - t->loss);
     t->psnr += k * (psnr - t->psnr);
-}
-
-/* The tracks' depths of a view, at this step's window and resolution, for the backward pass. */
-OXL_INTERNAL oxl_result step_set_depths(struct train *t, int view, double progress)
-{
-    const struct image_window *w = step_window(t, view);
-    const float side = t->halved ? 0.5f : 1;
-    struct depth_point point[DEPTH_POINTS];
-    int count = 0;
-    double weight;
-    oxl_result rc = OXL_OK;
-    if (!t->track_depth.started)
-        rc = track_depth_begin(t->ctx, &t->track_depth, t->scene, t->output ? t->output->window : NULL);
-    if (rc != OXL_OK) return rc;
-    weight = track_depth_of_step(&t->track_depth, view, t->step, progress, &count, point);
-    for (int i = 0; i < count; i++) {
-        point[i].x = side * (point[i].x - (float)(w ? w->x : 0));
-        point[i].y = side * (point[i].y - (float)(w ? w->y : 0));
-    }
-    renderer_set_depths(t->renderer, point, count, weight);
-    return OXL_OK;
 }
 
 /* Forward, loss, backward, step. Deferred, they are only recorded: what becomes of them is in the step's
  * report. */
 OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
 {
-    const double progress = (double)t->step / t->options->iterations;
-    const int view = here->view;
-    const struct lamp *lamp = step_lamp(t, view);
+    struct train_deferred step = *here;
+    struct part_view v = {
+        .view = here->view, .learns = 1, .progress = (double)t->step / t->options->iterations, .step = &step};
     struct adam_params adam;
     struct renderer_loss loss;
     struct renderer_nonfinite skipped;
     oxl_result rc;
     if (!deferred) t->last_loss = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
-    rc = step_forward_loss(t, view, here->gain, 1, &loss);
+    rc = step_forward_loss(t, &v, &loss);
     if (rc != OXL_OK) return rc;
-    if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, view);
-    if (t->medium_fit.on) rc = step_set_depths(t, view, progress);
+    if (!deferred && !(loss.total <= DBL_MAX)) return step_skip(t, t->step, v.view);
+    rc = parts_before_backward(t, &v);
     if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     adam = schedule_adam_params(t);
     rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
-    if (t->medium_fit.on) medium_fit_step(&t->medium_fit, progress, renderer_medium_gradient(t->renderer));
-    if (lamp)
-        lamp_step(&t->lamp, lamp, progress, renderer_lamp_gradient(t->renderer),
-                  renderer_medium_gradient(t->renderer)[MEDIUM_FALLOFF]);
+    parts_after_backward(t, &v);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
@@ -290,22 +219,22 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
 /* Nothing between the passes is the host's. */
 static int step_can_be_deferred(const struct train *t)
 {
-    return renderer_has_device(t->renderer) && !step_loss_on_host(t) && !t->medium_fit.on;
+    return renderer_has_device(t->renderer) && !parts_needs(t);
 }
 
 /* A deferred step that halted, or came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
 {
-    const int step = t->step, trial = t->trial_is_next;
+    const int step = t->step, is_trial = t->is_trial;
     oxl_result rc;
     t->step = which->step;
-    t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
+    t->is_trial = which->is_trial;
     rc = step_load_image(t, which->view);
     if (rc == OXL_OK) rc = step_on_view(t, which, 0);
     if (rc == OXL_OK && which->observed)
         rc = density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
     t->step = step;
-    t->trial_is_next = trial;
+    t->is_trial = is_trial;
     return rc;
 }
 
@@ -381,15 +310,13 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     oxl_result rc = deferred ? OXL_OK : step_flush(t);
     if (rc == OXL_OK) rc = step_next_image(t, &view);
     if (rc != OXL_OK && view < 0) return rc;
-    here = step_begin(t, view);
+    here = step_begin(t, view, 1);
     if (rc == OXL_OK) rc = deferred ? step_deferred(t, &here) : step_on_view(t, &here, 0);
     return rc == OXL_ERR_MEMORY && deferred ? step_retry_after_flush(t, &here) : rc;
 }
 
-/* On a device: the rows that density control has decided on, or (change NULL) those that stay (keep NULL:
- * all), to a model of this degree. */
-static oxl_result step_move_rows(struct train *t, const struct density_change *change, const uint8_t *keep,
-                                 int sh_degree, int *moved)
+OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_change *change,
+                                       const uint8_t *keep, int sh_degree, int *moved)
 {
     const size_t count = t->trained.model.count + (change ? change->split - change->removed : 0);
     uint32_t *from = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
@@ -405,24 +332,22 @@ static oxl_result step_move_rows(struct train *t, const struct density_change *c
     return rc;
 }
 
-OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
+OXL_INTERNAL oxl_result step_densify(struct train *t)
 {
     const oxl_train_options *o = t->options;
     struct density_rules rules = {.gradient = o->densify_gradient,
-                                  .f_mid = f[0],
-                                  .f_far = f[1],
+                                  .f_mid = 1,
+                                  .f_far = 1,
                                   .extent = oxl_scene_extent(t->scene),
                                   .split_large =
                                       o->opacity_reset_interval > 0 && t->step > schedule_reset_interval(o),
                                   .cap = schedule_gaussian_cap(t->scene, o)};
     struct density_change change = {0};
-    uint8_t *carved = NULL;
     int moved = 0;
     oxl_result rc = step_download(t, DOWNLOAD_SHAPE);
-    if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, &t->trained.model, &carved);
-    rules.carved = carved;
+    if (rc == OXL_OK) rc = parts_before_density(t, &rules);
     if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, &t->trained.model, &rules, &change);
-    oxl_free(t->ctx, carved);
+    parts_after_density(t);
     if (rc == OXL_OK && change.removed + change.split > 0)
         rc = step_move_rows(t, &change, NULL, t->trained.model.sh_degree, &moved);
     if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, &t->trained, &change, moved);
@@ -436,59 +361,6 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split,
             change.removed, t->trained.model.count);
     return OXL_OK;
-}
-
-/* Gaussians, with their moments and statistics. */
-static oxl_result step_remove_rows(struct train *t, size_t drop)
-{
-    const struct prune_of of = {t->renderer, t->scene, &t->render, &t->trained.model};
-    const size_t count = t->trained.model.count;
-    uint8_t *keep = oxl_alloc(t->ctx, count, sizeof *keep);
-    int moved = 0;
-    oxl_result rc =
-        keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
-    if (rc == OXL_OK) rc = step_flush(t);
-    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, &of, drop, keep);
-    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
-    if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->trained.model.sh_degree, &moved);
-    if (rc == OXL_OK) {
-        for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&t->trained, k), keep);
-        density_keep_rows(t->density, keep, count);
-    }
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
-    oxl_free(t->ctx, keep);
-    return rc;
-}
-
-/* Pruning, when it is due. validation_loss: mean loss of the validation views; only --keep auto reads it. */
-OXL_INTERNAL oxl_result step_prune(struct train *t, double validation_loss)
-{
-    size_t drop;
-    oxl_result rc;
-    t->prune.row_bytes = prune_row_bytes(t->trained.model.sh_degree, t->options->dog != OXL_DOG_OFF);
-    drop = prune_due(&t->prune, t->step, t->trained.model.count, validation_loss);
-    if (drop == 0) return OXL_OK;
-    rc = step_remove_rows(t, drop);
-    if (rc == OXL_OK)
-        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step,
-                drop, t->trained.model.count);
-    return rc;
-}
-
-/* Raises the SH degree by one after each sh_degree_interval of the run, up to t->sh_degree. */
-OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
-{
-    const int wanted =
-        OXL_MIN(t->sh_degree,
-                (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + STEP_ROUNDING));
-    int moved = 0;
-    oxl_result rc = OXL_OK;
-    if (wanted <= t->trained.model.sh_degree) return OXL_OK;
-    rc = step_download(t, DOWNLOAD_SHAPE);
-    if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
-    if (rc == OXL_OK) rc = model_trained_set_degree(t->ctx, &t->trained, wanted);
-    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
-    return rc;
 }
 
 OXL_INTERNAL double step_seconds(const struct train *t)
@@ -505,13 +377,14 @@ OXL_INTERNAL int step_report(const struct train *t, int trial)
                              .gaussians = t->trained.model.count,
                              .loss = t->loss,
                              .psnr = t->psnr,
-                             .f_mid = t->ucd.on ? t->ucd.f[0] : 1,
-                             .f_far = t->ucd.on ? t->ucd.f[1] : 1,
+                             .f_mid = 1,
+                             .f_far = 1,
                              .seconds = seconds,
                              .seconds_left = here / OXL_MAX(1, t->step - t->first_step) *
                                              (t->options->iterations - t->step),
                              .model = &t->trained.model,
                              .nonfinite = t->nonfinite,
                              .trial = trial};
+    parts_report(t, &progress);
     return context_report(callback, &progress);
 }

@@ -49,8 +49,6 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training 
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
-/* 1: trials, which copy the model, are possible */
-OXL_INTERNAL int schedule_has_trials(const oxl_train_options *options);
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
 
 /* ---------------- model_selection.c: trials */
@@ -71,8 +69,12 @@ OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
 OXL_INTERNAL void checkpoint_remove(const char *folder, int others);  /* others: also NAME.other */
 
-/* ---------------- track_depth.c: depths from the tracks */
+/* ---------------- parts.c: all parts of training, from the options alone */
 
-OXL_INTERNAL double track_depth_bytes(double observations, int views); /* upper bound of the memory */
+OXL_INTERNAL oxl_result parts_check(oxl_context *ctx, const oxl_train_options *options);
+/* Upper bound of the trials that a run makes, in lengths of a trial. */
+OXL_INTERNAL int parts_trials(const oxl_train_options *options);
+/* Upper bound of the parts' memory for so many observations of tracks in so many views. */
+OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observations, int views);
 
 #endif

@@ -3,7 +3,7 @@
  *
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
-#include "train_state.h"
+#include "parts_calls.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 #include "../survey/scene_alpha.h"
@@ -101,22 +101,6 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
-/* Depth weights and pruning. */
-static oxl_result train_begin_control(struct train *t)
-{
-    const oxl_train_options *o = t->options;
-    const int until = (int)(o->densify_until * o->iterations), views = schedule_training_views(t->scene);
-    char words[320];
-    oxl_result rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd);
-    if (rc != OXL_OK) return rc;
-    ucd_describe(&t->ucd, words, sizeof words);
-    if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
-    if (t->ucd.on)
-        rc = density_set_bands(t->ctx, t->density, t->trained.model.count, t->ucd.z_near, t->ucd.z_far);
-    prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(3, o->dog != OXL_DOG_OFF));
-    return rc;
-}
-
 static oxl_result train_begin_moments(struct train *t)
 {
     struct trained_model *given = t->output ? t->output->moments : NULL;
@@ -126,22 +110,12 @@ static oxl_result train_begin_moments(struct train *t)
     return OXL_OK;
 }
 
-/* A device renders all Gaussians. */
-static oxl_result train_begin_dropout(struct train *t)
-{
-    const int device = renderer_has_device(t->renderer);
-    t->dropout = device && t->options->dropout < 0 ? 0 : schedule_dropout_rate(t->options, t->scene);
-    if (!device || !(t->dropout > 0)) return OXL_OK;
-    return oxl_fail(t->ctx, OXL_ERR_USAGE,
-                    "a device does not leave out Gaussians\nfix: --dropout auto, or --backend cpu");
-}
-
 OXL_INTERNAL oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
-    const int continued = t->output && t->output->start;
     oxl_result rc = train_first_model(t);
     if (rc != OXL_OK) return rc;
+    t->continues = t->output && t->output->start;
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     t->render = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
@@ -152,36 +126,21 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->output ? t->output->context : NULL);
     if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
-    if (rc == OXL_OK) rc = train_begin_dropout(t);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
-    if (rc != OXL_OK) return rc;
-    rc = train_begin_control(t);
-    if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
-    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, continued);
-    if (rc == OXL_OK && t->options->medium != OXL_OFF)
-        medium_fit_begin(&t->medium_fit, t->scene, continued ? &t->scene->imaging.medium : NULL);
-    if (rc == OXL_OK && t->options->lamp != OXL_OFF)
-        lamp_begin(&t->lamp, t->scene, t->options->medium, continued ? &t->scene->imaging : NULL);
-    /* a block sees a part of each image */
-    t->lamp.frozen = t->output && (t->output->frozen || t->output->context);
-    if (t->output && t->output->frozen) t->exposure.known_until = 2;
-    if (rc == OXL_OK && !continued) rc = train_imaging_begin(t);
-    if (rc == OXL_OK && continued) medium_fit_scale_colours(&t->medium_fit, 0, &t->trained.model);
-    if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
+    if (rc == OXL_OK) rc = parts_create(t);
+    if (rc == OXL_OK) rc = parts_begin(t);
+    if (rc == OXL_OK && !t->continues) rc = train_imaging_begin(t);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
 
 OXL_INTERNAL void train_end(struct train *t)
 {
     oxl_context *ctx = t->ctx;
+    parts_free(t);
     model_trained_free(ctx, &t->trained);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
-    transients_free(ctx, &t->transients);
-    exposure_free(ctx, &t->exposure);
-    free_space_free(ctx, &t->free_space);
-    track_depth_free(ctx, &t->track_depth);
     OXL_FREE(ctx, t->target, t->weight, t->view, t->validation);
     text_free(&t->decisions);
 }
@@ -206,39 +165,19 @@ static int train_are_nonnegative(const oxl_model *square)
 OXL_INTERNAL void train_archive(struct archive *a, void *user)
 {
     struct train *t = user;
-    size_t views = (size_t)t->views;
     double spent = step_seconds(t);
-    archive_int(a, &t->step);
-    archive_doubles(a, &t->loss, 1);
-    archive_doubles(a, &t->psnr, 1);
-    archive_doubles(a, &spent, 1);
-    nonfinite_archive(a, &t->nonfinite);
-    archive_size(a, &views);
-    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations);
-    archive_expect(a, views <= (size_t)schedule_training_views(t->scene));
-    if (a->rc == OXL_OK) archive_ints(a, t->view, views);
-    for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
-        archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
-    for (int k = 0; k < TRAINED_PARTS; k++) archive_model(a, model_trained_part(&t->trained, k));
+    branch_archive(a, t);
     archive_expect(a, t->trained.model.count > 0 && train_same_shape(&t->trained.model, &t->trained.mean) &&
                           train_same_shape(&t->trained.model, &t->trained.square));
     if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_nonnegative(&t->trained.square));
-    density_archive(a, t->density, t->trained.model.count);
-    ucd_archive(a, &t->ucd);
-    prune_archive(a, &t->prune);
-    transients_archive(a, &t->transients);
-    exposure_archive(a, &t->exposure);
-    medium_fit_archive(a, &t->medium_fit, t->options->medium != OXL_OFF);
-    lamp_archive(a, &t->lamp, t->options->lamp != OXL_OFF);
+    archive_doubles(a, &spent, 1);
+    nonfinite_archive(a, &t->nonfinite);
+    parts_archive(a, t, 0);
     selection_archive(a, t);
-    archive_expect(a,
-                   /* those held come back to `view` */
-                   views + (size_t)t->validation_views <= (size_t)schedule_training_views(t->scene));
+    archive_expect(a, t->views + t->validation_views <= schedule_training_views(t->scene));
     archive_text(a, t->output->log);
     archive_text(a, t->output->notes);
-    if (!a->reading || a->rc != OXL_OK) return;
-    t->views = (int)views;
-    t->seconds = spent;
+    if (a->reading && a->rc == OXL_OK) t->seconds = spent;
 }
 
 static oxl_result train_save(struct train *t)
@@ -277,46 +216,26 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
 {
     const oxl_train_options *o = t->options;
     oxl_result rc = OXL_OK;
-    double f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
-    if (t->ucd.learns) rc = step_flush(t); /* it sums this step's loss */
-    if (rc != OXL_OK) return rc;
-    ucd_observe(&t->ucd, t->last_loss);
-    rc = step_observe(t);
-    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
-        ucd_weights(&t->ucd, t->trained.model.count, f);
-        rc = step_densify(t, f);
-    }
+    rc = parts_before_observe(t);
+    if (rc == OXL_OK) rc = step_observe(t);
+    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) rc = step_densify(t);
     if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
     rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc != OXL_OK) return rc;
     density_reset_opacity(&t->trained, t->render.alpha_min);
-    ucd_restart(&t->ucd);
+    parts_after_reset(t);
     return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
-}
-
-static oxl_result train_prune(struct train *t)
-{
-    double validation = NAN, psnr;
-    oxl_result rc = OXL_OK;
-    if (!prune_is_check_step(&t->prune, t->step)) return OXL_OK;
-    rc = step_flush(t);
-    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
-        rc = selection_validate(t, &validation, &psnr);
-    return rc == OXL_OK ? step_prune(t, validation) : rc;
 }
 
 /* The passes over the view's image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
-    oxl_result rc = step_raise_sh_degree(t);
+    oxl_result rc = parts_before_step(t);
     if (rc == OXL_OK) rc = step_on_next_view(t);
     if (rc == OXL_OK) rc = train_density(t);
-    /* it reads the step's statistics, a row each: before rows go */
-    if (rc == OXL_OK) rc = selection_lobes(t);
-    if (rc == OXL_OK) rc = train_prune(t);
-    if (rc == OXL_OK) rc = train_imaging_start_medium(t);
-    if (rc == OXL_OK) selection_sh_degree(t);
+    if (rc == OXL_OK) rc = parts_after_step(t);
+    if (rc == OXL_OK) selection_release_views(t);
     return rc;
 }
 
@@ -324,13 +243,8 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
 
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
-    if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
-        return oxl_fail(
-            ctx, OXL_ERR_USAGE,
-            "second lobes from %g of the run: expected more than %g, the end of density control, and at most 1\n"
-            "fix: rows with a second lobe cannot be split; give lobes later or end density control earlier",
-            o->dog_from, o->densify_until);
-    return oxl_train_options_check(ctx, o);
+    const oxl_result rc = parts_check(ctx, o);
+    return rc == OXL_OK ? oxl_train_options_check(ctx, o) : rc;
 }
 
 /* Whatever ends the loop early, the state is saved: an order to stop, the time allowed. */
@@ -349,7 +263,7 @@ static oxl_result train_loop(struct train *t)
     t->first_step = t->step;
     if (t->step > 0 && step_report(t, 0)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < end) {
-        if (t->trial_is_next) {
+        if (t->trial) {
             rc = selection_trial(t);
             if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && step_report(t, 0))) return train_stop(t);
             continue;
@@ -367,12 +281,7 @@ static oxl_result train_loop(struct train *t)
     }
     if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
     if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
-    if (rc == OXL_OK) selection_end(t);
-    if (rc == OXL_OK && t->transients.points > 0) {
-        char words[160];
-        transients_describe(&t->transients, words, sizeof words);
-        oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
-    }
+    if (rc == OXL_OK) parts_record(t);
     return rc;
 }
 
@@ -423,9 +332,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_ERR_INTERRUPTED)
         oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);
-    if (started) medium_fit_scale_colours(&t.medium_fit, 1, out);
     train_return_decisions(&t);
-    train_imaging_store(&t);
+    train_imaging_store(&t, started ? out : NULL);
     if (rc == OXL_OK && t.step == options->iterations) train_imaging_describe(&t);
     train_end(&t);
     return rc;

@@ -13,7 +13,8 @@
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
-#include "train_parts.h"
+#include "lamp.h"
+#include "../core/option_rows.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
@@ -24,9 +25,9 @@
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
                              const struct imaging *continued)
 {
-    *l =
-        (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
-                          .has_falloff = medium != OXL_AUTO && medium_fit_span(scene) >= MEDIUM_FIT_SPAN_MIN};
+    *l = (struct lamp_fit){.reference = scene_depth_quantile(scene, 0.5),
+                           .has_falloff =
+                               medium != OXL_AUTO && scene_depth_span(scene) >= SCENE_DEPTH_SPAN_MIN};
     if (!(l->reference > 0)) l->reference = 1;
     l->groups = 1;
     l->group[0].view = -1;
@@ -101,3 +102,95 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
     archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_mean) <= DBL_MAX &&
                           l->falloff_square >= 0);
 }
+
+/* ---------------- the part */
+
+static oxl_result lamp_part_begin(struct train *t, void *state)
+{
+    struct lamp_fit *l = state;
+    if (t->options->lamp != OXL_OFF)
+        lamp_begin(l, t->scene, t->options->medium, t->continues ? &t->scene->imaging : NULL);
+    l->frozen =
+        t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
+    return OXL_OK;
+}
+
+static void lamp_part_archive(struct archive *a, struct train *t, void *state)
+{
+    lamp_archive(a, state, t->options->lamp != OXL_OFF);
+}
+
+/* It is rendered on the CPU. */
+static int lamp_tracks(const struct train *t)
+{
+    const int cpu = !renderer_has_device(t->renderer);
+    return t->options->lamp == OXL_ON || (t->options->lamp && cpu) ? PHOTOMETRY_LAMP : 0;
+}
+
+static void lamp_use_tracks(struct train *t, void *state, const struct photometry *p)
+{
+    struct lamp_fit *l = state;
+    char why[400] = TRAIN_ON_DEVICE;
+    if (lamp_tracks(t)) lamp_set_from_tracks(l, t->options->lamp, p, why, sizeof why);
+    selection_record_auto(t, "lamp", t->options->lamp, l->on, why);
+}
+
+static int lamp_needs(const void *state)
+{
+    return ((const struct lamp_fit *)state)->on ? PART_NEEDS_HOST : 0;
+}
+
+static void lamp_form_image(const void *state, struct imaging *m)
+{
+    lamp_store(state, m);
+}
+
+/* The lamp of the view's camera; NULL: none. */
+static const struct lamp *lamp_of_view(const struct train *t, const struct lamp_fit *l, int view)
+{
+    const int which = l->on ? imaging_find_lamp(t->scene, l->group, l->groups, view) : -1;
+    return which < 0 ? NULL : &l->group[which];
+}
+
+static oxl_result lamp_before_render(struct train *t, void *state, struct part_view *v)
+{
+    renderer_set_lamp(t->renderer, lamp_of_view(t, state, v->view));
+    return OXL_OK;
+}
+
+static void lamp_after_backward(struct train *t, void *state, struct part_view *v)
+{
+    const struct lamp *lamp = lamp_of_view(t, state, v->view);
+    if (lamp)
+        lamp_step(state, lamp, v->progress, renderer_lamp_gradient(t->renderer),
+                  renderer_medium_gradient(t->renderer)[MEDIUM_FALLOFF]);
+}
+
+static void lamp_describe(struct train *t, void *state)
+{
+    const struct medium *m = &t->scene->imaging.medium;
+    (void)state;
+    if (m->has_falloff)
+        oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f",
+                (double)m->falloff);
+}
+
+/* clang-format off */
+static const oxl_option lamp_options[] = {
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY, "Scene content", "fit a light that moves with the camera: a smooth gain over the image, falloff with distance; auto: if the colours of tracks show it", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_lamp = {.name = "lamp",
+                                            .size = sizeof(struct lamp_fit),
+                                            .option = lamp_options,
+                                            .is_branched = 1,
+                                            .begin = lamp_part_begin,
+                                            .archive = lamp_part_archive,
+                                            .tracks = lamp_tracks,
+                                            .use_tracks = lamp_use_tracks,
+                                            .needs = lamp_needs,
+                                            .form_image = lamp_form_image,
+                                            .before_render = lamp_before_render,
+                                            .after_backward = lamp_after_backward,
+                                            .describe = lamp_describe};

@@ -15,7 +15,8 @@
  * Invariants: the phase ends with exactly the requested number (or fewer, if there are fewer). Rows keep
  * their order. The choice is a function of the model, the scene and the options; ties are resolved by row.
  */
-#include "train_parts.h"
+#include "prune.h"
+#include "../core/option_rows.h"
 #include "../survey/scene.h"
 
 /* of the run, between the end of density control and the phase [paper sec. 4] */
@@ -141,13 +142,6 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
 
 /* ---------------- scores */
 
-struct prune_pass { /* over the views */
-    float *one;     /* (count) the score in the view at hand */
-    float *views;   /* (count) number of views with a contribution */
-    float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
-    size_t drgb_capacity;
-};
-
 /* Masked pixels do not count. */
 static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
 {
@@ -163,8 +157,8 @@ static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, 
     return OXL_OK;
 }
 
-static oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of, const oxl_camera *camera,
-                                   struct prune_pass *pass, float *score)
+OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of,
+                                         const oxl_camera *camera, struct prune_pass *pass, float *score)
 {
     const int64_t count = (int64_t)of->model->count;
     oxl_result rc = renderer_forward(ctx, of->r, of->model, camera, of->options);
@@ -264,3 +258,98 @@ OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, co
     oxl_free(ctx, score);
     return rc;
 }
+
+/* ---------------- the part */
+
+static oxl_result prune_part_begin(struct train *t, void *state)
+{
+    const oxl_train_options *o = t->options;
+    prune_begin(state, o->keep, o->iterations, (int)(o->densify_until * o->iterations),
+                schedule_training_views(t->scene), prune_row_bytes(3, o->dog != OXL_DOG_OFF));
+    return OXL_OK;
+}
+
+static void prune_part_archive(struct archive *a, struct train *t, void *state)
+{
+    (void)t;
+    prune_archive(a, state);
+}
+
+static void prune_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                             const struct renderer_loss *loss)
+{
+    (void)t;
+    if (!step->is_trial) prune_observe(state, step->step, loss->l1);
+}
+
+/* Removes Gaussians with their moments and statistics. */
+static oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
+{
+    const struct prune_of of = {t->renderer, t->scene, &t->render, &t->trained.model};
+    const size_t count = t->trained.model.count;
+    uint8_t *keep = oxl_alloc(t->ctx, count, sizeof *keep);
+    int moved = 0;
+    oxl_result rc =
+        keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    if (rc == OXL_OK) rc = step_flush(t);
+    if (rc == OXL_OK) rc = prune_choose(t->ctx, p, &of, drop, keep);
+    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, keep, t->trained.model.sh_degree, &moved);
+    if (rc == OXL_OK) {
+        for (int k = 0; k < TRAINED_PARTS; k++) model_keep_rows(model_trained_part(&t->trained, k), keep);
+        density_keep_rows(t->density, keep, count);
+    }
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
+    oxl_free(t->ctx, keep);
+    return rc;
+}
+
+static oxl_result prune_after_step(struct train *t, void *state)
+{
+    struct prune *p = state;
+    double validation_loss = NAN, psnr;
+    size_t drop;
+    oxl_result rc;
+    if (!prune_is_check_step(p, t->step)) return OXL_OK;
+    rc = step_flush(t);
+    if (rc == OXL_OK && p->keep.kind == OXL_KEEP_AUTO && t->validation_views > 0)
+        rc = selection_validate(t, &validation_loss, &psnr);
+    if (rc != OXL_OK) return rc;
+    p->row_bytes = prune_row_bytes(t->trained.model.sh_degree, t->options->dog != OXL_DOG_OFF);
+    drop = prune_due(p, t->step, t->trained.model.count, validation_loss);
+    if (drop == 0) return OXL_OK;
+    rc = prune_remove_rows(t, p, drop);
+    if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step,
+                drop, t->trained.model.count);
+    return rc;
+}
+
+static int prune_validates_until(const struct train *t, const void *state)
+{
+    return t->options->keep.kind == OXL_KEEP_AUTO ? ((const struct prune *)state)->end : 0;
+}
+
+static void prune_record(struct train *t, void *state)
+{
+    char chosen[64], why[320];
+    prune_describe(state, why, sizeof why);
+    snprintf(chosen, sizeof chosen, "%zu", t->trained.model.count);
+    selection_record(t, "keep", chosen, why);
+}
+
+/* clang-format off */
+static const oxl_option prune_options[] = {
+{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "Gaussians to keep when pruning, in all blocks together, e.g. 0.5, 400000 or 80MB; auto: as few as preserve the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_prune = {.name = "prune",
+                                             .size = sizeof(struct prune),
+                                             .option = prune_options,
+                                             .begin = prune_part_begin,
+                                             .archive = prune_part_archive,
+                                             .after_loss = prune_after_loss,
+                                             .after_step = prune_after_step,
+                                             .validates_until = prune_validates_until,
+                                             .record = prune_record};

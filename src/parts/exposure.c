@@ -1,4 +1,4 @@
-/* exposure_fit.c - three log gains for each training image, optimised with the scene.
+/* exposure.c - three log gains for each training image, optimised with the scene.
  *
  * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is
  * multiplied by exp(a_kc) before the loss (render/exposure.c); a_k has its own Adam state (Kingma & Ba 2015),
@@ -20,7 +20,8 @@
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the
  * state before it alone.
  */
-#include "train_parts.h"
+#include "exposure.h"
+#include "../core/option_rows.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
@@ -192,3 +193,85 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
         archive_expect(a, fabs(e->of.log_gain[i]) <= 10 && fabs(e->mean[i]) <= FLT_MAX && e->square[i] >= 0);
     archive_expect(a, (e->of.on == 0 || e->of.on == 1));
 }
+
+/* ---------------- the part */
+
+static oxl_result exposure_part_begin(struct train *t, void *state)
+{
+    struct exposure *e = state;
+    const oxl_result rc = exposure_begin(t->ctx, e, t->scene, t->options->exposure, t->continues);
+    if (t->output && t->output->frozen) e->known_until = 2;
+    return rc;
+}
+
+static void exposure_part_free(struct train *t, void *state)
+{
+    exposure_free(t->ctx, state);
+}
+
+static void exposure_part_archive(struct archive *a, struct train *t, void *state)
+{
+    (void)t;
+    exposure_archive(a, state);
+}
+
+static int exposure_tracks(const struct train *t)
+{
+    return t->options->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0;
+}
+
+static void exposure_use_tracks(struct train *t, void *state, const struct photometry *p)
+{
+    struct exposure *e = state;
+    char why[400];
+    if (t->options->exposure == OXL_OFF) return;
+    exposure_set_from_tracks(e, p, why, sizeof why);
+    selection_record_auto(t, "exposure", t->options->exposure, e->of.on, why);
+}
+
+static void exposure_set_gain(struct train *t, void *state, struct train_deferred *step, int learns)
+{
+    struct exposure *e = state;
+    if (learns) exposure_apply_pending(e, t->step - 2);
+    step->has_gain = e->of.on;
+    if (e->of.on) imaging_gain(&e->of, step->view, step->gain);
+}
+
+static void exposure_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                                const struct renderer_loss *loss)
+{
+    const struct exposure_gradient gradient = {
+        .step = step->step,
+        .view = step->view,
+        .progress = (double)step->step / t->options->iterations,
+        .dlog_gain = {loss->dlog_gain[0], loss->dlog_gain[1], loss->dlog_gain[2]}};
+    exposure_set_pending(state, &gradient);
+    if (!renderer_has_device(t->renderer)) exposure_apply_pending(state, step->step);
+}
+
+static void exposure_store(struct train *t, void *state, oxl_model *model)
+{
+    struct exposure *e = state;
+    (void)model;
+    t->scene->imaging = e->of;
+    e->of = (struct imaging){0};
+}
+
+/* clang-format off */
+static const oxl_option exposure_options[] = {
+{"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "fit brightness and white balance of each image; auto: if the colours of tracks differ between images", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_exposure = {.name = "exposure",
+                                                .size = sizeof(struct exposure),
+                                                .option = exposure_options,
+                                                .is_branched = 1,
+                                                .begin = exposure_part_begin,
+                                                .free = exposure_part_free,
+                                                .archive = exposure_part_archive,
+                                                .tracks = exposure_tracks,
+                                                .use_tracks = exposure_use_tracks,
+                                                .set_gain = exposure_set_gain,
+                                                .after_loss = exposure_after_loss,
+                                                .store = exposure_store};

@@ -7,7 +7,7 @@
  *
  * Invariant: a function of the scene and the step, so there is no state to archive.
  */
-#include "train_parts.h"
+#include "track_depth.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
@@ -92,8 +92,9 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
 }
 
 /* At most; a view's part is not known before the tracks are looked at. */
-OXL_INTERNAL double track_depth_bytes(double observations, int views)
+static double track_depth_bytes(const oxl_train_options *options, double observations, int views)
 {
+    if (options->medium == OXL_OFF) return 0;
     return OXL_MIN(observations, (double)TRACK_DEPTH_MAX * views) * sizeof(struct depth_point) +
            (double)views * sizeof(struct track_depth_view);
 }
@@ -114,3 +115,38 @@ OXL_INTERNAL double track_depth_of_step(const struct track_depth *d, int view, i
     for (int i = 0; i < *count; i++) out[i] = v->point[(first + i * TRACK_DEPTH_STRIDE) % n];
     return *count ? TRACK_DEPTH_WEIGHT * OXL_MAX(0, 1 - progress) / *count : 0;
 }
+
+/* ---------------- the part */
+
+static void track_depth_part_free(struct train *t, void *state)
+{
+    track_depth_free(t->ctx, state);
+}
+
+/* Gives the renderer the tracks' depths of a view, at this step's window and resolution. */
+OXL_INTERNAL oxl_result track_depth_before_backward(struct train *t, void *state, struct part_view *v)
+{
+    struct track_depth *d = state;
+    const struct image_window *w = step_window(t, v->view);
+    const float side = t->halved ? 0.5f : 1;
+    struct depth_point point[DEPTH_POINTS];
+    int count = 0;
+    double weight;
+    oxl_result rc = OXL_OK;
+    if (!v->imaging.medium.on) return OXL_OK;
+    if (!d->started) rc = track_depth_begin(t->ctx, d, t->scene, t->output ? t->output->window : NULL);
+    if (rc != OXL_OK) return rc;
+    weight = track_depth_of_step(d, v->view, t->step, v->progress, &count, point);
+    for (int i = 0; i < count; i++) {
+        point[i].x = side * (point[i].x - (float)(w ? w->x : 0));
+        point[i].y = side * (point[i].y - (float)(w ? w->y : 0));
+    }
+    renderer_set_depths(t->renderer, point, count, weight);
+    return OXL_OK;
+}
+
+OXL_INTERNAL const struct part part_track_depth = {.name = "track_depth",
+                                                   .size = sizeof(struct track_depth),
+                                                   .free = track_depth_part_free,
+                                                   .before_backward = track_depth_before_backward,
+                                                   .bytes = track_depth_bytes};

@@ -10,7 +10,8 @@
  * Invariant: a function of the scene alone, so there is no state to archive. Without tracks nothing is
  * removed.
  */
-#include "train_parts.h"
+#include "free_space.h"
+#include "../core/option_rows.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 
@@ -140,3 +141,53 @@ OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, siz
                  100.0 * (double)known / (FREE_SPACE_GRID * FREE_SPACE_GRID) / (double)OXL_MAX(f->views, 1),
                  f->views);
 }
+
+/* ---------------- the part */
+
+static oxl_result free_space_part_begin(struct train *t, void *state)
+{
+    return t->options->carve ? free_space_begin(t->ctx, state, t->scene) : OXL_OK;
+}
+
+static void free_space_part_free(struct train *t, void *state)
+{
+    free_space_free(t->ctx, state);
+}
+
+static oxl_result free_space_before_density(struct train *t, void *state, struct density_rules *rules)
+{
+    struct free_space *f = state;
+    const oxl_result rc = free_space_carve(t->ctx, f, &t->trained.model, &f->carved);
+    rules->carved = f->carved;
+    return rc;
+}
+
+static void free_space_after_density(struct train *t, void *state)
+{
+    struct free_space *f = state;
+    oxl_free(t->ctx, f->carved);
+    f->carved = NULL;
+}
+
+static void free_space_record(struct train *t, void *state)
+{
+    const struct free_space *f = state;
+    char why[320];
+    free_space_describe(f, why, sizeof why);
+    selection_record(t, "carve", f->view ? "on" : "off", why);
+}
+
+/* clang-format off */
+static const oxl_option free_space_options[] = {
+{"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it observes", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_free_space = {.name = "free_space",
+                                                  .size = sizeof(struct free_space),
+                                                  .option = free_space_options,
+                                                  .begin = free_space_part_begin,
+                                                  .free = free_space_part_free,
+                                                  .before_density = free_space_before_density,
+                                                  .after_density = free_space_after_density,
+                                                  .record = free_space_record};

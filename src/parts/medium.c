@@ -1,4 +1,4 @@
-/* medium_fit.c - the nine parameters of the medium, optimised with the scene (render/medium.h has the model).
+/* medium.c - the nine parameters of the medium, optimised with the scene (render/medium.h has the model).
  *
  * They are fitted to the colours of tracks (survey/photometry.c) before the first step, and not trained: as
  * the Gaussians' colours are free, the images alone do not determine attenuation (docs/IMAGING.md). The
@@ -16,7 +16,8 @@
  *
  * Invariant: off changes no byte of the result. The state is archived.
  */
-#include "train_parts.h"
+#include "medium.h"
+#include "../core/option_rows.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
@@ -55,13 +56,6 @@ OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f)
     return m;
 }
 
-/* Of the points' depths: 0.9 to 0.1 quantile. */
-OXL_INTERNAL double medium_fit_span(oxl_scene *scene)
-{
-    const double nearest = scene_depth_quantile(scene, 0.1), farthest = scene_depth_quantile(scene, 0.9);
-    return nearest > 0 ? farthest / nearest : 1;
-}
-
 static void medium_fit_set(struct medium_fit *f, const float attenuation[3], const float backscatter[3],
                            const float veiling_light[3])
 {
@@ -85,7 +79,7 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
                                              char *why, size_t size)
 {
     float value[3][3];
-    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && span >= MEDIUM_FIT_SPAN_MIN;
+    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && span >= SCENE_DEPTH_SPAN_MIN;
     for (int c = 0; c < 3; c++)
         value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c],
         value[2][c] = (float)p->veiling_light[c];
@@ -98,10 +92,10 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
         p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
         p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
         100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
-    if (span < MEDIUM_FIT_SPAN_MIN)
+    if (span < SCENE_DEPTH_SPAN_MIN)
         snprintf(why, size,
                  "the points' depths span a factor of %.1f: less than %d does not identify a medium", span,
-                 MEDIUM_FIT_SPAN_MIN);
+                 SCENE_DEPTH_SPAN_MIN);
     else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
     else if (!f->on)
         snprintf(why, size,
@@ -166,3 +160,124 @@ OXL_INTERNAL void medium_fit_archive(struct archive *a, struct medium_fit *f, in
                        fabs(f->raw[k]) <= MEDIUM_FIT_MAX && fabs(f->mean[k]) <= DBL_MAX && f->square[k] >= 0);
     archive_expect(a, (f->on == 0 || f->on == 1) && (f->fixed == 0 || f->fixed == 1) && f->steps >= 0);
 }
+
+/* ---------------- the part */
+
+#define MEDIUM_FIT_DRIFT 0.8 /* correlation of exposure with range from which a warning is due */
+
+static oxl_result medium_part_begin(struct train *t, void *state)
+{
+    struct medium_fit *f = state;
+    if (t->options->medium == OXL_OFF) return OXL_OK;
+    medium_fit_begin(f, t->scene, t->continues ? &t->scene->imaging.medium : NULL);
+    if (t->continues) medium_fit_scale_colours(f, 0, &t->trained.model);
+    return OXL_OK;
+}
+
+static void medium_part_archive(struct archive *a, struct train *t, void *state)
+{
+    medium_fit_archive(a, state, t->options->medium != OXL_OFF);
+}
+
+/* It is rendered on the CPU. */
+static int medium_tracks(const struct train *t)
+{
+    const int cpu = !renderer_has_device(t->renderer);
+    return t->options->medium == OXL_ON || (t->options->medium && cpu) ? PHOTOMETRY_MEDIUM : 0;
+}
+
+static void medium_use_tracks(struct train *t, void *state, const struct photometry *p)
+{
+    struct medium_fit *f = state;
+    char why[400] = TRAIN_ON_DEVICE;
+    if (medium_tracks(t)) medium_fit_set_from_tracks(f, scene_depth_span(t->scene), p, why, sizeof why);
+    selection_record_auto(t, "medium", t->options->medium, f->on, why);
+    if (f->on && fabs(p->drift) > MEDIUM_FIT_DRIFT)
+        oxl_log(
+            t->ctx, OXL_LOG_WARNING,
+            "the images' exposure is correlated with the range of what they show (%.2f): exposure and attenuation are not "
+            "separated, and scene_clear.ply is not measured colour",
+            p->drift);
+}
+
+static int medium_needs(const void *state)
+{
+    return ((const struct medium_fit *)state)->on ? PART_NEEDS_WAIT : 0;
+}
+
+static void medium_form_image(const void *state, struct imaging *m)
+{
+    m->medium = medium_fit_value(state);
+}
+
+static oxl_result medium_before_render(struct train *t, void *state, struct part_view *v)
+{
+    (void)t;
+    if (((struct medium_fit *)state)->fixed) v->imaging_learns = 0;
+    return OXL_OK;
+}
+
+static void medium_after_backward(struct train *t, void *state, struct part_view *v)
+{
+    struct medium_fit *f = state;
+    if (f->on) medium_fit_step(f, v->progress, renderer_medium_gradient(t->renderer));
+}
+
+/* Starts a medium that is asked for by name and not known from tracks. */
+static oxl_result medium_after_step(struct train *t, void *state)
+{
+    struct medium_fit *f = state;
+    struct imaging m = {0};
+    oxl_result rc;
+    if (f->on || medium_fit_start_step(t->options) == 0 || t->step < medium_fit_start_step(t->options))
+        return OXL_OK;
+    rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    if (rc != OXL_OK) return rc;
+    medium_fit_start(f, t->scene);
+    m.medium = medium_fit_value(f);
+    medium_bake(t->scene, &m, 1, &t->trained.model);
+    return OXL_OK;
+}
+
+static void medium_store(struct train *t, void *state, oxl_model *model)
+{
+    (void)t;
+    if (model) medium_fit_scale_colours(state, 1, model);
+}
+
+static void medium_describe(struct train *t, void *state)
+{
+    const struct medium *m = &t->scene->imaging.medium;
+    (void)state;
+    if (m->on)
+        oxl_log(
+            t->ctx, OXL_LOG_INFO,
+            "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
+            "factor of %.1f",
+            (double)m->attenuation[0], (double)m->attenuation[1], (double)m->attenuation[2],
+            (double)m->backscatter[0], (double)m->backscatter[1], (double)m->backscatter[2],
+            (double)m->veiling_light[0], (double)m->veiling_light[1], (double)m->veiling_light[2],
+            scene_depth_span(t->scene));
+}
+
+/* clang-format off */
+static const oxl_option medium_options[] = {
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_medium = {.name = "medium",
+                                              .size = sizeof(struct medium_fit),
+                                              .option = medium_options,
+                                              .is_branched = 1,
+                                              .begin = medium_part_begin,
+                                              .archive = medium_part_archive,
+                                              .tracks = medium_tracks,
+                                              .use_tracks = medium_use_tracks,
+                                              .needs = medium_needs,
+                                              .form_image = medium_form_image,
+                                              .before_render = medium_before_render,
+                                              .after_backward = medium_after_backward,
+                                              .after_step = medium_after_step,
+                                              .store = medium_store,
+                                              .describe = medium_describe};

@@ -22,7 +22,8 @@
  * Invariants: cap >= f_far >= f_mid >= 1, for the estimate and each point. The state is a function of the
  * scene, the options, the seed and the losses.
  */
-#include "train_parts.h"
+#include "ucd.h"
+#include "../core/option_rows.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 
@@ -167,3 +168,81 @@ OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
     archive_expect(a, u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 &&
                           u->spans <= UCD_SPAN);
 }
+
+/* ---------------- the part */
+
+static oxl_result ucd_part_begin(struct train *t, void *state)
+{
+    struct ucd *u = state;
+    char words[320];
+    oxl_result rc = ucd_begin(t->ctx, u, t->scene, &t->options->ucd);
+    if (rc != OXL_OK) return rc;
+    ucd_describe(u, words, sizeof words);
+    if (t->options->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+    if (u->on) rc = density_set_bands(t->ctx, t->density, t->trained.model.count, u->z_near, u->z_far);
+    return rc;
+}
+
+static void ucd_part_archive(struct archive *a, struct train *t, void *state)
+{
+    (void)t;
+    ucd_archive(a, state);
+}
+
+/* The search reads the loss of each step while Gaussians are densified. */
+static oxl_result ucd_before_observe(struct train *t, void *state)
+{
+    struct ucd *u = state;
+    const oxl_result rc = u->learns ? step_flush(t) : OXL_OK;
+    if (rc == OXL_OK) ucd_observe(u, t->last_loss);
+    return rc;
+}
+
+static oxl_result ucd_before_density(struct train *t, void *state, struct density_rules *rules)
+{
+    double f[2];
+    ucd_weights(state, t->trained.model.count, f);
+    rules->f_mid = f[0];
+    rules->f_far = f[1];
+    return OXL_OK;
+}
+
+static void ucd_after_reset(struct train *t, void *state)
+{
+    (void)t;
+    ucd_restart(state);
+}
+
+static void ucd_report(const void *state, oxl_progress *progress)
+{
+    const struct ucd *u = state;
+    progress->f_mid = u->on ? u->f[0] : 1;
+    progress->f_far = u->on ? u->f[1] : 1;
+}
+
+static void ucd_record(struct train *t, void *state)
+{
+    const struct ucd *u = state;
+    char chosen[64], why[320];
+    ucd_describe(u, why, sizeof why);
+    snprintf(chosen, sizeof chosen, u->on ? "%.3g,%.3g" : "off", u->f[0], u->f[1]);
+    selection_record(t, "ucd", chosen, why);
+}
+
+/* clang-format off */
+static const oxl_option ucd_options[] = {
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_REFINED, "Scene content", "gradient weights of the middle and far depth band, which place more Gaussians there; at equal count -0.6 to +0.3 dB. on: 1.5 and 2; MID,FAR: these, corrected by SPSA during the run; MID,FAR,fixed: not corrected; auto: on if contrast fades with depth; auto,MID,FAR: the same with these weights", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_ucd = {.name = "ucd",
+                                           .size = sizeof(struct ucd),
+                                           .option = ucd_options,
+                                           .is_branched = 1,
+                                           .begin = ucd_part_begin,
+                                           .archive = ucd_part_archive,
+                                           .before_observe = ucd_before_observe,
+                                           .before_density = ucd_before_density,
+                                           .after_reset = ucd_after_reset,
+                                           .report = ucd_report,
+                                           .record = ucd_record};

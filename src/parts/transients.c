@@ -23,7 +23,8 @@
  * Invariant: weights and expected errors are a function of the model, the view and the previous expected
  * errors; no sum depends on the number of threads.
  */
-#include "train_parts.h"
+#include "transients.h"
+#include "../core/option_rows.h"
 #include "../survey/sparse.h"
 
 #define TRANSIENTS_ERROR 0.05f    /* of white: a visible difference */
@@ -224,3 +225,69 @@ OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t)
         archive_expect(a, t->expected[i] >= 0 && t->expected[i] <= TRANSIENTS_MAX);
     archive_expect(a, t->masked_fraction >= 0 && t->masked_fraction <= 1);
 }
+
+/* ---------------- the part */
+
+static oxl_result transients_part_begin(struct train *t, void *state)
+{
+    return transients_begin(t->ctx, state, t->scene, t->options->mask_transients);
+}
+
+static void transients_part_free(struct train *t, void *state)
+{
+    transients_free(t->ctx, state);
+}
+
+static void transients_part_archive(struct archive *a, struct train *t, void *state)
+{
+    (void)t;
+    transients_archive(a, state);
+}
+
+static int transients_needs(const void *state)
+{
+    return ((const struct transients *)state)->points > 0 ? PART_NEEDS_HOST : 0;
+}
+
+/* Masks pixels of the step's image that disagree with the render: moving objects. */
+static oxl_result transients_after_render(struct train *t, void *state, struct part_view *v)
+{
+    struct transients *m = state;
+    const size_t pixels = (size_t)v->camera.width * (size_t)v->camera.height;
+    const float *rendered = NULL;
+    oxl_result rc;
+    if (!v->learns || m->points == 0) return OXL_OK;
+    rc = oxl_reserve(t->ctx, &t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
+    if (rc == OXL_OK) {
+        const struct transients_view view = {&v->camera, t->render.near_plane, rendered, t->target, t->weight,
+                                             t->masked};
+        rc = transients_mask(t->ctx, m, t->scene, &view, !t->is_trial);
+    }
+    t->masked = 1;
+    return rc;
+}
+
+static void transients_record(struct train *t, void *state)
+{
+    char words[160];
+    if (((struct transients *)state)->points == 0) return;
+    transients_describe(state, words, sizeof words);
+    oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+}
+
+/* clang-format off */
+static const oxl_option transients_options[] = {
+{"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "mask what appears in only one image of a place: fish, divers", "robust"},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_transients = {.name = "transients",
+                                                  .size = sizeof(struct transients),
+                                                  .option = transients_options,
+                                                  .begin = transients_part_begin,
+                                                  .free = transients_part_free,
+                                                  .archive = transients_part_archive,
+                                                  .needs = transients_needs,
+                                                  .after_render = transients_after_render,
+                                                  .record = transients_record};

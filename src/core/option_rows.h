@@ -1,0 +1,34 @@
+/* option_rows.h - words for rows of the table of options, for options.c and the parts of training, which bring
+ * rows of their own. A row is
+ *
+ *     {name, value, kind, field, lowest, highest, default, tier, use, group, help, former name}
+ */
+#ifndef OXL_OPTION_ROWS_H
+#define OXL_OPTION_ROWS_H
+
+#include "core.h"
+#include "../../oceanxl_job.h"
+
+#include <stddef.h>
+
+#define OPTION_AT(member) offsetof(oxl_job_options, member)
+#define EACH(text)       \
+    {                    \
+        text, text, text \
+    }
+#define PRESETS(draft, standard, paper) \
+    {                                   \
+        draft, standard, paper          \
+    }
+#define SURVEY OXL_OPTION_OF_SURVEY
+#define TRAINING OXL_OPTION_OF_TRAINING
+#define RUN OXL_OPTION_OF_RUN
+#define RESULT OXL_OPTION_OF_RESULT
+#define NOT_REFINED OXL_OPTION_NOT_REFINED
+#define ONE_BLOCK OXL_OPTION_ONE_BLOCK
+#define CPU_ONLY OXL_OPTION_CPU_ONLY
+
+/* The index-th row that a part brings, or NULL; from src/parts/table.c, which this layer reads as data. */
+OXL_INTERNAL const oxl_option *parts_option(int index);
+
+#endif

@@ -1,0 +1,34 @@
+/* exposure.h - the state of exposure.c, for that file and its tests: log gains of training images. */
+#ifndef OXL_PART_EXPOSURE_FIT_H
+#define OXL_PART_EXPOSURE_FIT_H
+
+#include "../train/part.h"
+
+struct exposure_gradient {
+    int step, view;                /* step 0: none */
+    double progress, dlog_gain[3]; /* fraction of the run; dL/da */
+};
+
+struct exposure {
+    oxl_switch mode;
+    double known_until;   /* fraction of the run up to which known gains stay */
+    struct imaging of;    /* the gains; on: they are applied */
+    float *mean, *square; /* (views,3) Adam's moments */
+    int *visits;          /* (views) steps of a view's gains */
+    /* mean that the log gains are given after each step: 0, or the mean of the continued run */
+    double level[3];
+    struct exposure_gradient pending; /* gradient of the last step, not yet applied */
+};
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene,
+                                       oxl_switch mode, int continued);
+OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e);
+OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
+/* Applies the pending gradient and keeps that of this step. exposure_apply_pending applies it, unless its
+ * step is later than `last`. */
+OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure_gradient *of);
+OXL_INTERNAL void exposure_apply_pending(struct exposure *e, int last);
+OXL_INTERNAL void exposure_set_from_tracks(struct exposure *e, const struct photometry *p, char *why,
+                                           size_t size);
+OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
+
+#endif

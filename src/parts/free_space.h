@@ -1,0 +1,29 @@
+/* free_space.h - the state of free_space.c, for that file and its tests: the space between a camera and the points it observes. */
+#ifndef OXL_PART_FREE_SPACE_H
+#define OXL_PART_FREE_SPACE_H
+
+#include "../train/part.h"
+
+enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
+
+struct free_space_view { /* a training view */
+    uint32_t image_row;  /* in colmap.image */
+    const oxl_camera *camera;
+    float depth[FREE_SPACE_GRID * FREE_SPACE_GRID]; /* camera z up to which a cell is free; 0: not known */
+};
+struct free_space {
+    struct free_space_view *view; /* (views) by image_row; NULL: off */
+    size_t views;
+    uint8_t *carved; /* (count) during density control: rows in free space; else NULL */
+};
+OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
+OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f);
+/* the state, as text */
+OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, size_t size);
+/* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
+OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model,
+                                         uint8_t **carved);
+/* 1: the position, world coordinates less the origin, is in free space. */
+OXL_INTERNAL int free_space_contains(const struct free_space *f, const double p[3]);
+
+#endif

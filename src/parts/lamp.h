@@ -1,0 +1,26 @@
+/* lamp.h - the state of lamp.c, for that file and its tests: a light that moves with the camera. */
+#ifndef OXL_PART_LAMP_H
+#define OXL_PART_LAMP_H
+
+#include "../train/part.h"
+
+struct lamp_fit {
+    /* has_falloff: falloff is trained; frozen: nothing is */
+    int on, has_falloff, frozen, steps, groups;
+    int visits[LAMP_MAX]; /* steps of a camera */
+    /* the first: cameras that have none of their own */
+    struct lamp group[LAMP_MAX];
+    double mean[LAMP_MAX][LAMP_TERMS], square[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
+    double falloff, falloff_mean, falloff_square, reference;
+};
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
+                             const struct imaging *continued);
+OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, const struct photometry *p,
+                                       char *why, size_t size);
+OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m);
+/* of: lamp of the view's camera. */
+OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
+                            const double shape[LAMP_TERMS], double falloff);
+OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
+
+#endif

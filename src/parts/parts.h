@@ -1,0 +1,19 @@
+/* parts.h - the parts of training that this build has, a row each. A part is removed by removing its row and
+ * its file (make without PART=lamp does so in a copy of the tree). */
+#ifndef OXL_PARTS_H
+#define OXL_PARTS_H
+
+#define PARTS_EACH(ROW) \
+    ROW(ucd)            \
+    ROW(free_space)     \
+    ROW(dropout)        \
+    ROW(lobes)          \
+    ROW(prune)          \
+    ROW(transients)     \
+    ROW(exposure)       \
+    ROW(medium)         \
+    ROW(lamp)           \
+    ROW(track_depth)    \
+    ROW(sh_degree)
+
+#endif

@@ -1,0 +1,58 @@
+/* prune.h - the state of prune.c, for that file and its tests: removes the Gaussians that matter least. */
+#ifndef OXL_PART_PRUNE_H
+#define OXL_PART_PRUNE_H
+
+#include "../train/part.h"
+
+#define PRUNE_FILE 2048 /* bytes of a PLY that are not rows: its header */
+struct prune {
+    oxl_keep keep;
+    double row_bytes;           /* of the file, for OXL_KEEP_BYTES */
+    int views;                  /* views of a score, at most; spread evenly */
+    int start, end;             /* the phase: steps */
+    int every, patience;        /* steps between checks; steps without a drop after which one is made */
+    int drops, last;            /* drops made; step of the last */
+    size_t first_count, target; /* at the phase's start (0: not yet), at its end */
+    double drop_l1;             /* mean L1 before the last drop */
+    double l1_sum;              /* since the last check */
+    int l1_count;
+    double validation_loss; /* auto: loss of the validation views at the phase's start */
+};
+/* densified: last step of density control; views: number of training views; row_bytes: prune_row_bytes. */
+OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views,
+                              double row_bytes);
+/* lobes: 1 if rows may have a second one */
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);
+OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
+/* call after each step; steps outside the phase are ignored */
+OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1);
+/* 1: prune_due checks; `auto` then needs validation_loss */
+OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step);
+/* After the step: number of `count` Gaussians to remove now. validation_loss: mean of the validation views,
+ * for auto. */
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
+struct prune_of { /* what is pruned, and where it is seen */
+    struct renderer *r;
+    oxl_scene *scene;
+    const oxl_render_options *options;
+    const oxl_model *model;
+};
+/* keep (count): 0 for the `drop` that matter least, else 1. */
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
+                                     size_t drop, uint8_t *keep);
+OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p);
+/* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by
+ * row where equal. */
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
+                                    float *score);
+OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
+struct prune_pass { /* over the views */
+    float *one;     /* (count) the score in the view at hand */
+    float *views;   /* (count) number of views with a contribution */
+    float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
+    size_t drgb_capacity;
+};
+OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of,
+                                         const oxl_camera *camera, struct prune_pass *pass, float *score);
+
+#endif

@@ -1,0 +1,149 @@
+/* sh_degree.c - the degree of the spherical harmonics, by which colour depends on the direction of view: raised
+ * step by step (Kerbl et al. 2023), and with `auto` chosen on validation views.
+ *
+ * The trial: each degree is trained from the same state for a fortieth of the run, and the lowest that is good
+ * enough is kept. (Rendering without its higher degrees is no evidence: the lower ones have adapted to them.
+ * By that test a scene without view dependence seemed to need degree 3.)
+ */
+#include "../train/part.h"
+#include "../core/option_rows.h"
+
+#define SH_DEGREE_MIN_GAIN 0.1  /* dB: minimum gain of the highest degree over a lower one */
+#define SH_DEGREE_ROUNDING 1e-6 /* intervals: the quotient of a whole number of them may come out less */
+
+OXL_TABLE const struct part part_sh_degree;
+
+struct sh_degree {
+    int final; /* the highest degree of the run */
+};
+
+static oxl_result sh_degree_begin(struct train *t, void *state)
+{
+    ((struct sh_degree *)state)->final = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
+    return OXL_OK;
+}
+
+static void sh_degree_archive(struct archive *a, struct train *t, void *state)
+{
+    struct sh_degree *s = state;
+    (void)t;
+    archive_int(a, &s->final);
+    archive_expect(a, s->final >= 0 && s->final <= 3);
+}
+
+/* Raises the degree by one after each sh_degree_interval of the run, up to the final one. */
+static oxl_result sh_degree_before_step(struct train *t, void *state)
+{
+    const struct sh_degree *s = state;
+    const int wanted =
+        OXL_MIN(s->final, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) +
+                                SH_DEGREE_ROUNDING));
+    int moved = 0;
+    oxl_result rc = OXL_OK;
+    if (wanted <= t->trained.model.sh_degree) return OXL_OK;
+    rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc == OXL_OK) rc = step_move_rows(t, NULL, NULL, wanted, &moved);
+    if (rc == OXL_OK) rc = model_trained_set_degree(t->ctx, &t->trained, wanted);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 0);
+    return rc;
+}
+
+/* ---------------- the trial */
+
+static int sh_degree_trial_step(const oxl_train_options *o)
+{
+    return o->sh_degree < 0 ? (int)(o->densify_until * o->iterations) : 0;
+}
+
+static oxl_result sh_degree_set(struct train *t, int degree)
+{
+    const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
+    return rc == OXL_OK ? model_trained_set_degree(t->ctx, &t->trained, degree) : rc;
+}
+
+static void sh_degree_record_trial(struct train *t, int chose, int most, const double psnr[4])
+{
+    char why[256], chosen[16];
+    int used = snprintf(why, sizeof why, "%d validation views, after %d steps: degree %d %.2f dB",
+                        t->validation_views, selection_steps(t, SELECTION_TRIAL), most, psnr[most]);
+    for (int d = 0; d < most && d <= chose; d++)
+        used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
+    snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough",
+             SH_DEGREE_MIN_GAIN);
+    snprintf(chosen, sizeof chosen, "%d", chose);
+    selection_record(t, "sh_degree", chosen, why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: SH degree %d: %s", t->step, chose, why);
+}
+
+/* Trains the highest degree first, then 0, 1... until that is enough. */
+static oxl_result sh_degree_trial(struct train *t, void *state, struct train_branch *start)
+{
+    struct sh_degree *s = state;
+    struct train_branch all = {0};
+    const int most = t->trained.model.sh_degree;
+    int chosen = most;
+    double psnr[4] = {0, 0, 0, 0};
+    oxl_result rc = selection_train_trial(t, &psnr[most]);
+    if (rc == OXL_OK) rc = branch_save(t, &all);
+    for (int d = 0; d < most && rc == OXL_OK && chosen == most; d++) {
+        rc = branch_load(t, start);
+        if (rc == OXL_OK) rc = sh_degree_set(t, d);
+        if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[d]);
+        if (rc == OXL_OK && psnr[d] >= psnr[most] - SH_DEGREE_MIN_GAIN) chosen = d;
+    }
+    if (rc == OXL_OK && chosen == most && most > 0) rc = branch_load(t, &all);
+    branch_free(t, &all);
+    if (rc != OXL_OK) return rc;
+    s->final = chosen;
+    sh_degree_record_trial(t, chosen, most, psnr);
+    return OXL_OK;
+}
+
+static oxl_result sh_degree_after_step(struct train *t, void *state)
+{
+    (void)state;
+    if (t->step == sh_degree_trial_step(t->options) && t->validation_views > 0) t->trial = &part_sh_degree;
+    return OXL_OK;
+}
+
+static int sh_degree_validates_until(const struct train *t, const void *state)
+{
+    (void)state;
+    return sh_degree_trial_step(t->options);
+}
+
+/* Three of the four degrees are trained beyond the run's own. */
+static int sh_degree_trials(const oxl_train_options *o)
+{
+    return o->sh_degree < 0 ? 3 : 0;
+}
+
+static void sh_degree_record(struct train *t, void *state)
+{
+    char chosen[16];
+    (void)state;
+    snprintf(chosen, sizeof chosen, "%d", t->trained.model.sh_degree);
+    if (!selection_has_record(t, "sh_degree"))
+        selection_record(t, "sh_degree", chosen,
+                         t->options->sh_degree < 0 ? "too few training views for validation" : "as set");
+}
+
+/* clang-format off */
+static const oxl_option sh_degree_options[] = {
+{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
+{"sh-degree-interval", "FRACTION", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "fraction of the run after which the SH degree rises by one", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_sh_degree = {.name = "sh_degree",
+                                                 .size = sizeof(struct sh_degree),
+                                                 .option = sh_degree_options,
+                                                 .is_branched = 1,
+                                                 .begin = sh_degree_begin,
+                                                 .archive = sh_degree_archive,
+                                                 .before_step = sh_degree_before_step,
+                                                 .after_step = sh_degree_after_step,
+                                                 .validates_until = sh_degree_validates_until,
+                                                 .trial = sh_degree_trial,
+                                                 .trials = sh_degree_trials,
+                                                 .record = sh_degree_record};

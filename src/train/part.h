@@ -1,0 +1,95 @@
+/* part.h - what a part of training is: the hooks by which lamp, pruning, second lobes and the like take part
+ * in a run.
+ *
+ * A part is one file of src/parts and one row of the table there (src/parts/table.c). The loop, a step,
+ * checkpoints, trials, the options and their help know parts as rows alone: with its file and its row
+ * removed, everything else builds and passes its tests (make without PART=lamp).
+ *
+ * Hooks are called row by row, in the order of the table; one that is NULL does nothing. `state` points to
+ * the part's `size` bytes, which are 0 at the start of a run.
+ */
+#ifndef OXL_PART_H
+#define OXL_PART_H
+
+#include "train_state.h"
+#include "../../oceanxl_job.h"
+
+/* A view as a step renders it and compares it with its image. */
+struct part_view {
+    int view;
+    int learns;             /* 0: an evaluation; nothing may change */
+    double progress;        /* fraction of the run */
+    oxl_camera camera;      /* at the step's window and resolution */
+    struct imaging imaging; /* lamp and medium in front of the scene, from the hooks form_image */
+    int imaging_learns;     /* 1: gradients of the medium's parameters are wanted */
+    struct train_deferred *step;
+};
+
+/* What a step may not be (hook `needs`). */
+enum {
+    PART_NEEDS_HOST = 1, /* the loss is computed on the host */
+    PART_NEEDS_WAIT = 2  /* a step ends before the next one begins */
+};
+
+struct part {
+    const char *name;         /* lower case, as the file's */
+    size_t size;              /* bytes of its state */
+    const oxl_option *option; /* its rows of the table of options, up to one without a name; or NULL */
+    int is_branched;          /* 1: a trial's steps change the state, so trials save and restore it */
+
+    /* Refuses options that do not fit together. */
+    oxl_result (*check)(oxl_context *ctx, const oxl_train_options *options);
+    /* Begins a run: the model and the renderer exist. t->continues: from a trained model. */
+    oxl_result (*begin)(struct train *t, void *state);
+    void (*free)(struct train *t, void *state);
+    /* Writes or reads the state that later steps depend on. */
+    void (*archive)(struct archive *a, struct train *t, void *state);
+
+    /* Names the PHOTOMETRY_* that the part takes from the colours of tracks before the first step of a run. */
+    int (*tracks)(const struct train *t);
+    void (*use_tracks)(struct train *t, void *state, const struct photometry *p);
+
+    /* Before a step: changes the model. */
+    oxl_result (*before_step)(struct train *t, void *state);
+    /* Sets step->gain, by which the rendered image is multiplied. */
+    void (*set_gain)(struct train *t, void *state, struct train_deferred *step, int learns);
+    int (*needs)(const void *state); /* PART_NEEDS_* of the steps that come */
+    void (*form_image)(const void *state, struct imaging *m);
+    oxl_result (*before_render)(struct train *t, void *state, struct part_view *v);
+    oxl_result (*after_render)(struct train *t, void *state, struct part_view *v);
+    oxl_result (*before_backward)(struct train *t, void *state, struct part_view *v);
+    void (*after_backward)(struct train *t, void *state, struct part_view *v);
+    /* When the step's loss is known; on a device that may be after the next step has begun. */
+    void (*after_loss)(struct train *t, void *state, const struct train_deferred *step,
+                       const struct renderer_loss *loss);
+
+    /* While Gaussians are densified: before the step's gradients are added up, before rows are chosen, after
+     * that, and after a reset of opacities. */
+    oxl_result (*before_observe)(struct train *t, void *state);
+    oxl_result (*before_density)(struct train *t, void *state, struct density_rules *rules);
+    void (*after_density)(struct train *t, void *state);
+    void (*after_reset)(struct train *t, void *state);
+
+    /* After a step and its density control. */
+    oxl_result (*after_step)(struct train *t, void *state);
+    /* The last step up to which validation views are held out of training; 0: the part needs none. */
+    int (*validates_until)(const struct train *t, const void *state);
+    /* The trial that t->trial names: `start` is the state before it (model_selection.c). */
+    oxl_result (*trial)(struct train *t, void *state, struct train_branch *start);
+    /* Upper bound of the trials that a run makes, in lengths of a trial. */
+    int (*trials)(const oxl_train_options *options);
+    /* Upper bound of the memory for so many observations of tracks in so many views. */
+    double (*bytes)(const oxl_train_options *options, double observations, int views);
+
+    void (*report)(const void *state, oxl_progress *progress); /* of each step, to the caller */
+    /* After the last step: records its decision for run.json. */
+    void (*record)(struct train *t, void *state);
+    /* The run ends or pauses: writes what rendering the model takes to the scene and the model. */
+    void (*store)(struct train *t, void *state, oxl_model *model);
+    void (*describe)(struct train *t, void *state); /* after `store` of a whole run: logs the result */
+};
+
+/* The rows of the table in src/parts/table.c; NULL after the last. */
+OXL_INTERNAL const struct part *parts_at(int index);
+
+#endif

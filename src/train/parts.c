@@ -1,0 +1,188 @@
+/* parts.c - calls a hook of all parts, row by row (part.h). */
+#include "parts_calls.h"
+
+#define PARTS_FOR(k, hook)            \
+    for (int k = 0; parts_at(k); k++) \
+        if (parts_at(k)->hook)
+
+#define PARTS_CALL(hook, ...)                                                                 \
+    do {                                                                                      \
+        oxl_result parts_rc = OXL_OK;                                                         \
+        PARTS_FOR(k, hook) if (parts_rc == OXL_OK) parts_rc = parts_at(k)->hook(__VA_ARGS__); \
+        return parts_rc;                                                                      \
+    } while (0)
+
+OXL_INTERNAL oxl_result parts_check(oxl_context *ctx, const oxl_train_options *options)
+{
+    PARTS_CALL(check, ctx, options);
+}
+
+/* Takes the memory of all states at once, so that there are all or none. */
+OXL_INTERNAL oxl_result parts_create(struct train *t)
+{
+    enum { ALIGNMENT = 64 };
+    size_t at[TRAIN_PARTS_MAX], size = 0;
+    char *memory;
+    int count = 0;
+    for (; parts_at(count); count++) {
+        if (count == TRAIN_PARTS_MAX)
+            return oxl_fail(t->ctx, OXL_ERR_FAILED, "more than %d parts", TRAIN_PARTS_MAX);
+        at[count] = size;
+        size += (parts_at(count)->size + ALIGNMENT) / ALIGNMENT * ALIGNMENT;
+    }
+    memory = oxl_calloc(t->ctx, size + 1, 1);
+    if (!memory) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the parts of a run");
+    for (int k = 0; k < count; k++) t->part[k] = memory + at[k];
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result parts_begin(struct train *t)
+{
+    PARTS_CALL(begin, t, t->part[k]);
+}
+
+OXL_INTERNAL void parts_free(struct train *t)
+{
+    if (!t->part[0]) return;
+    PARTS_FOR(k, free) parts_at(k)->free(t, t->part[k]);
+    oxl_free(t->ctx, t->part[0]);
+    t->part[0] = NULL;
+}
+
+OXL_INTERNAL void parts_archive(struct archive *a, struct train *t, int branch)
+{
+    PARTS_FOR(k, archive) if (parts_at(k)->is_branched == branch) parts_at(k)->archive(a, t, t->part[k]);
+}
+
+OXL_INTERNAL int parts_tracks(const struct train *t)
+{
+    int wanted = 0;
+    PARTS_FOR(k, tracks) wanted |= parts_at(k)->tracks(t);
+    return wanted;
+}
+
+OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p)
+{
+    PARTS_FOR(k, use_tracks) parts_at(k)->use_tracks(t, t->part[k], p);
+}
+
+OXL_INTERNAL oxl_result parts_before_step(struct train *t)
+{
+    PARTS_CALL(before_step, t, t->part[k]);
+}
+
+OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns)
+{
+    PARTS_FOR(k, set_gain) parts_at(k)->set_gain(t, t->part[k], step, learns);
+}
+
+OXL_INTERNAL int parts_needs(const struct train *t)
+{
+    int needs = 0;
+    PARTS_FOR(k, needs) needs |= parts_at(k)->needs(t->part[k]);
+    return needs;
+}
+
+OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m)
+{
+    PARTS_FOR(k, form_image) parts_at(k)->form_image(t->part[k], m);
+}
+
+OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v)
+{
+    PARTS_CALL(before_render, t, t->part[k], v);
+}
+
+OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v)
+{
+    PARTS_CALL(after_render, t, t->part[k], v);
+}
+
+OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v)
+{
+    PARTS_CALL(before_backward, t, t->part[k], v);
+}
+
+OXL_INTERNAL void parts_after_backward(struct train *t, struct part_view *v)
+{
+    PARTS_FOR(k, after_backward) parts_at(k)->after_backward(t, t->part[k], v);
+}
+
+OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred *step,
+                                   const struct renderer_loss *loss)
+{
+    PARTS_FOR(k, after_loss) parts_at(k)->after_loss(t, t->part[k], step, loss);
+}
+
+OXL_INTERNAL oxl_result parts_before_observe(struct train *t)
+{
+    PARTS_CALL(before_observe, t, t->part[k]);
+}
+
+OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules)
+{
+    PARTS_CALL(before_density, t, t->part[k], rules);
+}
+
+OXL_INTERNAL void parts_after_density(struct train *t)
+{
+    PARTS_FOR(k, after_density) parts_at(k)->after_density(t, t->part[k]);
+}
+
+OXL_INTERNAL void parts_after_reset(struct train *t)
+{
+    PARTS_FOR(k, after_reset) parts_at(k)->after_reset(t, t->part[k]);
+}
+
+OXL_INTERNAL oxl_result parts_after_step(struct train *t)
+{
+    PARTS_CALL(after_step, t, t->part[k]);
+}
+
+OXL_INTERNAL int parts_validate_until(const struct train *t)
+{
+    int last = 0;
+    PARTS_FOR(k, validates_until) last = OXL_MAX(last, parts_at(k)->validates_until(t, t->part[k]));
+    return last;
+}
+
+OXL_INTERNAL oxl_result parts_trial(struct train *t, struct train_branch *start)
+{
+    for (int k = 0; parts_at(k); k++)
+        if (parts_at(k) == t->trial) return parts_at(k)->trial(t, t->part[k], start);
+    return OXL_OK;
+}
+
+OXL_INTERNAL int parts_trials(const oxl_train_options *options)
+{
+    int trials = 0;
+    PARTS_FOR(k, trials) trials += parts_at(k)->trials(options);
+    return trials;
+}
+
+OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observations, int views)
+{
+    double bytes = 0;
+    PARTS_FOR(k, bytes) bytes += parts_at(k)->bytes(options, observations, views);
+    return bytes;
+}
+
+OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress)
+{
+    PARTS_FOR(k, report) parts_at(k)->report(t->part[k], progress);
+}
+
+OXL_INTERNAL void parts_record(struct train *t)
+{
+    PARTS_FOR(k, record) parts_at(k)->record(t, t->part[k]);
+}
+
+OXL_INTERNAL void parts_store(struct train *t, oxl_model *model)
+{
+    PARTS_FOR(k, store) parts_at(k)->store(t, t->part[k], model);
+}
+
+OXL_INTERNAL void parts_describe(struct train *t)
+{
+    PARTS_FOR(k, describe) parts_at(k)->describe(t, t->part[k]);
+}

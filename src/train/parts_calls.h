@@ -1,0 +1,36 @@
+/* parts_calls.h - calls a hook of all parts, in the order of the table: for the loop, steps and trials. */
+#ifndef OXL_PARTS_CALLS_H
+#define OXL_PARTS_CALLS_H
+
+#include "part.h"
+
+OXL_INTERNAL oxl_result parts_create(struct train *t); /* memory for the states */
+OXL_INTERNAL oxl_result parts_begin(struct train *t);
+OXL_INTERNAL void parts_free(struct train *t);
+/* branch: only what the steps of a trial change. */
+OXL_INTERNAL void parts_archive(struct archive *a, struct train *t, int branch);
+OXL_INTERNAL int parts_tracks(const struct train *t);
+OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);
+OXL_INTERNAL oxl_result parts_before_step(struct train *t);
+OXL_INTERNAL void parts_set_gain(struct train *t, struct train_deferred *step, int learns);
+OXL_INTERNAL int parts_needs(const struct train *t);
+OXL_INTERNAL void parts_form_image(const struct train *t, struct imaging *m);
+OXL_INTERNAL oxl_result parts_before_render(struct train *t, struct part_view *v);
+OXL_INTERNAL oxl_result parts_after_render(struct train *t, struct part_view *v);
+OXL_INTERNAL oxl_result parts_before_backward(struct train *t, struct part_view *v);
+OXL_INTERNAL void parts_after_backward(struct train *t, struct part_view *v);
+OXL_INTERNAL void parts_after_loss(struct train *t, const struct train_deferred *step,
+                                   const struct renderer_loss *loss);
+OXL_INTERNAL oxl_result parts_before_observe(struct train *t);
+OXL_INTERNAL oxl_result parts_before_density(struct train *t, struct density_rules *rules);
+OXL_INTERNAL void parts_after_density(struct train *t);
+OXL_INTERNAL void parts_after_reset(struct train *t);
+OXL_INTERNAL oxl_result parts_after_step(struct train *t);
+OXL_INTERNAL int parts_validate_until(const struct train *t);
+OXL_INTERNAL oxl_result parts_trial(struct train *t, struct train_branch *start);
+OXL_INTERNAL void parts_report(const struct train *t, oxl_progress *progress);
+OXL_INTERNAL void parts_record(struct train *t);
+OXL_INTERNAL void parts_store(struct train *t, oxl_model *model);
+OXL_INTERNAL void parts_describe(struct train *t);
+
+#endif

@@ -1,0 +1,48 @@
+/* cases.c - scenes that several test files share. */
+#include "test.h"
+
+/* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they
+ * share nothing. */
+
+struct prune_case prune_two_patches(int many, int few, float low)
+{
+    enum { SIDE = 32 };
+    struct prune_case c = {NULL, {{0}, {0}, {0}}};
+    oxl_view view[16] = {{0}};
+    oxl_image image[16] = {{0}};
+    static char names[16][16];
+    CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.trained.model));
+    for (int i = 0; i < 128; i++) {
+        c.trained.model.plane[OXL_MEAN][i] = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
+        c.trained.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
+        c.trained.model.plane[OXL_OPACITY][i] = i % 2 ? 2.0f : low; /* every second one is fainter */
+        for (int a = 0; a < 3; a++)
+            c.trained.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.trained.model.plane[OXL_SH + a][i] = 1;
+    }
+    CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.mean));
+    CHECK_OK(model_copy(test_ctx, &c.trained.model, &c.trained.square));
+    for (int v = 0; v < many + few; v++) {
+        snprintf(names[v], sizeof names[v], "v%02d.png", v);
+        view[v] = (oxl_view){names[v],
+                             {SIDE,
+                              SIDE,
+                              40,
+                              40,
+                              SIDE / 2.0,
+                              SIDE / 2.0,
+                              {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                              {(v < many ? 20 : -20) + 0.05 * v, 0.03 * v, 4}},
+                             0};
+        CHECK_OK(oxl_image_create(test_ctx, SIDE, SIDE, &image[v]));
+        for (int i = 0; i < 3 * SIDE * SIDE; i++) image[v].rgb[i] = (float)(i % SIDE) / SIDE;
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, many + few, NULL, 0, &c.scene));
+    for (int v = 0; v < many + few; v++) oxl_image_free(test_ctx, &image[v]);
+    return c;
+}
+
+void prune_case_free(struct prune_case *c)
+{
+    oxl_scene_free(test_ctx, c->scene);
+    model_trained_free(test_ctx, &c->trained);
+}

@@ -1,0 +1,26 @@
+/* test_exposure.c - when the tracks show that images need gains. */
+#include "test.h"
+#include "../src/parts/exposure.h"
+
+/* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
+static int exposure_test_takes(double wave, double jump, int parts)
+{
+    struct exposure e = {.mode = OXL_AUTO, .of = imaging_test_make(8, NULL, 0)};
+    struct photometry p = {.points = 100, .observations = 900, .parts = parts};
+    float gain[24];
+    uint8_t known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+    char why[400];
+    int on;
+    for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
+    p.log_gain = gain, p.known = known;
+    exposure_set_from_tracks(&e, &p, why, sizeof why);
+    on = e.of.on;
+    imaging_free(test_ctx, &e.of);
+    return on;
+}
+
+TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_predict_them)
+{
+    CHECK(exposure_test_takes(0.1, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0.1, 0, PHOTOMETRY_LAMP));
+    CHECK(!exposure_test_takes(0.02, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0, 0.1, PHOTOMETRY_GAINS));
+}
