@@ -17,7 +17,7 @@ enum {
     MATCH_ENOUGH = 3,    /* images to be judged; with fewer nothing is said */
     MATCH_SIDE = 320,    /* px: longer side of the brightness that is compared */
     MATCH_OTHERS = 4,    /* images whose points give the correlation by chance */
-    MATCH_POINTS = 2048, /* limit of points to project where there are no tracks */
+    MATCH_POINTS = 8192, /* limit of points to project where there are no tracks */
     MATCH_NAMED = 3      /* images named */
 };
 #define MATCH_CLIP 1.5    /* times the median of the absolute differences */
@@ -26,10 +26,11 @@ enum {
 #define MATCH_WINS 0.7    /* and the fraction of the images in which it is */
 #define MATCH_SUSPECT \
     0.5 /* of the correlation that a tenth of the images exceeds: images below are looked at */
-#define MATCH_ELSEWHERE 0.25 /* by which such an image must fit better turned, or at another place */
-#define MATCH_DEVIATIONS 4.0 /* or be below the other images, and within */
-#define MATCH_NOISE 3.0      /* standard deviations of what chance gives */
-#define MATCH_LOW 0.3        /* of the median */
+#define MATCH_ELSEWHERE 0.25  /* by which such an image must fit better turned, or at another place */
+#define MATCH_DEVIATIONS 4.0  /* or be below the other images, and within */
+#define MATCH_NOISE 3.0       /* standard deviations of what chance gives */
+#define MATCH_SIGNIFICANT 5.0 /* standard deviations: what the best of hundreds of places must have */
+#define MATCH_LOW 0.3         /* of the median */
 
 /* ---------------- maps */
 
@@ -439,8 +440,10 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
         if (!w->judged[k] || (!all && r >= MATCH_SUSPECT * high)) continue;
         rc = match_find_place(w, k, &map);
         if (rc != OXL_OK) return rc;
-        elsewhere = s->other > r + MATCH_ELSEWHERE &&
-                    s->other > (all ? MATCH_CHANCE : MATCH_SUSPECT * high) && (map || s->fits >= 0);
+        elsewhere = (map || s->fits >= 0) && s->other > r + MATCH_ELSEWHERE &&
+                    s->other > (all ? MATCH_CHANCE : MATCH_SUSPECT * high) &&
+                    s->other * sqrt(w->layout[map ? k : s->fits].count) > MATCH_SIGNIFICANT &&
+                    r < s->chance + noise;
         if (elsewhere || (!all && w->tracked && r < median - MATCH_DEVIATIONS * spread &&
                           r < MATCH_LOW * median && r < s->chance + noise))
             match_name(w, k, map, elsewhere, f);
