@@ -114,6 +114,13 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
     int same = 0;
     oxl_result rc;
     if (!run->line[0] || !strcmp(run->line, job->line.data)) return OXL_OK;
+    if (run->scene && (found || os_is_same(run->scene, job->scene_path))) { /* other options may differ */
+        text_free(&job->line);
+        text_free(&job->key);
+        manifest_describe(&job->line, run->scene, &job->options);
+        rc = job->line.failed ? job_no_memory(job) : job_make_key(job);
+        if (rc != OXL_OK || !strcmp(run->line, job->line.data)) return rc;
+    }
     rc = manifest_equivalent(job->ctx, run->line, job->line.data, found, &same);
     if (rc != OXL_OK || !same) return rc;
     text_free(&job->line);
