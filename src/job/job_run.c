@@ -134,7 +134,8 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
-    if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
+    if (run->finished && job->start.after == 0 && job_is_of_another_survey(job, run) &&
+        !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
