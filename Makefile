@@ -102,7 +102,7 @@ WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o
 TEST_CFLAGS = $(if $(filter -O3,$(CFLAGS)),-O1 -g,$(CFLAGS)) # of the tests themselves: they are to be built fast
 TEST_O := $(patsubst %.c,$(BUILD)/%.o,tests/test.c tests/cases.c $(TESTS))
 $(BUILD)/tests/test.o: $(BUILD)/test_list.h
-$(BUILD)/test: $(TEST_O) $(WIDE) $(LIBRARY)
+$(BUILD)/test: $(TEST_O) $(WIDE) $(filter-out $(BUILD)/backends/%,$(LIBRARY)) # the backend is in test_vulkan.o
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
 coverage: ## lines and branches of src/ that the tests reach (gcov)

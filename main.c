@@ -82,9 +82,15 @@ static void console_clear(struct console *c)
 static void print_error(const char *kind, const char *text)
 {
     fprintf(stderr, "oxl: %s", kind);
-    for (; *text; text++) {
-        fputc(*text, stderr);
-        if (*text == '\n') fputs("     ", stderr);
+    for (size_t size; *text; text += size) {
+        const char *end = strchr(text, '\n');
+        char line[2048];
+        size = end ? (size_t)(end + 1 - text) : strlen(text);
+        if (size >= sizeof line) size = sizeof line - 1;
+        memcpy(line, text, size);
+        line[size] = 0;
+        print_text(stderr, line);
+        if (end && end < text + size) fputs("     ", stderr);
     }
     fputc('\n', stderr);
 }
@@ -214,12 +220,12 @@ static void print_resume(const struct arguments *a)
         print_error("", "interrupted before anything was trained\nresume: the same command again");
         return;
     }
-    fprintf(
+    print_format(
         stderr,
         "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ",
         out);
-    if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
-    else fprintf(stderr, "oceanxl merge %s", out);
+    if (a->out) print_format(stderr, "oceanxl train %s -o %s", PRINT_WORD(a->path[0]), PRINT_WORD(out));
+    else print_format(stderr, "oceanxl merge %s", PRINT_WORD(out));
     if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
     fputc('\n', stderr);
 }
@@ -227,13 +233,14 @@ static void print_resume(const struct arguments *a)
 static void print_results(const char *out, int json)
 {
     char *metrics = output_read(out, "metrics.json", NULL);
-    if (!metrics) printf("unfinished %s\n", out);
+    if (!metrics) print_format(stdout, "unfinished %s\n", out);
     else if (json) fputs(metrics, stdout);
     else {
-        printf("model     %s/scene.ply\n", out);
+        print_format(stdout, "model     %s/scene.ply\n", out);
         if (has_file(out, "scene_standard.ply"))
-            printf("standard  %s/scene_standard.ply, for other viewers\n", out);
-        printf("metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n", out, out, out);
+            print_format(stdout, "standard  %s/scene_standard.ply, for other viewers\n", out);
+        print_format(stdout, "metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n",
+                     out, out, out);
     }
     free(metrics);
 }
@@ -244,7 +251,7 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     char *json = NULL;
     oxl_result rc = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
-    if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
+    if (rc == OXL_OK) print_text(stdout, json ? json : survey.text);
     oxl_text_free(ctx, json);
     return rc;
 }
@@ -270,7 +277,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out);
     if (rc != OXL_OK) return rc;
-    if (a->job.block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->job.block);
+    if (a->job.block >= 0) print_format(stdout, "block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a->out, a->json);
     return rc;
 }
@@ -291,7 +298,7 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
 static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 {
     const oxl_result rc = report_write(ctx, a->path[0]);
-    if (rc == OXL_OK) printf("report    %s/report.html\n", a->path[0]);
+    if (rc == OXL_OK) print_format(stdout, "report    %s/report.html\n", a->path[0]);
     return rc;
 }
 
@@ -306,8 +313,9 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
         info_print_blocks(stdout, &report);
-        printf("\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out,
-               a->out, a->out);
+        print_format(stdout,
+                     "\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n",
+                     a->out, a->out, a->out);
     }
     oxl_text_free(ctx, json);
     oxl_partition_report_free(ctx, &report);
@@ -379,7 +387,7 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, on_synth, console);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
     console_clear(console);
-    if (rc == OXL_OK && !a->ortho) printf("%d images in %s\n", count, a->out);
+    if (rc == OXL_OK && !a->ortho) print_format(stdout, "%d images in %s\n", count, a->out);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
     return rc;
@@ -387,11 +395,17 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
 
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
-    printf("%8s %8s %8s %8s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM");
-    for (int i = 0; i < m->count; i++)
-        printf("%8.3f %8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].cc_psnr, m->views[i].ssim,
-               m->views[i].ms_ssim, oxl_scene_view(scene, m->views[i].view)->name);
-    printf("%8.3f %8.3f %8.5f %8.5f  mean of %d\n", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->count);
+    const int lpips = m->lpips == m->lpips; /* not NaN */
+    printf("%8s %8s %8s %8s%s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM", lpips ? "    LPIPS" : "");
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        printf("%8.3f %8.3f %8.5f %8.5f", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim);
+        if (lpips) printf(" %8.5f", v->lpips);
+        print_format(stdout, "  %s\n", oxl_scene_view(scene, v->view)->name);
+    }
+    printf("%8.3f %8.3f %8.5f %8.5f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim);
+    if (lpips) printf(" %8.5f", m->lpips);
+    printf("  mean of %d\n", m->count);
     if (m->depth[1] > 0)
         printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n",
                m->by_depth[0], m->by_depth[1], m->by_depth[2], m->depth[0], m->depth[1]);
@@ -399,9 +413,6 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
            m->plain_psnr, m->half_psnr);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
-    puts(
-        "LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
-        "renders/NAME.image.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
@@ -411,6 +422,7 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
     oxl_metrics metrics = {0};
     char *json = NULL;
     oxl_result rc = load(ctx, a, &model, &scene);
+    if (rc == OXL_OK && a->job.lpips) rc = oxl_scene_read_lpips(ctx, scene, a->job.lpips);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
@@ -440,11 +452,13 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model model = {0};
+    int copied = 0;
     oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
-    if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
-    if (rc == OXL_OK && info_copy_imaging(a->path[0], a->path[1])) puts("imaging.txt is copied beside it");
+    if (rc == OXL_OK) print_format(stdout, "%zu Gaussians in %s\n", model.count, a->path[1]);
+    if (rc == OXL_OK) rc = info_copy_imaging(ctx, a->path[0], a->path[1], &copied);
+    if (copied) puts("imaging.txt is copied beside it");
     oxl_model_free(ctx, &model);
     return rc;
 }
@@ -461,7 +475,7 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     catch_signals();
     rc = synth_run(ctx, &options);
     console_clear(console);
-    if (rc == OXL_OK) printf("survey    %s\n", a->out);
+    if (rc == OXL_OK) print_format(stdout, "survey    %s\n", a->out);
     return rc;
 }
 
@@ -492,7 +506,7 @@ static oxl_result run_devices(oxl_context *ctx)
 {
     char *list = NULL;
     oxl_result rc = oxl_devices(ctx, &list);
-    if (rc == OXL_OK) fputs(list, stdout);
+    if (rc == OXL_OK) print_text(stdout, list);
     oxl_text_free(ctx, list);
     return rc;
 }

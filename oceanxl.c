@@ -13,6 +13,7 @@
 #include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
+#include "src/core/checksum.c"   /* checksums of working files */
 #include "src/core/lock.c"       /* one process at a time writes to a folder */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
@@ -136,6 +137,7 @@
 #include "src/parts/table.c"       /* the table */
 
 #include "src/job/metrics.c"  /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/lpips.c"    /* LPIPS, for evaluations */
 #include "src/job/evaluate.c" /* a model's images against those of a survey */
 #include "src/job/seam.c"     /* image error at the borders between blocks */
 
@@ -151,6 +153,7 @@
 #include "src/job/block.c"             /* training of one block in its folder */
 #include "src/job/overlap.c"           /* does a model belong to a survey? */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
+#include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */

@@ -237,6 +237,10 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
  * renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
+/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/job/lpips.c), by which
+ * evaluations of the scene measure LPIPS, too. */
+OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
+
 /* The image of a view as used in training: undistorted, reduced, masked. Free with oxl_image_free.
  * OXL_ERR_INPUT: its file is missing, not readable, or masked completely. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
@@ -289,7 +293,8 @@ OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: 
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's
  * cameras needs the scene's origin. */
 OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
-/* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. */
+/* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. A
+ * model that oxl_model_open left in its file, and other factors, change nothing. */
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl
@@ -367,10 +372,12 @@ typedef struct oxl_view_metrics {
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
     /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
     double half_psnr;
+    double lpips; /* NaN: not measured */
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
+    double lpips;                                               /* NaN: not measured */
     int count;
     oxl_view_metrics *views; /* (count) */
     double depth[2];         /* terciles of the depths of all observations */

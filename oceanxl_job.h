@@ -10,6 +10,8 @@
 
 #include "oceanxl.h"
 
+#include <stdio.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -52,11 +54,12 @@ typedef struct oxl_job_options {
     size_t ram;
     /* images that train.iterations are for: more images raise them, few limit them; 0: neither */
     int iterations_for;
-    int block;        /* train only this block and do not merge; -1: all */
-    int keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int restart;      /* 1: discard unfinished work with other options in OUT */
-    uint64_t seed;    /* 0: the context's */
-    const char *from; /* model that training starts from; NULL: the survey's points */
+    int block;         /* train only this block and do not merge; -1: all */
+    int keep_decoded;  /* 1: decoded images stay in OUT/blocks/decoded for the next run */
+    int restart;       /* 1: discard unfinished work with other options in OUT */
+    uint64_t seed;     /* 0: the context's */
+    const char *lpips; /* weights of LPIPS, for evaluations; NULL: it is not measured */
+    const char *from;  /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -94,11 +97,12 @@ typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_E
 
 /* what takes the option, and where it does not apply: bits of oxl_option.use */
 enum {
-    OXL_OPTION_OF_SURVEY = 1,   /* reading a survey */
-    OXL_OPTION_OF_TRAINING = 2, /* training, in a run or a study, and its prediction */
-    OXL_OPTION_OF_RUN = 4,      /* one run, or its prediction */
-    OXL_OPTION_OF_OUT = 8,      /* an existing folder OUT */
-    OXL_OPTION_OF_BLOCK = 16,   /* a run or one block of it, not its prediction */
+    OXL_OPTION_OF_SURVEY = 1,      /* reading a survey */
+    OXL_OPTION_OF_TRAINING = 2,    /* training, in a run or a study, and its prediction */
+    OXL_OPTION_OF_RUN = 4,         /* one run, or its prediction */
+    OXL_OPTION_OF_OUT = 8,         /* an existing folder OUT */
+    OXL_OPTION_OF_BLOCK = 16,      /* a run or one block of it, not its prediction */
+    OXL_OPTION_OF_EVALUATION = 32, /* a run, a study, or an evaluation */
     OXL_OPTION_OF_RESULT =
         64, /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
@@ -258,6 +262,11 @@ typedef struct oxl_render_output {
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                     const oxl_render_output *what, const char *folder, int *count);
 
+/* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its name
+ * is FOLDER/NAME + suffix; "/" is "_" in names with ".." and absolute ones, and a long name is cut. */
+OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const char *view, const char *suffix,
+                                   char **out);
+
 /* A portable float map (Debevec): (height,width) values, from the top, written atomically; OXL_ERR_IO: it
  * cannot be written. */
 OXL_API oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width,
@@ -277,6 +286,14 @@ OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey
 /* with its parents; an existing folder is no error */
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
 OXL_API int oxl_is_folder(const char *path);
+
+/* A path as one word of a POSIX shell, for commands to copy: quoted where it has to be; what has no room is cut.
+ * Returns out. */
+OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
+
+/* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a link
+ * of that name is followed nor a file of another process written. NULL: errno says why. */
+OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
 
 /* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be
  * rewritten. */

@@ -25,8 +25,8 @@ struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none
 struct spread info_spread(const float *value, size_t count, float *sorted);
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains
- * alone. 1: done. */
-int info_copy_imaging(const char *from, const char *to);
+ * alone. */
+oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */
@@ -36,7 +36,7 @@ struct output { /* text in memory; once it is opened as a file, what is not writ
     size_t used, capacity;
     int failed; /* an allocation or a write */
     FILE *file; /* atomic: renamed to its name on close */
-    char path[1024], temporary[1040];
+    char path[4096], temporary[4128];
 };
 /* The conversions are printf's %s %-*s %*s %.*s %d %.5d %zu %llu %.2f %.*f (rounded half up; nothing if not
  * finite or, with its decimals, of more than 18 digits); %S: a string escaped for XML and HTML, also within
@@ -50,6 +50,13 @@ int output_close(struct output *t);
 int output_save(struct output *t, const char *path); /* open and close */
 /* in fresh memory, or NULL; size may be NULL */
 char *output_read(const char *folder, const char *name, size_t *size);
+
+/* All text with names, of files, folders and images, is printed by these: control characters, which a survey
+ * from elsewhere may hold, are shown as \xNN. */
+void print_text(FILE *to, const char *text);
+void print_format(FILE *to, const char *format, ...);
+/* A path in a command to copy, as a temporary of the enclosing block. */
+#define PRINT_WORD(path) oxl_shell_word(path, (char[8192]){0}, 8192)
 
 /* The same for one number, and figures for people; return out. */
 const char *output_fixed(char out[32], double value, int decimals);

@@ -107,7 +107,7 @@ static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c
 static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count)
 {
     struct output list = {0};
-    char path[1100];
+    char path[4200];
     FILE *next = NULL;
     oxl_result rc = OXL_ERR_MEMORY;
     for (int i = 0; i < count; i++) output_add(&list, "frame_%.5d.png\n", i);
@@ -143,7 +143,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
         const double fraction =
             orbit ? (double)i / a->frames : (double)i / (a->frames > 1 ? a->frames - 1 : 1);
         oxl_image image = {0};
-        char path[1100];
+        char path[4200];
         if (!orbit) flight_survey(scene, fraction, &c);
         else if (!flight_orbit(scene, fraction, &c)) rc = OXL_ERR_MEMORY;
         snprintf(path, sizeof path, "%s/frame_%05d.png", a->out, i);

@@ -77,13 +77,18 @@ static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
 
 /* ---------------- imaging.txt beside a model (docs/IMAGING.md) */
 
-/* Beside `model`; NULL: there is none. */
-static FILE *info_open_imaging(const char *model, const char *mode)
+static void info_imaging_path(const char *model, char path[4096])
 {
     const char *base = strrchr(model, '/');
+    snprintf(path, 4096, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
+}
+
+/* Beside `model`; NULL: there is none. */
+static FILE *info_open_imaging(const char *model)
+{
     char path[4096];
-    snprintf(path, sizeof path, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
-    return fopen(path, mode);
+    info_imaging_path(model, path);
+    return fopen(path, "rb");
 }
 
 /* scene.ply has learned what the medium shows. */
@@ -104,9 +109,15 @@ static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
 
+/* Of the file as it was written: a copy may lack lines. */
+static int info_is_checksum(const char *line)
+{
+    return strncmp(line, "# checksum ", 11) == 0;
+}
+
 static void info_write_imaging(FILE *to, const char *path, int json)
 {
-    FILE *file = info_open_imaging(path, "rb");
+    FILE *file = info_open_imaging(path);
     int gains = 0, lines = 0;
     char line[4096];
     while (file && fgets(line, sizeof line, file)) {
@@ -117,7 +128,7 @@ static void info_write_imaging(FILE *to, const char *path, int json)
         if (json) {
             fputs(lines ? ", " : ",\n  \"imaging\": [", to);
             json_print(to, line);
-        } else fprintf(to, "%s%s\n", lines ? "            " : "imaging     ", line);
+        } else print_format(to, "%s%s\n", lines ? "            " : "imaging     ", line);
         lines++;
     }
     if (lines && json) fputc(']', to);
@@ -125,19 +136,27 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     if (file) fclose(file);
 }
 
-int info_copy_imaging(const char *from, const char *to)
+oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied)
 {
-    FILE *in = info_open_imaging(from, "rb"), *there = in ? info_open_imaging(to, "rb") : NULL, *out = NULL;
-    char line[4096];
-    int failed;
-    if (in && !there) out = info_open_imaging(to, "wb");
-    while (out && fgets(line, sizeof line, in))
-        if (!info_is_medium(line) || !info_is_for_viewers(from)) fputs(line, out);
-    failed = out && (ferror(in) || ferror(out));
+    FILE *in = info_open_imaging(from), *there = in ? info_open_imaging(to) : NULL;
+    struct output out = {0};
+    char path[4096], line[4096];
+    int failed = 0;
+    *copied = in && !there;
+    info_imaging_path(to, path);
+    if (*copied) output_open(&out, path);
+    while (*copied && fgets(line, sizeof line, in))
+        if (!info_is_checksum(line) && (!info_is_medium(line) || !info_is_for_viewers(from)))
+            output_bytes(&out, line, strlen(line));
+    if (*copied) failed = ferror(in) != 0, out.failed |= failed, failed |= !output_close(&out);
     if (in) fclose(in);
     if (there) fclose(there);
-    if (out) failed |= fclose(out) != 0;
-    return out && !failed;
+    if (!failed) return OXL_OK;
+    *copied = 0;
+    return oxl_fail(ctx, OXL_ERR_IO,
+                    "%s: the gains of the images could not be copied beside the model, which is there\n"
+                    "fix: free space on the disk, and copy imaging.txt from beside %s",
+                    path, from);
 }
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)

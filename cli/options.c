@@ -46,8 +46,8 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
         {"eval", 2, "MODEL SCENE",
          "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
          "oceanxl eval out/scene.ply survey",
-         "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
-         "not available: compare OUT/renders/NAME.png with NAME.image.png by a program that has one."},
+         "The images are those that train held out, unless --split says otherwise. --lpips WEIGHTS adds LPIPS: its network's\n"
+         "weights do not come with the program, examples/lpips_weights.py writes them."},
     [COMMAND_INFO] = {"info", 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
                       "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =
@@ -184,6 +184,7 @@ static unsigned cli_commands_of(unsigned use)
     if (use & OXL_OPTION_OF_RUN) commands |= TRAINS;
     if (use & OXL_OPTION_OF_OUT) commands |= IN(TRAIN) | STUDIES;
     if (use & OXL_OPTION_OF_BLOCK) commands |= IN(TRAIN);
+    if (use & OXL_OPTION_OF_EVALUATION) commands |= IN(TRAIN) | STUDIES | IN(EVAL);
     return commands;
 }
 

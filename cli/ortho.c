@@ -53,7 +53,7 @@ static int ortho_world_file(const struct ortho *o, const char *folder, double un
 {
     const double pixel = o->pixel * unit;
     struct output t = {0};
-    char path[1100];
+    char path[4200];
     snprintf(path, sizeof path, "%s/ortho.pgw", folder);
     output_add(&t, "%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n", pixel, 0.0, 0.0, -pixel, o->corner[0] * unit,
                o->corner[1] * unit);
@@ -67,7 +67,7 @@ static oxl_result ortho_heights(oxl_context *ctx, const struct ortho *o, const o
 {
     const size_t pixels = (size_t)o->camera.width * (size_t)o->camera.height;
     const double base = o->frame.is_world ? o->frame.centre[2] + oxl_scene_origin(scene)[2] : 0;
-    char path[1100];
+    char path[4200];
     for (size_t i = 0; i < pixels; i++)
         depth[i] = depth[i] > 0 ? (float)((o->distance - (double)depth[i] + base) * unit) : NAN;
     snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
@@ -80,7 +80,7 @@ static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl
     oxl_render_options render = oxl_render_options_default();
     oxl_image image = {0};
     const double unit = a->scale > 0 ? a->scale : 1;
-    char path[1100];
+    char path[4200];
     float *depth =
         a->depth ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
     oxl_result rc = OXL_OK;
@@ -107,7 +107,7 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     double side;
     oxl_result rc = oxl_make_folder(ctx, a->out);
     if (rc != OXL_OK) return rc;
-    if (strlen(a->out) > 1000)
+    if (strlen(a->out) > 4000)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
@@ -128,9 +128,9 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     ortho_camera(&o, scene);
     rc = ortho_draw(ctx, model, scene, a, &o);
     if (rc != OXL_OK) return rc;
-    fprintf(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", a->out, o.camera.width,
-            o.camera.height, o.pixel * unit, a->scale > 0 ? "metres" : "units",
-            o.frame.is_world ? "in the world's x and y"
-                             : "along the survey's principal axes: its world's z is not up");
+    print_format(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", a->out, o.camera.width,
+                 o.camera.height, o.pixel * unit, a->scale > 0 ? "metres" : "units",
+                 o.frame.is_world ? "in the world's x and y"
+                                  : "along the survey's principal axes: its world's z is not up");
     return OXL_OK;
 }

@@ -202,7 +202,7 @@ double axis_step(double span)
 
 char *output_read(const char *folder, const char *name, size_t *size)
 {
-    char path[2048], *text = NULL;
+    char path[4200], *text = NULL;
     FILE *file;
     long end;
     if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) return NULL;
@@ -222,8 +222,7 @@ char *output_read(const char *folder, const char *name, size_t *size)
 void output_open(struct output *t, const char *path)
 {
     if (snprintf(t->path, sizeof t->path, "%s", path) >= (int)sizeof t->path) t->failed = 1;
-    snprintf(t->temporary, sizeof t->temporary, "%s.part", t->path);
-    t->file = t->failed ? NULL : fopen(t->temporary, "wb");
+    t->file = t->failed ? NULL : oxl_create_beside(t->path, t->temporary, sizeof t->temporary);
     if (!t->file) t->failed = 1;
 }
 
@@ -246,6 +245,60 @@ int output_save(struct output *t, const char *path)
 {
     if (!t->failed) output_open(t, path);
     return output_close(t);
+}
+
+/* ---------------- what a terminal shows */
+
+/* Bytes of the UTF-8 character at s, or 0: it is none. Overlong and too large ones count as characters. */
+static size_t print_character(const unsigned char *s)
+{
+    const size_t size = s[0] < 0x80   ? 1
+                        : s[0] < 0xC2 ? 0
+                        : s[0] < 0xE0 ? 2
+                        : s[0] < 0xF0 ? 3
+                        : s[0] < 0xF5 ? 4
+                                      : 0;
+    for (size_t i = 1; i < size; i++)
+        if ((s[i] & 0xC0) != 0x80) return 0;
+    return size;
+}
+
+/* 1: it moves the cursor, changes the terminal, or the order in which it shows characters. */
+static int print_controls(const unsigned char *s, size_t size)
+{
+    if (size == 1) return (s[0] < ' ' && s[0] != '\n' && s[0] != '\t') || s[0] == 0x7F;
+    if (size == 2) return s[0] == 0xC2 && s[1] < 0xA0;
+    return size == 3 && s[0] == 0xE2 &&
+           ((s[1] == 0x80 && s[2] >= 0xAA && s[2] <= 0xAE) || (s[1] == 0x81 && s[2] >= 0xA6 && s[2] <= 0xA9));
+}
+
+void print_text(FILE *to, const char *text)
+{
+    const unsigned char *s = (const unsigned char *)text;
+    while (*s) {
+        const size_t size = print_character(s), bytes = size ? size : 1;
+        const int is_clean = size && !print_controls(s, size);
+        if (is_clean) fwrite(s, 1, bytes, to);
+        for (size_t i = 0; i < bytes && !is_clean; i++) fprintf(to, "\\x%02x", s[i]);
+        s += bytes;
+    }
+}
+
+void print_format(FILE *to, const char *format, ...)
+{
+    va_list list;
+    char *text = NULL;
+    int length;
+    va_start(list, format);
+    length = vsnprintf(NULL, 0, format, list);
+    va_end(list);
+    if (length >= 0) text = malloc((size_t)length + 1);
+    if (!text) return;
+    va_start(list, format);
+    vsnprintf(text, (size_t)length + 1, format, list);
+    va_end(list);
+    print_text(to, text);
+    free(text);
 }
 
 /* ---------------- strings of JSON */

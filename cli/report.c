@@ -28,6 +28,8 @@ static void report_tiles(struct report *r)
         output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean PSNR</span></div>\n",
                    oxl_json_number(r->metrics, "psnr"));
         report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
+        if (oxl_json_member(r->metrics, "lpips"))
+            report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "lpips"), 3), "mean LPIPS (AlexNet)");
         report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
         report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");
@@ -246,14 +248,9 @@ static void report_seam(struct report *r)
 
 /* ---------------- to repeat it */
 
-/* A word for a POSIX shell: quoted where it has to be. */
 static void report_shell(struct output *t, const char *word)
 {
-    static const char plain[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./,-+:@%";
-    const char *quote = word[0] && strspn(word, plain) == strlen(word) ? "" : "'";
-    output_add(t, "%S", quote);
-    for (; *word; word++) output_add(t, "%S", *word == '\'' ? "'\\''" : (char[2]){*word, 0});
-    output_add(t, "%S", quote);
+    output_add(t, "%S", PRINT_WORD(word));
 }
 
 /* The command that gives the same bytes: every option that differs from the preset's. */
@@ -322,11 +319,12 @@ oxl_result report_write(oxl_context *ctx, const char *out)
 {
     struct report r = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
     oxl_result rc = OXL_ERR_MEMORY;
-    char path[1024];
+    char path[4096];
     if (!oxl_json_member(r.run, "job")) {
         free(r.run);
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
+                        "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out,
+                        PRINT_WORD(out));
     }
     report_open(&r);
     if (!r.page.failed) report_compose(&r);

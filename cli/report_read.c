@@ -55,7 +55,7 @@ const char *report_part(const struct report *r, int part, char out[40])
 
 static void report_read_block(struct report *r, int k)
 {
-    char folder[2048], *log;
+    char folder[4200], *log;
     snprintf(folder, sizeof folder, "%s/blocks/%s", r->out, k == r->blocks ? "coarse" : "whole");
     if (k < r->blocks) snprintf(folder, sizeof folder, "%s/blocks/%03d", r->out, k);
     r->block[k].json = output_read(folder, "block.json", NULL);

@@ -57,18 +57,18 @@ static void views_free(struct views *v)
 
 /* ---------------- images */
 
-/* OUT/FOLDER/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
+/* OUT/FOLDER/NAME + suffix, as the library names it. 0: it is not there. */
 static int views_image(struct report *r, const char *folder, const char *name, const char *suffix,
                        oxl_image *out)
 {
-    const int is_flat = name[0] == '/' || strstr(name, ".."); /* its slashes are underscores */
-    struct output path = {0};
+    struct output place = {0};
+    char *path = NULL;
     int found;
-    output_add(&path, "%s/%s/", r->out, folder);
-    for (const char *c = name; *c; c++) output_bytes(&path, is_flat && *c == '/' ? "_" : c, 1);
-    output_add(&path, "%s", suffix);
-    found = !path.failed && oxl_image_read(r->ctx, path.data, out) == OXL_OK;
-    free(path.data);
+    output_add(&place, "%s/%s", r->out, folder);
+    found = !place.failed && oxl_render_path(r->ctx, place.data, name, suffix, &path) == OXL_OK &&
+            oxl_image_read(r->ctx, path, out) == OXL_OK;
+    oxl_text_free(r->ctx, path);
+    free(place.data);
     return found;
 }
 

@@ -218,9 +218,9 @@ static oxl_result study_write_all(struct study *s, FILE *to)
         char name[40];
         snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
         make[i](&t, s);
-        if (i == 0 && !t.failed) fprintf(to, "%s\n", t.data);
+        if (i == 0 && !t.failed) print_format(to, "%s\n", t.data);
         rc = study_write(s->meter.ctx, s->options->out, name, &t);
-        if (rc == OXL_OK) fprintf(to, "%-5s %s/%s\n", ends[i], s->options->out, name);
+        if (rc == OXL_OK) print_format(to, "%-5s %s/%s\n", ends[i], s->options->out, name);
     }
     return rc;
 }

@@ -29,7 +29,8 @@ enum study_measure {
     STUDY_SECONDS, /* of training */
     STUDY_CPU,     /* s of processor time, all threads together */
     STUDY_MEMORY,  /* bytes that the library held at its peak */
-    STUDY_MS_SSIM, /* in the CSV alone */
+    STUDY_MS_SSIM, /* in the CSV alone, as the next one */
+    STUDY_LPIPS,   /* with --lpips */
     STUDY_MEASURES
 };
 

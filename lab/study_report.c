@@ -23,7 +23,7 @@ static const struct table_column {
     {"far dB", "far_psnr_db", 1, 2, 6, 1},   {"Gaussians", "gaussians", 1, 0, 0, 0},
     {"MB", "bytes", 1e-6, 2, 0, 0},          {"seconds", "seconds", 1, 1, 3, 0},
     {"CPU s", "cpu_seconds", 1, 1, 2, 0},    {"memory MB", "memory_bytes", 1e-6, 1, 0, 0},
-    {"MS-SSIM", "ms_ssim", 1, 4, 8, 1},
+    {"MS-SSIM", "ms_ssim", 1, 4, 8, 1},      {"LPIPS", "lpips", 1, 4, 6, 1},
 };
 
 enum { TABLE_LABEL = 37, TABLE_CELL = 9, TABLE_CELL_SPREAD = 15, TABLE_CELL_EFFECT = 22 }; /* letters */

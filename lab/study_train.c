@@ -66,19 +66,20 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
     static const struct {
         enum study_measure measure;
         const char *name;
-        int of_depth; /* may be missing: no point lies in that third */
-    } fields[] = {
-        {STUDY_PSNR, "psnr", 0},      {STUDY_SSIM, "ssim", 0},           {STUDY_MS_SSIM, "ms_ssim", 0},
-        {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
-        {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0}};
+        int missing; /* it may be: no point lies in that third of depth (1), no --lpips (2) */
+    } fields[] = {{STUDY_PSNR, "psnr", 0},       {STUDY_SSIM, "ssim", 0},
+                  {STUDY_MS_SSIM, "ms_ssim", 0}, {STUDY_NEAR, "near_psnr", 1},
+                  {STUDY_MIDDLE, "mid_psnr", 1}, {STUDY_FAR, "far_psnr", 1},
+                  {STUDY_BYTES, "bytes", 0},     {STUDY_GAUSSIANS, "gaussians", 0},
+                  {STUDY_SECONDS, "seconds", 0}, {STUDY_LPIPS, "lpips", 2}};
     char *text = output_read(folder, "metrics.json", NULL);
     const double blocks = oxl_json_number(text, "blocks");
     int whole = !isnan(blocks);
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++) {
-        const double value =
-            oxl_json_number(fields[i].of_depth ? oxl_json_member(text, "by_depth") : text, fields[i].name);
+        const double value = oxl_json_number(
+            fields[i].missing == 1 ? oxl_json_member(text, "by_depth") : text, fields[i].name);
         r->value[fields[i].measure] = value;
-        whole = whole && (fields[i].of_depth || !isnan(value));
+        whole = whole && (fields[i].missing || !isnan(value));
     }
     r->blocks = whole ? (int)blocks : 0;
     r->held_out = text && strstr(text, "\"split\": \"test\"") != NULL;

@@ -98,6 +98,18 @@ without() { # WORDS COMMAND...: it succeeds without printing WORDS
     "$@" >said.txt 2>&1 && cat said.txt && ! grep -qF -- "$words_not" said.txt
 }
 
+escapes() { # a name that would change the terminal's title and clear it
+    mkdir -p escapes/sparse/0 && cp survey/sparse/0/cameras.txt survey/sparse/0/points3D.txt escapes/sparse/0 && ln -sfn ../survey/images escapes/images
+    awk -v name="$(printf '\033]0;owned\007\033[2J\302\233x.png')" 'NF == 10 && !/^#/ && !done { $10 = name; done = 1 } { print }' survey/sparse/0/images.txt >escapes/sparse/0/images.txt
+    "$program" check escapes >said.txt 2>&1 && cat said.txt && ! grep -q "$(printf '\033')" said.txt && ! grep -q "$(printf '\302\233')" said.txt
+}
+full_disk() { # the model fits below the limit of a file's size, imaging.txt does not
+    mkdir -p few && head -c 64 /dev/zero >few/a.splat && { awk 'BEGIN { for (i = 0; i < 4000; i++) print "# a comment of some length" }'; } >few/imaging.txt
+    mkdir -p few/to && (ulimit -f 16 && "$program" convert few/a.splat few/to/b.ply)
+    code=$?
+    test ! -e few/to/imaging.txt && return $code
+}
+
 promise help_starts_with_the_purpose 0 "from a COLMAP model" on_stdout "$program" --help
 promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
 promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$/\1/p' "$docs/../oceanxl.h")" on_stdout "$program" --version
@@ -260,6 +272,11 @@ promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
 mkdir -p quoted && cp out/scene.ply quoted/ && printf '%s\n' 'lamp 1 a"b\c.png' >quoted/imaging.txt
 promise info_escapes_names_of_imaging_txt 0 '"imaging": ["lamp 1 a\"b\\c.png"]' on_stdout "$program" info quoted/scene.ply --json
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
+promise convert_on_a_full_disk_fails_and_leaves_no_part_of_imaging 1 "few/to/imaging.txt: the gains" full_disk
+promise control_characters_of_names_are_shown_as_numbers 0 'x1b]0;owned\x07' escapes
+promise resume_line_can_be_copied_whatever_the_names_are 130 "oceanxl train 'a b;touch x' -o 'o'\\''o'" \
+    ctrl_c sh -c "ln -sfn survey 'a b;touch x'; exec '$program' train 'a b;touch x' -o \"o'o\" --iterations 300000"
+promise viewer_reads_and_sorts_what_a_page_must_not_hang_on 0 "" sh -c "! command -v node || node '$examples/../tests/viewer_parts.js'"
 promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
@@ -308,6 +325,13 @@ promise a_background_is_that_of_every_block 0 "" sh -c \
 mkdir -p object/split && cp -r object/images object/sparse object/split/
 promise a_mask_of_alpha_has_no_background 0 "pixels of 12 images are masked: as set" sh -c \
     "'$program' train object/split -o object/masked --iterations 60 --alpha mask 2>&1 && ! grep -qa '^comment background' object/masked/scene.ply"
+
+if [ -f "$docs/../../shared/lpips/alex.bin" ]; then
+    promise lpips_is_in_metrics_report_and_eval 0 "mean LPIPS (AlexNet)" sh -c \
+        "'$program' synth -o seen --views 9 --size 96x64 --points 300 --quiet && '$program' train seen -o seen/out --iterations 20 --lpips '$docs/../../shared/lpips/alex.bin' --quiet &&
+         grep '\"lpips\": ' seen/out/metrics.json && '$program' eval seen/out seen --lpips '$docs/../../shared/lpips/alex.bin' | grep '    LPIPS  view' && cat seen/out/report.html"
+fi
+promise damaged_lpips_weights_are_refused 3 "examples/lpips_weights.py" "$program" eval out/scene.ply survey --lpips "$docs/OPTIONS.md"
 
 echo "command line: $passed passed, $failed failed"
 [ "$failed" = 0 ]

@@ -26,10 +26,10 @@ static void image_append(void *user, void *data, int size)
 static void image_append_png(struct text *t, const uint8_t *rows, int w, int h, int channels)
 {
     int size = 0;
-    uint8_t *png = codec_encode_png(rows, w, h, channels, &size);
+    uint8_t *png = codec_encode_png(test_ctx, rows, w, h, channels, &size);
     CHECK(png);
     image_append(t, png, size);
-    codec_free(png);
+    codec_free(test_ctx, png);
 }
 
 /* An image of w x h px with the pattern above. */
@@ -105,7 +105,7 @@ TEST(image_colours_that_a_palette_has_not_are_black)
     struct text png = {.ctx = test_ctx};
     struct pixels pixels;
     int size;
-    unsigned char *packed = codec_deflate(row, 5, &size);
+    unsigned char *packed = codec_deflate(test_ctx, row, 5, &size);
     image_append(&png, (void *)(uintptr_t) "\x89PNG\r\n\x1a\n", 8);
     image_chunk(&png, "IHDR", head, 13);
     image_chunk(&png, "PLTE", two, 6);
@@ -114,7 +114,7 @@ TEST(image_colours_that_a_palette_has_not_are_black)
     CHECK_OK(image_decode(test_ctx, image_bytes("palette.png", png.data, png.size), 3, &pixels));
     CHECK(pixels.width == 4 && memcmp(pixels.data, wanted, 12) == 0);
     image_pixels_free(test_ctx, &pixels);
-    codec_free(packed);
+    codec_free(test_ctx, packed);
     text_free(&png);
 }
 
@@ -158,12 +158,12 @@ TEST(image_png_of_16_bits_that_we_write_is_one)
         uint16_t *back;
         unsigned sum =
             (unsigned)data[29] << 24 | (unsigned)data[30] << 16 | (unsigned)data[31] << 8 | data[32];
-        CHECK(codec_is_16_bit(data, map.size));
-        CHECK(codec_read_header(data, map.size, &w, &h, &channels));
-        back = codec_decode_16(data, map.size, 1, &w, &h);
+        CHECK(codec_is_16_bit(test_ctx, data, map.size));
+        CHECK(codec_read_header(test_ctx, data, map.size, &w, &h, &channels));
+        back = codec_decode_16(test_ctx, data, map.size, 1, &w, &h);
         CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, grey, sizeof grey) == 0);
         CHECK(sum == 0xE88FE585); /* of the header: stb does not look */
-        codec_free(back);
+        codec_free(test_ctx, back);
     }
     os_release_file(test_ctx, &map);
 }

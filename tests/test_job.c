@@ -555,8 +555,10 @@ TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
     test_write("moved/sparse/0/points3D.txt",
                "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
+    options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
     survey = job_test_survey();
+    options.restart = 0;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of another survey");
     options.restart = 1;
@@ -680,8 +682,8 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
     CHECK_OK(render_file_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
-    CHECK(codec_read_header(png.data, png.size, &w, &h, &channels));
-    back = codec_decode_16(png.data, png.size, 1, &w, &h);
+    CHECK(codec_read_header(test_ctx, png.data, png.size, &w, &h, &channels));
+    back = codec_decode_16(test_ctx, png.data, png.size, 1, &w, &h);
     CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, wanted, sizeof wanted) == 0);
     CHECK(pfm.size > sizeof depth && memcmp(pfm.data, head, strlen(head)) == 0);
     if (pfm.size > sizeof depth) {
@@ -689,7 +691,7 @@ TEST(renders_of_depth_hold_thousandths_and_floats)
         CHECK(memcmp(rows, depth + 3, 3 * sizeof *depth) == 0 &&
               memcmp(rows + 3 * sizeof *depth, depth, 3 * sizeof *depth) == 0);
     }
-    codec_free(back);
+    codec_free(test_ctx, back);
     os_release_file(test_ctx, &png);
     os_release_file(test_ctx, &pfm);
 }

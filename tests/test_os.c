@@ -36,10 +36,10 @@ TEST(os_sweep_removes_half_written_files_alone)
     CHECK_OK(os_write_file(test_ctx, test_path("kept.txt"), "1", 1));
     CHECK_OK(os_write_file(test_ctx, test_path("run.json.123.tmp"), "2", 1));
     CHECK_OK(os_write_file(test_ctx, test_path(".tmp"), "3", 1));
-    CHECK_OK(os_remove_temporaries(test_ctx, test_folder()));
+    CHECK_OK(os_remove_temporaries(test_ctx, test_folder(), "run.json"));
     CHECK(os_is_file(test_path("kept.txt")) && os_is_file(test_path(".tmp")) &&
           !os_is_file(test_path("run.json.123.tmp")));
-    CHECK_OK(os_remove_temporaries(test_ctx, test_path("nowhere")));
+    CHECK_OK(os_remove_temporaries(test_ctx, test_path("nowhere"), "*"));
 }
 
 TEST(os_a_written_file_reads_back_with_a_zero_behind_it)

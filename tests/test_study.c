@@ -205,9 +205,9 @@ TEST(study_csv_holds_every_run_means_spreads_and_comparisons_in_whole_lines)
     CHECK_TEXT(
         t.data,
         "row,against,seed,blocks,psnr_db,ssim,near_psnr_db,mid_psnr_db,far_psnr_db,gaussians,bytes,seconds,cpu_seconds,"
-        "memory_bytes,ms_ssim,front\n");
-    CHECK_TEXT(t.data, "\nv1,,2,3,25.000000,0.83000000,,,,2700,2000000,160.000,150.00,,,1\n");
-    CHECK_TEXT(t.data, "\n3dgs,,mean,2,23.000000,0.75000000,,,,2000,3000000,150.000,140.00,60000000,,0\n");
+        "memory_bytes,ms_ssim,lpips,front\n");
+    CHECK_TEXT(t.data, "\nv1,,2,3,25.000000,0.83000000,,,,2700,2000000,160.000,150.00,,,,1\n");
+    CHECK_TEXT(t.data, "\n3dgs,,mean,2,23.000000,0.75000000,,,,2000,3000000,150.000,140.00,60000000,,,0\n");
     CHECK_TEXT(t.data, "\nv1,3dgs,mean,3,0.750000,");
     CHECK_TEXT(t.data, "\nv1,3dgs,paper,3,0.650000,");
     CHECK_TEXT(t.data, "\nv2,v1-count,sd,4,0.212132,");

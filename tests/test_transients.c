@@ -133,7 +133,7 @@ TEST(transients_without_points_are_off_with_a_warning)
 
 /* The scene of train_scene at a tenth of its brightness, which is learned soon, with a square in the image of
  * view 5, fainter than the initial expected error. */
-static oxl_scene *transients_test_scene(int views)
+oxl_scene *transients_test_scene(int views)
 {
     oxl_scene *scene = train_scene(views), *patched = NULL;
     oxl_view view[16];

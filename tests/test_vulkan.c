@@ -5,6 +5,16 @@
  * on. The validation layer listens to every test where it is installed.
  */
 #include "test.h"
+#include "../src/parts/dropout.h"
+#include "../src/parts/prune.h"
+#include "../src/parts/transients.h"
+#ifdef OXL_VULKAN /* the tests see into the backend's files, which are part of this object instead */
+#include "../backends/vulkan/passes.c"
+#include "../backends/vulkan/memory.c"
+#include "../backends/vulkan/device.c"
+#include "../backends/vulkan/resident.c"
+#include "../backends/vulkan/renderer.c"
+#endif
 
 #ifndef OXL_VULKAN
 #define ON_DEVICE(check) SKIP("a build without the Vulkan backend (make VULKAN=1)")
@@ -2802,6 +2812,17 @@ static void vulkan_two_steps(struct train *t)
     }
 }
 
+/* State of the part of this name, and (out not NULL) its row. */
+static void *vulkan_part(struct train *t, const char *name, const struct part **out)
+{
+    for (int k = 0; parts_at(k); k++) {
+        if (strcmp(parts_at(k)->name, name) != 0) continue;
+        if (out) *out = parts_at(k);
+        return t->part[k];
+    }
+    return NULL;
+}
+
 /* Pruning, then a higher SH degree; rows moved on the device (1), or downloaded and uploaded (0). Returns how
  * many bytes that took; moment: of the opacities, as a checkpoint right behind the pruning has it. */
 static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[120])
@@ -2809,12 +2830,14 @@ static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[12
     struct vulkan_renderer *d = t->renderer->device;
     float x[200], gradient[200];
     size_t bytes, wrong = 0, from = 0;
+    const struct part *part = NULL;
+    void *state;
     vulkan_two_steps(t);
     CHECK_OK(step_download(t, DOWNLOAD_TO_READ)); /* a checkpoint */
     memcpy(x, t->trained.model.plane[OXL_MEAN], sizeof x);
     memcpy(gradient, t->density->gradient, sizeof gradient);
     if (!moves) d->moments_here = 0;
-    CHECK_OK(step_remove_rows(t, 80));
+    CHECK_OK(prune_remove_rows(t, vulkan_part(t, "prune", NULL), 80));
     for (size_t i = 0; i < t->trained.model.count; i++, from++) {
         while (from < 199 && x[from] != t->trained.model.plane[OXL_MEAN][i]) from++;
         wrong += gradient[from] != t->density->gradient[i];
@@ -2827,7 +2850,8 @@ static size_t vulkan_prune_and_raise(struct train *t, int moves, float moment[12
     CHECK_OK(step_flush(t));
     if (!moves) d->moments_here = 0;
     bytes = d->v->sent + d->v->read_bytes;
-    CHECK_OK(step_raise_sh_degree(t));
+    state = vulkan_part(t, "sh_degree", &part);
+    CHECK_OK(part->before_step(t, state));
     vulkan_two_steps(t);
     CHECK_OK(step_flush(t));
     bytes = d->v->sent + d->v->read_bytes - bytes;
@@ -2966,7 +2990,7 @@ static void vulkan_check_lost_trial(oxl_context *device)
     oxl_scene *scene = t.scene;
     CHECK_OK(train_begin(&t));
     vulkan_two_steps(&t);
-    t.trial_is_next = TRAIN_TRIES_SH_DEGREE;
+    vulkan_part(&t, "sh_degree", &t.trial);
     vulkan_real_submit = v->QueueSubmit;
     v->QueueSubmit = vulkan_play_late_loss;
     vulkan_submits_left = 8;
@@ -3034,7 +3058,8 @@ static int vulkan_masked_step(oxl_context *device, int allocations, int falls_ba
     vulkan_play_full(device->backend->vulkan, allocations);
     CHECK_OK(step_on_next_view(&t));
     device->backend->vulkan->AllocateMemory = vulkan_real_allocate;
-    CHECK(t.transients.points > 0 && t.last_loss > 0 && t.last_loss < 1);
+    CHECK(((const struct transients *)vulkan_part(&t, "transients", NULL))->points > 0 && t.last_loss > 0 &&
+          t.last_loss < 1);
     CHECK(renderer_has_device(t.renderer) == !falls_back);
     train_end(&t);
     oxl_scene_free(device, scene);
@@ -3218,7 +3243,7 @@ static void vulkan_check_dropout(oxl_context *device)
     options.dropout = -1;
     scene->stats.mean_track = 3; /* so on the CPU it is on */
     options.iterations = 61 * schedule_training_views(scene);
-    CHECK(schedule_dropout_rate(&options, scene) > 0);
+    CHECK(dropout_rate(&options, scene) > 0);
     CHECK_OK(oxl_train(device, scene, &options, NULL, &model));
     oxl_model_free(device, &model);
     oxl_scene_free(device, scene);

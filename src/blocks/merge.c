@@ -58,7 +58,8 @@ static oxl_result merge_make_room(oxl_context *ctx, const struct merge_rows *m, 
     return rc;
 }
 
-/* The difference of the origins is computed first, so that equal origins change no bit. */
+/* Moves a position to another origin. It computes the difference of the origins first, so that equal ones
+ * change no bit. */
 static void merge_insert(const struct merge_rows *m, const oxl_model *from, oxl_model *into)
 {
     const int planes = oxl_model_planes(into), carried = oxl_model_planes(from);

@@ -75,7 +75,7 @@ static oxl_result partition_set_boxes(struct partition_build *b)
 
 /* ---------------- which points lie in a block and in its margin */
 
-/* The blocks in whose expanded box p lies, ascending; out NULL: counts alone. */
+/* Lists the blocks in whose expanded box p lies, ascending; out NULL: counts alone. */
 static uint32_t partition_find_blocks(const struct partition_build *b, const double *p, uint32_t *out)
 {
     int stack[PARTITION_DEPTH], height = 0;
@@ -118,7 +118,7 @@ static void partition_shrink_interior(const struct partition_build *b, int node,
     }
 }
 
-/* Most points lie deeper in their owner than any neighbour's margin reaches. */
+/* 1: the point lies deeper in its owner than any neighbour's margin reaches, as most do. */
 static uint32_t partition_find_all_blocks(const struct partition_build *b, size_t i, uint32_t *out)
 {
     const struct partition_node *owner = &b->node[b->owner[i]];
@@ -178,9 +178,9 @@ static oxl_result partition_count_points(struct partition_build *b)
 
 /* ---------------- which views a block is trained on */
 
-/* Exact, in integers. all: different points that the view sees; inside: points of the block; both: of those
- * the view sees. few_views: the block has few views, and takes also those that see a tenth of what they see
- * in it. */
+/* Admits a view to a block by the paper's two rules, exactly, in integers. all: different points that the
+ * view sees; inside: points of the block; both: of those the view sees. few_views: the block has few views,
+ * and takes also those that see a tenth of what they see in it. */
 static enum partition_role partition_role(size_t both, size_t all, size_t inside, int few_views)
 {
     if (10 * both > 3 * all) return PARTITION_BASE;
@@ -241,7 +241,8 @@ static oxl_result partition_assign_more_views(struct partition_build *b)
 
 /* ---------------- cuts that are undone */
 
-/* The leaf'other place is divided among the blocks of its sibling, which moves up into the parent. */
+/* Undoes the cut above `leaf`: its sibling replaces the parent, and divides the leaf's region among its
+ * blocks. */
 static void partition_undo_split(struct partition_build *b, int leaf)
 {
     const int parent = b->node[leaf].parent;
@@ -297,7 +298,7 @@ OXL_INTERNAL oxl_result partition_assign(struct partition_build *b, size_t *larg
     return rc;
 }
 
-/* One block: all points, and every training view, whatever it sees. */
+/* Makes one block of all points and every training view, whatever it sees. */
 OXL_INTERNAL oxl_result partition_assign_to_one(struct partition_build *b)
 {
     oxl_result rc = partition_set_boxes(b);

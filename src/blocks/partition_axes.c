@@ -95,7 +95,7 @@ static void axes_flip(struct axes_reach *r)
     r->high = -low;
 }
 
-/* Number of cameras on the positive side of an axis minus those on the negative side. */
+/* Counts the cameras on the positive side of an axis less those on the negative side. */
 static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
 {
     int balance = 0;
@@ -108,8 +108,8 @@ static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
     return balance;
 }
 
-/* The third axis points to the cameras, and the second makes the frame right-handed, so that a map of the
- * first two axes is not mirrored. */
+/* Orients the axes: the third points to the cameras, and the second makes the frame right-handed, so that a
+ * map of the first two axes is not mirrored. */
 static void axes_orient(const oxl_scene *scene, struct axes_reach r[3])
 {
     const double *a = r[0].axis, *b = r[1].axis, *c = r[2].axis;

@@ -6,7 +6,7 @@
 #include "partition.h"
 
 struct partition_node {
-    struct partition_box box;      /* owner */
+    struct partition_box box;      /* region that the node owns */
     struct partition_box finite;   /* the part searched for a cut */
     struct partition_box expanded; /* of a leaf; of a node: around those of its leaves */
     struct partition_box deep;     /* of a leaf: the part of it that no other block expands into */
@@ -18,7 +18,7 @@ struct partition_node {
     int removed;   /* its cut was undone */
     int in_batch;  /* its place in the batch of boxes that are searched; -1: not in it */
     int block;     /* of a leaf */
-    size_t points; /* of a leaf, at owner */
+    size_t points; /* inside `box`, of a leaf */
     int leaves;    /* leaves that it is to have; 0: it is cut while it has more than N_p points */
 };
 

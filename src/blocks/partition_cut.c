@@ -113,7 +113,7 @@ static struct partition_candidate partition_rate(const struct partition_build *b
     return s;
 }
 
-/* Whether a is the better cut: it fits, then its load is nearer to the wanted fractions, then its ratio
+/* 1: a is the better cut: it fits, then its load is nearer to the wanted fractions, then its ratio
  * nearer to 0.5. */
 static int partition_is_better(const struct partition_build *b, const struct partition_candidate *a,
                                const struct partition_candidate *than)
@@ -125,7 +125,8 @@ static int partition_is_better(const struct partition_build *b, const struct par
     return abs(2 * a->ratio - ratios + 1) < abs(2 * than->ratio - ratios + 1);
 }
 
-/* The best cut of a box; ratio -1: none is allowed. bins (ratios + 1) as partition_count leaves them. */
+/* Chooses the best cut of a box; ratio -1: none is allowed. bins (ratios + 1) as partition_count leaves them.
+ * */
 OXL_INTERNAL struct partition_candidate partition_choose(const struct partition_build *b,
                                                          const struct partition_node *n,
                                                          const struct partition_bin *bins)
@@ -167,8 +168,8 @@ static oxl_result partition_add_children(struct partition_build *b, int parent, 
     return OXL_OK;
 }
 
-/* No cut of this box leaves enough on both sides: most points lie near one end, and the search goes on in
- * that half. */
+/* Shrinks a box of which no cut leaves enough on both sides: most points lie near one end, and the search
+ * goes on in that half. */
 static void partition_shrink(const struct partition_build *b, const struct partition_search *s,
                              const struct partition_bin *bins)
 {
@@ -231,7 +232,7 @@ OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
     }
 }
 
-/* D of Alg. 1: PARTITION_SPARE_LEVELS more than perfect halves would take, and not below
+/* Computes D of Alg. 1: PARTITION_SPARE_LEVELS more than perfect halves would take, and not below
  * PARTITION_DEPTH_MIN. */
 OXL_INTERNAL int partition_depth(size_t count, size_t block_points)
 {

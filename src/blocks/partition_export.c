@@ -78,7 +78,7 @@ static void exporter_put_text(struct exporter_worker *w, const char *text)
     exporter_put(w, text, strlen(text));
 }
 
-/* With `before` in front of it; 0: nothing. */
+/* Adds a number with `before` in front of it; 0: adds nothing. */
 static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
 {
     char *to = exporter_reserve(w, NUMBER_TEXT_MAX + 1);
@@ -136,7 +136,7 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
     exporter_put_text(w, "\n");
 }
 
-/* Which point each 2D point of the view belongs to, by the tracks. */
+/* Finds by the tracks which point each 2D point of the view belongs to. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
     const struct partition_visibility *vis = e->p->plan->visibility;
@@ -185,7 +185,7 @@ static void exporter_list(const struct exporter *e, struct exporter_worker *w, c
     }
 }
 
-/* The same of images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
+/* Reads the same from images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
 static void exporter_list_binary(const struct exporter *e, struct exporter_worker *w, const char *p,
                                  size_t size)
 {
@@ -294,7 +294,7 @@ static void exporter_block(const struct exporter *e, struct exporter_worker *w, 
 static oxl_result exporter_open(const struct exporter *e, int block, struct exporter_files *files)
 {
     const char *folder = PATH(EXPORTER_BLOCK(e, block), "sparse/0");
-    oxl_result rc = os_make_folder(e->ctx, folder);
+    oxl_result rc = os_make_folder_in(e->ctx, e->out, PATH("", "blocks/%03d/sparse/0", block));
     for (int k = 0; k < EXPORT_FILES && rc == OXL_OK; k++)
         rc = os_writer_open(e->ctx, PATH(folder, "%s", exporter_name[k]), &files->writer[k]);
     return rc;
@@ -307,7 +307,7 @@ static void exporter_link(const struct exporter *e, int block, const char *name,
         oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
 }
 
-/* What an earlier partition into more blocks has left. Models that were trained there stay. */
+/* Removes what an earlier partition into more blocks has left. Models that were trained there stay. */
 static void exporter_remove_old(const struct exporter *e)
 {
     static const char *const old[] = {"sparse/0/cameras.txt",
@@ -319,7 +319,10 @@ static void exporter_remove_old(const struct exporter *e)
                                       "masks",
                                       ""};
     for (int block = e->p->block_count; os_is_folder(EXPORTER_BLOCK(e, block)); block++)
-        for (size_t k = 0; k < OXL_COUNT(old); k++)
+        for (size_t k = 0;
+             os_refuse_links(e->ctx, e->out, PATH("", "blocks/%03d/sparse/0", block)) == OXL_OK &&
+             k < OXL_COUNT(old);
+             k++)
             remove(PATH(EXPORTER_BLOCK(e, block), "%s", old[k])); /* a folder only when it is empty */
 }
 

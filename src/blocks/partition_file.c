@@ -23,16 +23,16 @@ enum {                 /* places in the numbers of a line */
 
 /* ---------------- writing */
 
-static void file_put(FILE *file, const double *v, int count)
+static void file_put(struct text *t, const double *v, int count)
 {
     for (int i = 0; i < count; i++) {
         char text[NUMBER_TEXT_MAX];
         format_double(text, v[i]);
-        fprintf(file, "%s%s", text, i < count - 1 ? " " : "\n");
+        text_add(t, "%s%s", text, i < count - 1 ? " " : "\n");
     }
 }
 
-static void file_put_block(FILE *file, int id, const struct partition_block *b)
+static void file_put_block(struct text *t, int id, const struct partition_block *b)
 {
     const struct partition_box boxes[2] = {b->box, b->expanded};
     const double counts[4] = {(double)b->points, b->base_views, b->border_views, (double)b->start_points};
@@ -40,30 +40,32 @@ static void file_put_block(FILE *file, int id, const struct partition_block *b)
     memcpy(v + FILE_BOX, boxes, sizeof boxes);
     memcpy(v + FILE_COUNTS, counts, sizeof counts);
     memcpy(v + FILE_FINITE, &b->finite, sizeof b->finite);
-    file_put(file, v, FILE_NUMBERS);
+    file_put(t, v, FILE_NUMBERS);
 }
 
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p)
 {
     double v[FRAME_NUMBERS] = {[0] = p->dimensions, [FRAME_MEMORY] = p->memory};
-    struct os_writer writer;
-    oxl_result rc = os_writer_open(ctx, path, &writer);
-    if (rc != OXL_OK) return rc;
-    fprintf(
-        writer.file,
+    struct text t = {.ctx = ctx};
+    oxl_result rc;
+    text_add(
+        &t, "%s",
         "# The survey in blocks, cut along its principal axes (OceanXL, Balanced Scene Partitioning).\n"
         "# A place in the frame is R (world - origin); a block holds low <= place < high, and every place has one block.\n"
         "# FRAME DIMENSIONS R[9] row by row, ORIGIN[3] in the world, EXTENT[3] along the principal axes, "
         "MEMORY in bytes that blocks fit, 0: any\n"
         "# BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS "
         "FINITE_LOW[3] FINITE_HIGH[3]\n");
-    fprintf(writer.file, "# Number of blocks: %d\nFRAME ", p->block_count);
+    text_add(&t, "# Number of blocks: %d\nFRAME ", p->block_count);
     memcpy(v + FRAME_AXES, p->rotation, sizeof p->rotation);
     memcpy(v + FRAME_ORIGIN, p->origin, sizeof p->origin);
     memcpy(v + FRAME_EXTENT, p->extent, sizeof p->extent);
-    file_put(writer.file, v, FRAME_NUMBERS);
-    for (int i = 0; i < p->block_count; i++) file_put_block(writer.file, i, &p->block[i]);
-    return os_writer_close(ctx, &writer, OXL_OK);
+    file_put(&t, v, FRAME_NUMBERS);
+    for (int i = 0; i < p->block_count; i++) file_put_block(&t, i, &p->block[i]);
+    checksum_end_text(&t);
+    rc = os_write_text(ctx, path, &t);
+    text_free(&t);
+    return rc;
 }
 
 /* ---------------- reading */
@@ -98,7 +100,7 @@ static oxl_result file_wrong(struct file_reader *r, const char *wanted)
                     r->path, r->line, seen, r->cursor, wanted);
 }
 
-/* The numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */
+/* Reads the numbers up to the end of the line; `count` from place `counts` on are whole and not negative. */
 static oxl_result file_get(struct file_reader *r, double *out, int numbers, int counts, int count)
 {
     for (int i = 0; i < numbers; i++) {
@@ -156,13 +158,22 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
 {
     struct file_reader r = {.ctx = ctx, .path = path};
     struct os_file_map file = {0};
+    const char *counted;
     oxl_result rc = os_read_file(ctx, path, &file);
     *out = (struct partition){0};
     if (rc != OXL_OK) return rc;
+    if (checksum_of_text(file.data, file.size) == CHECKSUM_WRONG)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: its checksum is not that of its lines: it was damaged, or edited\n"
+                      "fix: write it again: oceanxl partition SCENE -o OUT, or train with --restart",
+                      path);
     r.cursor = r.end = r.next = file.data;
-    if (file_next_line(&r, file.data + file.size)) rc = file_read_frame(&r, out);
+    if (rc == OXL_OK && file_next_line(&r, file.data + file.size)) rc = file_read_frame(&r, out);
     while (rc == OXL_OK && file_next_line(&r, file.data + file.size)) rc = file_read_block(&r, out);
     if (rc == OXL_OK && out->block_count == 0) rc = file_wrong(&r, "FRAME and a block or more");
+    counted = strstr(file.data, "# Number of blocks: ");
+    if (rc == OXL_OK && counted && atoi(counted + strlen("# Number of blocks: ")) != out->block_count)
+        rc = file_wrong(&r, "as many blocks as the comment states");
     os_release_file(ctx, &file);
     if (rc != OXL_OK) partition_free(ctx, out);
     return rc;

@@ -46,8 +46,8 @@ static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int leav
     return rc == OXL_OK ? partition_assign(b, largest) : rc;
 }
 
-/* The fewest blocks of at most N_p points, but never more than cuts at the midpoint give. Where a balanced
- * load leaves blocks too small, points alone are balanced, as in the paper. */
+/* Finds the fewest blocks of at most N_p points, but never more than cuts at the midpoint give. Where a
+ * balanced load leaves blocks too small, points alone are balanced, as in the paper. */
 static oxl_result partition_balance(struct partition_build *b)
 {
     const size_t limit = (size_t)b->options.block_points;
@@ -67,7 +67,7 @@ static oxl_result partition_balance(struct partition_build *b)
 
 /* ---------------- the plan */
 
-/* By block: the points in its expanded box, ascending. */
+/* Lists by block the points in its expanded box, ascending. */
 static oxl_result partition_list_members(const struct partition_build *b, struct partition_plan *plan)
 {
     const size_t blocks = (size_t)b->leaf_count, total = b->first[b->count];
@@ -161,7 +161,7 @@ static int partition_train_views(const oxl_scene *scene)
     return scene->stats.views - scene->stats.test_views;
 }
 
-/* The minimum of a small survey is lower: a quarter of a small block's points; one image in ten, and at most
+/* Lowers the minimum for a small survey: a quarter of a small block's points; one image in ten, and at most
  * the block's fraction of all images, or small blocks, which are requested on purpose, would all be
  * joined. */
 static void partition_set_minimum(struct partition_build *b)
@@ -225,7 +225,7 @@ static void partition_set_frame(const oxl_scene *scene, const oxl_partition_opti
                                                                                         : 2;
 }
 
-/* Why the survey stays whole; NULL when it is cut. */
+/* Says why the survey stays whole; NULL: it is cut. */
 static const char *partition_reason_for_one(const struct partition_build *b)
 {
     if (b->options.kind == OXL_PARTITION_NONE) return "as set";
@@ -312,7 +312,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     return OXL_OK;
 }
 
-/* A number of blocks, or no limit, as the most points of one. */
+/* Turns a number of blocks, or no limit, into the most points of one. */
 static oxl_partition_options partition_resolve_options(const oxl_scene *scene,
                                                        const oxl_partition_options *options)
 {

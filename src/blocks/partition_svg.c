@@ -81,7 +81,7 @@ static const char *draw_look(char out[DRAW_ROOM], const char *class, int colour)
 
 /* ---------------- layout */
 
-/* By how much two blocks overlap along n axes, at least; 0: they touch. */
+/* Returns the least overlap of two blocks along n axes; 0: they touch. */
 static double draw_overlap(const struct drawing *d, int i, int j, const int *axis, int n)
 {
     const struct partition_box *a = &d->p->block[i].box, *b = &d->p->block[j].box;
@@ -105,7 +105,7 @@ static void draw_choose_colours(struct drawing *d)
         }
 }
 
-/* The trimmed extents with a margin, and the cameras near them. */
+/* Bounds the picture by the trimmed extents with a margin, and the cameras near them. */
 static struct drawing_panel draw_open_panel(const struct drawing *d, const char *title, int across, int up)
 {
     struct drawing_panel panel = {.title = title, .axis = {across, up}};
@@ -151,7 +151,7 @@ static void draw_lay_out(struct drawing *d)
 
 /* ---------------- what is drawn in a panel */
 
-/* In px of the panel. */
+/* Converts a place to px of the panel. */
 static void draw_place(const struct drawing_panel *p, const double frame[3], double at[2])
 {
     at[0] = p->scale * (frame[p->axis[0]] - p->low[0]);
@@ -178,7 +178,7 @@ static void draw_mark(struct text *t, const struct drawing_panel *p, const doubl
     text_add(t, "M%s %s%s", PX(at[0]), PX(at[1]), mark);
 }
 
-/* One path a block. */
+/* Draws the points, one path per block. */
 static void draw_points(struct drawing *d, const struct drawing_panel *panel)
 {
     const struct colmap *c = scene_colmap(d->p->plan->scene);
@@ -197,7 +197,7 @@ static void draw_points(struct drawing *d, const struct drawing_panel *panel)
     }
 }
 
-/* The cameras whose list[v] is `block`, as one path. */
+/* Draws the cameras whose list[v] is `block`, as one path. */
 static void draw_cameras_of(struct drawing *d, const struct drawing_panel *panel, const int *list, int block,
                             const char *class, const char *mark)
 {
@@ -217,8 +217,8 @@ static void draw_cameras(struct drawing *d, const struct drawing_panel *panel)
     for (int i = 0; i < blocks; i++) draw_cameras_of(d, panel, d->base, i, "camera", "h0");
 }
 
-/* A block's number in its corner; numbers of blocks with the same corner stand side by side, as many as
- * fit. */
+/* Writes a block's number in its corner; numbers of blocks with the same corner stand side by side, as many
+ * as fit. */
 static void draw_number(struct drawing *d, const struct drawing_panel *panel, int block)
 {
     double at[4], other[4], x = 4;

@@ -39,7 +39,7 @@ static void visibility_scan(const struct visibility_build *b, int task, int fill
     }
 }
 
-/* From counts to places: a view's list holds its points of the first part, then those of the second... */
+/* Turns counts into places: a view's list holds its points of the first part, then those of the second... */
 static void visibility_offsets(const struct visibility_build *b)
 {
     size_t total = 0;

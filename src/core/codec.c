@@ -1,11 +1,123 @@
 /* codec.c - wraps stb_image and stb_image_write, the project's decoder and encoder of JPEG, PNG and deflate.
  *
  * stb's SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which a test
- * checks. stb allocates with malloc, since its hooks have no context.
+ * checks. Its hooks have no context, so that of the call is kept for its thread; what a call has allocated is in
+ * a list, and freed when it ends. stb does not always look at what its allocator returns: where memory is
+ * refused, the call is left by longjmp.
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.
  */
 #include "codec.h"
+
+#include <setjmp.h>
+
+/* ---------------- memory */
+
+#if defined(_MSC_VER)
+#define CODEC_OF_THREAD __declspec(thread)
+#elif defined(__GNUC__)
+#define CODEC_OF_THREAD __thread
+#else
+#define CODEC_OF_THREAD /* a compiler without threads, such as tcc */
+#endif
+
+struct codec_block { /* before the memory that stb gets */
+    struct codec_block *before, *after;
+    size_t size;
+    size_t unused; /* the memory is aligned to 16 bytes */
+};
+
+static CODEC_OF_THREAD struct {
+    oxl_context *ctx;
+    struct codec_block *newest;
+    jmp_buf *refused;  /* where the call is left when memory is refused */
+    int out_of_memory; /* 1: the last call was */
+} codec_call;
+
+static void codec_link(struct codec_block *block)
+{
+    if (block->before) block->before->after = block;
+    if (block->after) block->after->before = block;
+    else codec_call.newest = block;
+}
+
+static void codec_unlink(struct codec_block *block)
+{
+    if (block->before) block->before->after = block->after;
+    if (block->after) block->after->before = block->before;
+    else codec_call.newest = block->before;
+    block->before = block->after = NULL;
+}
+
+static void codec_refuse(void)
+{
+    codec_call.out_of_memory = 1;
+    longjmp(*codec_call.refused, 1);
+}
+
+/* Zeros: the decoder reads tables that a damaged file does not define. */
+static void *codec_malloc(size_t size)
+{
+    struct codec_block *block =
+        size <= SIZE_MAX - sizeof *block ? oxl_calloc(codec_call.ctx, 1, sizeof *block + size) : NULL;
+    if (!block) codec_refuse();
+    block->before = codec_call.newest;
+    block->size = size;
+    codec_link(block);
+    return block + 1;
+}
+
+static void *codec_realloc(void *old, size_t size)
+{
+    struct codec_block *block = old ? (struct codec_block *)old - 1 : NULL, *grown = NULL;
+    if (!block) return codec_malloc(size);
+    if (size <= SIZE_MAX - sizeof *block)
+        grown = oxl_regrow(codec_call.ctx, block, sizeof *block + block->size, sizeof *block + size, 1);
+    if (!grown) codec_refuse();
+    grown->size = size;
+    codec_link(grown);
+    return grown + 1;
+}
+
+static void codec_release(void *memory)
+{
+    struct codec_block *block = memory ? (struct codec_block *)memory - 1 : NULL;
+    if (!block) return;
+    codec_unlink(block);
+    oxl_free(codec_call.ctx, block);
+}
+
+static void codec_enter(oxl_context *ctx, jmp_buf *refused)
+{
+    codec_call.ctx = ctx;
+    codec_call.newest = NULL;
+    codec_call.refused = refused;
+    codec_call.out_of_memory = 0;
+}
+
+/* The result leaves the list; all else is freed. */
+static void *codec_leave(void *result)
+{
+    if (result) codec_unlink((struct codec_block *)result - 1);
+    while (codec_call.newest) codec_release(codec_call.newest + 1);
+    codec_call.ctx = NULL;
+    codec_call.refused = NULL;
+    return result;
+}
+
+static int codec_leave_with(int result)
+{
+    codec_leave(NULL);
+    return result;
+}
+
+/* Begins the function of a call; `otherwise` is its result without memory. */
+#define CODEC_ENTER(ctx, otherwise) \
+    jmp_buf refused;                \
+    codec_enter(ctx, &refused);     \
+    if (setjmp(refused) != 0) return otherwise
+
+/* ---------------- stb */
 
 #ifdef __GNUC__
 #pragma GCC diagnostic push
@@ -25,9 +137,12 @@
 #define STBI_NO_GIF
 #define STBI_ONLY_JPEG
 #define STBI_ONLY_PNG
-#define STBI_MALLOC(size) calloc(1, size) /* its decoder reads tables that a damaged file does not define */
-#define STBI_REALLOC(old, size) realloc(old, size)
-#define STBI_FREE(old) free(old)
+#define STBI_MALLOC(size) codec_malloc(size)
+#define STBI_REALLOC(old, size) codec_realloc(old, size)
+#define STBI_FREE(old) codec_release(old)
+#define STBIW_MALLOC(size) codec_malloc(size)
+#define STBIW_REALLOC(old, size) codec_realloc(old, size)
+#define STBIW_FREE(old) codec_release(old)
 #ifdef __TINYC__ /* defines x86-64 without intrinsics */
 #define STBI_NO_SIMD
 #endif
@@ -52,40 +167,47 @@
 #pragma GCC diagnostic pop
 #endif
 
-OXL_INTERNAL int codec_read_header(const void *file, size_t size, int *width, int *height, int *channels)
+OXL_INTERNAL int codec_read_header(oxl_context *ctx, const void *file, size_t size, int *width, int *height,
+                                   int *channels)
 {
-    return stbi_info_from_memory(file, (int)size, width, height, channels);
+    CODEC_ENTER(ctx, codec_leave_with(0));
+    return codec_leave_with(stbi_info_from_memory(file, (int)size, width, height, channels));
 }
 
-OXL_INTERNAL int codec_is_16_bit(const void *file, size_t size)
+OXL_INTERNAL int codec_is_16_bit(oxl_context *ctx, const void *file, size_t size)
 {
-    return stbi_is_16_bit_from_memory(file, (int)size);
+    CODEC_ENTER(ctx, codec_leave_with(0));
+    return codec_leave_with(stbi_is_16_bit_from_memory(file, (int)size));
 }
 
-OXL_INTERNAL uint8_t *codec_decode(const void *file, size_t size, int channels, int *width, int *height)
+OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t size, int channels, int *width,
+                                   int *height)
 {
     int in_file;
-    return stbi_load_from_memory(file, (int)size, width, height, &in_file, channels);
+    CODEC_ENTER(ctx, codec_leave(NULL));
+    return codec_leave(stbi_load_from_memory(file, (int)size, width, height, &in_file, channels));
 }
 
-OXL_INTERNAL uint16_t *codec_decode_16(const void *file, size_t size, int channels, int *width, int *height)
+OXL_INTERNAL uint16_t *codec_decode_16(oxl_context *ctx, const void *file, size_t size, int channels,
+                                       int *width, int *height)
 {
     int in_file;
-    return stbi_load_16_from_memory(file, (int)size, width, height, &in_file, channels);
+    CODEC_ENTER(ctx, codec_leave(NULL));
+    return codec_leave(stbi_load_16_from_memory(file, (int)size, width, height, &in_file, channels));
 }
 
 OXL_INTERNAL const char *codec_failure(void)
 {
-    return stbi_failure_reason();
+    return codec_call.out_of_memory ? "outofmem" : stbi_failure_reason();
 }
 
-OXL_INTERNAL void codec_free(void *memory)
+OXL_INTERNAL void codec_free(oxl_context *ctx, void *memory)
 {
-    free(memory);
+    if (memory) oxl_free(ctx, (struct codec_block *)memory - 1);
 }
 
-/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for
- * the same size (docs/log/SPEED.md). */
+/* Sets one filter for all rows and a short search: all five filters and a longer search take 1.6 times as
+ * long for the same size (docs/log/SPEED.md). */
 OXL_INTERNAL void codec_begin(void)
 {
     enum { AVERAGE = 3, SEARCH = 5 };
@@ -98,9 +220,11 @@ OXL_INTERNAL void codec_begin(void)
     }
 }
 
-OXL_INTERNAL uint8_t *codec_encode_png(const uint8_t *rows, int width, int height, int channels, int *size)
+OXL_INTERNAL uint8_t *codec_encode_png(oxl_context *ctx, const uint8_t *rows, int width, int height,
+                                       int channels, int *size)
 {
-    return stbi_write_png_to_mem(rows, channels * width, width, height, channels, size);
+    CODEC_ENTER(ctx, codec_leave(NULL));
+    return codec_leave(stbi_write_png_to_mem(rows, channels * width, width, height, channels, size));
 }
 
 OXL_INTERNAL unsigned codec_png_checksum(const uint8_t *data, int size)
@@ -111,17 +235,23 @@ OXL_INTERNAL unsigned codec_png_checksum(const uint8_t *data, int size)
 OXL_INTERNAL void codec_encode_jpeg(codec_sink *sink, void *user, const uint8_t *rows, int width, int height,
                                     int quality)
 {
-    stbi_write_jpg_to_func(sink, user, width, height, 3, rows, quality);
+    stbi_write_jpg_to_func(sink, user, width, height, 3, rows, quality); /* allocates nothing */
 }
 
-OXL_INTERNAL int codec_inflate(void *out, size_t size, const void *data, size_t data_size)
+OXL_INTERNAL int codec_inflate(oxl_context *ctx, void *out, size_t size, const void *data, size_t data_size)
 {
-    if (size > INT_MAX || data_size > INT_MAX) return 0;
-    return stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) == (int)size;
+    CODEC_ENTER(ctx, codec_leave_with(0));
+    if (size > INT_MAX || data_size > INT_MAX) return codec_leave_with(0);
+    return codec_leave_with(stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) ==
+                            (int)size);
 }
 
-OXL_INTERNAL uint8_t *codec_deflate(const void *data, size_t size, int *zlib_size)
+OXL_INTERNAL uint8_t *codec_deflate(oxl_context *ctx, const void *data, size_t size, int *zlib_size)
 {
     enum { LEVEL = 8 };
-    return size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, zlib_size, LEVEL) : NULL;
+    jmp_buf refused;
+    if (size > INT_MAX) return NULL;
+    codec_enter(ctx, &refused);
+    if (setjmp(refused) != 0) return codec_leave(NULL);
+    return codec_leave(stbi_zlib_compress((unsigned char *)data, (int)size, zlib_size, LEVEL));
 }

@@ -21,7 +21,8 @@ oxl_context_options oxl_context_options_default(void)
     return (oxl_context_options){.seed = 1, .reallocate = context_reallocate, .device = -1};
 }
 
-/* The result does not depend on the number of threads; the OpenMP runtime crashes with 100 000. */
+/* Limits the number of threads, on which the result does not depend: the OpenMP runtime crashes with 100 000.
+ * */
 enum { BASE_THREADS_MAX = 1024 };
 
 static int context_threads(int wanted, int *available)
@@ -106,7 +107,7 @@ const char *oxl_isa_name(const oxl_context *ctx)
     return simd_name(ctx->isa);
 }
 
-/* The caller's allocator, one thread at a time. */
+/* Calls the caller's allocator, one thread at a time. */
 static void *context_reallocate_in_turn(void *user, void *old, size_t size)
 {
     const oxl_context_options *caller = user;

@@ -151,6 +151,9 @@ enum { PATH_LENGTH = 4096 };
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
     OXL_PRINTF(3, 4);
 #define PATH(...) path_in((char[PATH_LENGTH]){0}, __VA_ARGS__)
+/* oxl_shell_word as such a temporary, for the commands in messages. */
+#define SHELL_WORD(path) oxl_shell_word(path, (char[PATH_LENGTH]){0}, PATH_LENGTH)
+OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------- number.c: fast, exact, locale-independent number parsing */
@@ -212,8 +215,9 @@ OXL_INTERNAL void os_reader_close(struct os_reader *r);
 /* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t);
-/* Removes temporary files that a killed process left in a folder. No other process may be writing there. */
-OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder);
+/* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" are
+ * run.json.PID.tmp and all whose name ends in .png.PID.tmp. No other process may be writing there. */
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
 
 /* The same for a file that is produced piece by piece. */
 struct os_writer {
@@ -245,7 +249,8 @@ struct os_lock {
     char holder
         [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
 };
-OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
+/* create: 0 only looks whether another process holds it, and changes nothing */
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
 OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
 /* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
@@ -264,12 +269,19 @@ OXL_INTERNAL void os_library_close(void *library);
 
 /* with its parents; an existing folder is no error */
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
+/* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a run
+ * writes or removes there would lie elsewhere. */
+OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
+/* The same check of what is there already; makes nothing. */
+OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);
+OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it leads */
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
 OXL_INTERNAL int os_link(const char *target, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
 /* 1: both are there, and are one file or folder, whatever the names */
 OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL int os_is_folder(const char *path);
+OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 /* processors that the process may use (Linux cgroups); 0: no limit known */
 OXL_INTERNAL int os_processor_quota(void);
@@ -282,6 +294,17 @@ OXL_INTERNAL size_t os_memory_free(void);             /* bytes available without
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user);
+
+/* ---------------- checksum.c: checksums of working files */
+
+#define CHECKSUM_SEED UINT64_C(14695981039346656037)
+OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size); /* from CHECKSUM_SEED on */
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum);
+
+/* Ends a text with the line "# checksum HEX" of all before it, and reads it back. */
+enum checksum_found { CHECKSUM_RIGHT, CHECKSUM_NONE /* the text does not end in one */, CHECKSUM_WRONG };
+OXL_INTERNAL void checksum_end_text(struct text *t);
+OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size);
 
 /* ---------------- lock.c: a folder that one process writes to at a time */
 

@@ -16,8 +16,8 @@ static const char *json_past_string(const char *at)
     return *at ? at + 1 : at;
 }
 
-/* Change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind of bracket
- * does not count. */
+/* Returns the change of depth at a character: 1 where an object or array begins, -1 where one ends. The kind
+ * of bracket does not count. */
 static int json_depth_change(char c)
 {
     return (c == '{' || c == '[') - (c == '}' || c == ']');
@@ -56,7 +56,7 @@ const char *oxl_json_error(const char *text)
     return depth == 0 && *at == 0 ? NULL : at;
 }
 
-/* The value after the comma, or NULL at the end of the object or array. */
+/* Returns the value after the comma, or NULL at the end of the object or array. */
 const char *oxl_json_next(const char *value)
 {
     const char *at = value ? json_blank(oxl_json_end(value)) : "";
@@ -189,7 +189,10 @@ size_t oxl_json_escape(const char *s, char out[8])
     const unsigned char c = (unsigned char)*s;
     const size_t size = json_character((const unsigned char *)s);
     if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
-    else if (c < 0x20 || size == 0) snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
+    else if (c == 0xC2 && size == 2 && (unsigned char)s[1] < 0xA0) /* a control character, of two bytes */
+        snprintf(out, 8, "\\u%04x", (unsigned)(unsigned char)s[1]);
+    else if (c < 0x20 || c == 0x7F || size == 0)
+        snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
     else snprintf(out, 8, "%.*s", (int)size, s);
     return OXL_MAX(size, 1);
 }

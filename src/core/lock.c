@@ -31,7 +31,7 @@ static enum os_locked lock_open(const char *path, int shared, struct os_lock *fi
 {
     enum os_locked got = OS_LOCK_REMOVED;
     for (int tries = 0; tries < LOCK_TRIES && got == OS_LOCK_REMOVED; tries++)
-        got = os_lock_open(path, shared, file);
+        got = os_lock_open(path, shared, 1, file);
     return got;
 }
 
@@ -88,7 +88,7 @@ OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char
                : OXL_OK;
 }
 
-/* The folder above; of one that is not there yet, as its name has it. */
+/* Returns the parent folder; from the path's text if the folder does not exist. */
 static char *lock_parent(oxl_context *ctx, const char *folder)
 {
     char *up = oxl_path_join(ctx, folder, ".."), *slash;
@@ -113,7 +113,7 @@ OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder)
         struct os_lock file;
         if (!run || !path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
         else if (os_is_file(run) && os_is_file(path)) {
-            const enum os_locked got = os_lock_open(path, 0, &file);
+            const enum os_locked got = os_lock_open(path, 0, 0, &file);
             if (got == OS_LOCK_BUSY)
                 rc = lock_refuse(ctx, folder, "lies in the folder of a run, which is in use", &file);
             if (got == OS_LOCK_TAKEN || got == OS_LOCK_NONE) os_lock_close(&file, NULL);
@@ -134,7 +134,7 @@ oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
     return rc == OXL_OK ? lock_folder(ctx, folder, 0, out) : rc;
 }
 
-/* The last one who leaves removes the file. */
+/* Leaves the lock; the last one who does removes the file. */
 void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock)
 {
     if (!*lock) return;

@@ -19,7 +19,7 @@ oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 /* Blocks are aligned to a cache line; the allocator's pointer is stored directly before the block. */
 enum { MEMORY_ALIGN = 64 };
 
-/* The block in `raw`, whose contents move from `offset` to where alignment wants them. */
+/* Returns the aligned block in `raw`, whose contents move there from `offset`. */
 static void *memory_align(char *raw, size_t offset, size_t bytes)
 {
     const uintptr_t aligned =
@@ -42,8 +42,8 @@ OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size)
     return memory;
 }
 
-/* By the caller's reallocate, which moves pages of large blocks instead of copying them, where it is realloc
- * of a usual libc. */
+/* Uses the caller's reallocate, which moves pages of large blocks instead of copying them, where it is
+ * realloc of a usual libc. */
 OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size)
 {
     const size_t overhead = MEMORY_ALIGN + sizeof(void *);

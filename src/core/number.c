@@ -142,7 +142,7 @@ static double number_scale(uint64_t w, const char *digits, const char *end, int 
 
 /* ---------------- the text of a double */
 
-/* The position after `word`, ignoring case; NULL: no match. */
+/* Returns the position after `word`, ignoring case; NULL: no match. */
 static const char *number_skip_word(const char *p, const char *end, const char *word)
 {
     for (; *word; word++, p++)
@@ -277,8 +277,8 @@ static uint64_t number_scale_up(uint64_t m, int e, int scale)
     return q + (rest > half || (rest == half && (q & 1)));
 }
 
-/* The 17 significant digits of a positive number in 1e-5 .. 1e16 and the exponent of the first; 0: out of
- * range. */
+/* Finds the 17 significant digits of a positive number in 1e-5 .. 1e16 and the exponent of the first; 0: out
+ * of range. */
 static int number_digits(double value, char digits[17], int *exponent)
 {
     const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
@@ -298,7 +298,7 @@ static int number_digits(double value, char digits[17], int *exponent)
     return 1;
 }
 
-/* As %.17g without trailing zeros of the fraction; 0: %.17g would write an exponent. */
+/* Writes as %.17g without trailing zeros of the fraction; 0: %.17g would write an exponent. */
 static size_t number_format_plain(char *out, double value)
 {
     char digits[17], *p = out;
@@ -351,7 +351,7 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 
 /* ---------------- the shortest text */
 
-/* As %.*g in every locale. */
+/* Writes as %.*g does in the C locale. */
 OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)
 {
     snprintf(out, NUMBER_TEXT_MAX, "%.*g", precision, value);

@@ -4,8 +4,8 @@
  * Made from the table: defaults of each preset, parsing and range checks, the line "job" of run.json and its
  * reading back, the command that repeats a run, --help, the manual page and docs/OPTIONS.md. So a new option
  * takes
- *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the commands that take it, and states whether the bytes of the result depend on
- *   it (RESULT), and where it
+ *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the
+ *   commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
  *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
  *   - `make man`, and a test.
@@ -38,6 +38,7 @@ static const oxl_option OPTIONS[] = {
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train only block K, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "write images of the held-out views to OUT/renders", NULL},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, EACH("0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "weight of SSIM in the loss, (1 - W) L1 + W (1 - SSIM)", NULL},
+{"lpips", "WEIGHTS", OXL_OPTION_TEXT, OPTION_AT(lpips), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, OXL_OPTION_OF_EVALUATION, "Input", "measure LPIPS, too, by this file of weights; examples/lpips_weights.py writes it", NULL},
 {"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "image folder; otherwise SCENE/images", NULL},
 {"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "folder with cameras, images and points3D, .txt or .bin; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
 {"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "mask folder, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},
@@ -92,7 +93,8 @@ const oxl_option *oxl_option_find(const char *name)
     return NULL;
 }
 
-/* With _ for -; a folder's ends so, since "images" is a count of what was found. */
+/* Writes an option's name for run.json: dashes become underscores, and folders get the suffix _folder, since
+ * "images" is a count there. */
 const char *oxl_option_member(const oxl_option *option, char out[40])
 {
     snprintf(out, 40, "%s%s", option->name,
@@ -105,10 +107,21 @@ const char *oxl_option_member(const oxl_option *option, char out[40])
 
 /* ---------------- defaults */
 
+/* In the place of an unknown one: options that every check refuses. */
+static oxl_job_options option_no_preset(void)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.preset = "unknown";
+    o.train.iterations = 0;
+    return o;
+}
+
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
-    oxl_job_options o = {.scene = {.read_images = 1}, .preset = OPTIONS[0].preset[preset]};
+    oxl_job_options o = {.scene = {.read_images = 1}};
     const oxl_option *row;
+    if (preset < OXL_PRESET_DRAFT || preset > OXL_PRESET_PAPER) return option_no_preset();
+    o.preset = OPTIONS[0].preset[preset];
     for (int i = 1; (row = oxl_option_at(i)) != NULL; i++)
         if (row->preset[preset]) oxl_option_set(row, &o, row->preset[preset], NULL, 0);
     return o;
@@ -138,14 +151,14 @@ static size_t option_word(const oxl_option *o)
     return length > 0 && o->value[length] && o->value[0] >= 'a' ? length : 0;
 }
 
-/* A number without a sign at *text, which moves past it; not 1.#IND. */
+/* Parses a number without a sign at *text, which moves past it; not 1.#IND. */
 static int option_unsigned(const char **text, double *out)
 {
     return ((unsigned char)(**text - '0') < 10 || **text == '.') &&
            parse_double(text, *text + strlen(*text), out) && !isnan(*out);
 }
 
-/* A plain number, and perhaps one of the units. */
+/* Parses a plain number, and perhaps one of the units. */
 static int option_number(const char *text, const char *units, const double *factors, double *out)
 {
     const char *unit;
@@ -226,7 +239,7 @@ static int option_read_seed(const char *text, uint64_t *out)
     return 1;
 }
 
-/* Index of the word in "one|two|three"; -1: not in it. */
+/* Returns the index of the word in "one|two|three"; -1: not in it. */
 static int option_choice(const char *words, const char *text)
 {
     for (int i = 0; *words; i++) {
@@ -280,7 +293,7 @@ OXL_INTERNAL int option_read_ucd(const char *text, oxl_ucd *out)
     return is_ok;
 }
 
-/* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
+/* Returns a unit's size: decimal, as file sizes are printed, or with an i binary. 0: not a unit. */
 static double option_unit(const char *s)
 {
     static const char letters[] = "kmgt";
@@ -418,7 +431,7 @@ oxl_result oxl_option_set(const oxl_option *option, void *options, const char *t
 
 /* ---------------- a value to text */
 
-/* The percentage that is read back as this negative float. */
+/* Finds the percentage that is read back as this negative float. */
 static void option_get_percent(float value, char *out, size_t size)
 {
     char digits[NUMBER_TEXT_MAX];
@@ -545,7 +558,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
 
 /* ---------------- all options */
 
-/* The value without effect. */
+/* Returns the value of an option that has no effect. */
 static const char *option_off(const oxl_option *o)
 {
     if (o->kind == OXL_OPTION_KEEP) return "all";
@@ -561,7 +574,7 @@ OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag)
     *train = job.train;
 }
 
-/* What a caller filled in is in range when its text would be read. */
+/* Accepts values whose printed text parses again, which is where the ranges are checked. */
 oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
 {
     oxl_job_options read = *options;

@@ -19,13 +19,20 @@ OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *pat
                       : error == ENOSPC || error == EFBIG  ? "free space on the disk"
                       : error == EISDIR                    ? "name a file, not a folder"
                       : error == ENAMETOOLONG              ? "use a shorter name"
-                                                           : "check the disk or the network drive";
+                      : error == ELOOP || error == EMLINK || error == EEXIST
+                          ? "remove it: files of a run do not replace others, nor go through links"
+                          : "check the disk or the network drive";
     return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what, error ? strerror(error) : "failed", fix);
 }
 
 OXL_INTERNAL int os_is_file(const char *path)
 {
     return os_kind_of(path, NULL) == OS_FILE;
+}
+
+OXL_INTERNAL int os_is_special(const char *path)
+{
+    return os_kind_of(path, NULL) == OS_SPECIAL;
 }
 
 OXL_INTERNAL int os_is_folder(const char *path)
@@ -53,6 +60,43 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     return rc;
 }
 
+/* `inside` of `folder`, part by part: links are refused, folders made with `make`. */
+static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *inside, int make)
+{
+    char *path = oxl_path_join(ctx, folder, inside);
+    const size_t size = path ? strlen(path) : 0;
+    oxl_result rc = OXL_OK;
+    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for the name of a folder", folder);
+    for (size_t i = size - strlen(inside) + 1; i <= size && rc == OXL_OK; i++) {
+        const char had = path[i];
+        if (i < size && !os_is_separator(had)) continue;
+        path[i] = 0;
+        if (os_is_link(path))
+            rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                          "%s is a link: what is written or removed there would lie elsewhere\n"
+                          "fix: remove the link, or choose another folder",
+                          path);
+        else if (make && os_make_one_folder(path) != 0) {
+            const int error = errno;
+            if (!os_is_folder(path)) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot make the folder", error);
+        }
+        path[i] = had;
+    }
+    oxl_free(ctx, path);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside)
+{
+    const oxl_result rc = os_make_folder(ctx, folder);
+    return rc == OXL_OK && inside[0] ? os_walk_in(ctx, folder, inside, 1) : rc;
+}
+
+OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside)
+{
+    return inside[0] ? os_walk_in(ctx, folder, inside, 0) : OXL_OK;
+}
+
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path,
                                        void (*visit)(void *user, const char *name), void *user)
 {
@@ -69,25 +113,34 @@ OXL_INTERNAL int os_link(const char *target, const char *path)
 
 /* ---------------- locks */
 
-/* "process N on HOST" of the text in the file; of another process than that, N alone. */
-static void os_lock_holder(struct os_lock *lock)
+/* "process N on HOST" of the text in the file; of another process than that, N alone. 0: the text is not of a
+ * lock; one that a full disk or a power cut left is a part of it, empty or of zeros. */
+static int os_lock_holder(struct os_lock *lock)
 {
+    static const char start[] = "process ";
     const size_t size = os_lock_read(lock, lock->holder, sizeof lock->holder - 1);
+    int is_own;
     long named = 0;
     lock->holder[size] = 0;
+    is_own = strncmp(lock->holder, start, OXL_MIN(strlen(lock->holder), sizeof start - 1)) == 0;
     lock->holder[strcspn(lock->holder, "\r\n")] = 0;
     if (sscanf(lock->holder, "process %ld", &named) != 1) lock->holder[0] = 0;
     if (lock->process > 0 && named != lock->process)
         snprintf(lock->holder, sizeof lock->holder, "process %ld", lock->process);
+    return is_own;
 }
 
-OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out)
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out)
 {
     enum os_locked got;
     *out = (struct os_lock){0};
-    if (os_lock_file(path, out) != 0) return OS_LOCK_FAILED;
+    if (os_lock_file(path, create, out) != 0) return OS_LOCK_FAILED;
     got = os_lock_try(out, shared);
-    os_lock_holder(out);
+    if (!os_lock_holder(out) && got != OS_LOCK_REMOVED) {
+        os_lock_close(out, NULL);
+        errno = EEXIST;
+        return OS_LOCK_FAILED;
+    }
     if (got == OS_LOCK_BUSY || got == OS_LOCK_REMOVED) os_lock_close(out, NULL);
     return got;
 }
@@ -226,14 +279,22 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", path);
         goto done;
     }
-    out->file = os_open(out->temporary, "wb");
+    out->file = os_create(out->temporary);
     if (!out->file) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
 done:
     if (rc != OXL_OK) os_writer_free(ctx, out);
     return rc;
 }
 
-/* Folder of a path, in place. */
+FILE *oxl_create_beside(const char *path, char *temporary, size_t size)
+{
+    const int length = snprintf(temporary, size, "%s.%ld.tmp", path, os_process());
+    if (length >= 0 && (size_t)length < size) return os_create(temporary);
+    errno = ENAMETOOLONG;
+    return NULL;
+}
+
+/* Shortens a path to its folder, in place. */
 static void os_sync_parent(char *path)
 {
     size_t end = strlen(path);
@@ -276,20 +337,38 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
 
 struct os_sweeping {
     oxl_context *ctx;
-    const char *folder;
+    const char *folder, *names;
 };
 
+/* Whether the `size` bytes at `name` are one of the names, "*" and an ending, or that name. */
+static int os_is_named(const char *names, const char *name, size_t size)
+{
+    for (size_t length; *names; names += length, names += *names == ' ') {
+        const int any = *names == '*';
+        length = strcspn(names, " ");
+        if (any ? size >= length && !memcmp(name + size - (length - 1), names + 1, length - 1)
+                : size == length && !memcmp(name, names, size))
+            return 1;
+    }
+    return 0;
+}
+
+/* NAME.PID.tmp, as os_writer_open names it. */
 static void os_remove_temporary(void *user, const char *name)
 {
     const struct os_sweeping *s = user;
-    const size_t length = strlen(name);
-    if (length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(PATH(s->folder, "%s", name));
+    size_t end = strlen(name), digits = 0;
+    if (end < 4 || strcmp(name + end - 4, ".tmp")) return;
+    end -= 4;
+    while (end > 0 && name[end - 1] >= '0' && name[end - 1] <= '9') end--, digits++;
+    if (digits > 0 && end > 1 && name[end - 1] == '.' && os_is_named(s->names, name, end - 1))
+        os_remove(PATH(s->folder, "%s", name));
 }
 
-OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder)
+OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names)
 {
     return os_is_folder(folder)
-               ? os_list_folder(ctx, folder, os_remove_temporary, &(struct os_sweeping){ctx, folder})
+               ? os_list_folder(ctx, folder, os_remove_temporary, &(struct os_sweeping){ctx, folder, names})
                : OXL_OK;
 }
 

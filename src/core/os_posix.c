@@ -25,7 +25,7 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     struct stat s;
     if (stat(path, &s) != 0) return OS_NOTHING;
     if (size) *size = (uint64_t)s.st_size;
-    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
+    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
 }
 
 OXL_INTERNAL int os_is_same(const char *a, const char *b)
@@ -34,7 +34,7 @@ OXL_INTERNAL int os_is_same(const char *a, const char *b)
     return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
-/* Nanoseconds. */
+/* Returns a time in nanoseconds. */
 OXL_INTERNAL int64_t os_modified(const char *path)
 {
     struct stat s;
@@ -49,6 +49,24 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     return fopen(path, mode);
+}
+
+OXL_INTERNAL FILE *os_create(const char *path)
+{
+    enum { flags = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC };
+    int file = open(path, flags, 0666);
+    FILE *out;
+    if (file < 0 && errno == EEXIST && unlink(path) == 0) file = open(path, flags, 0666);
+    if (file < 0) return NULL;
+    out = fdopen(file, "wb");
+    if (!out) close(file);
+    return out;
+}
+
+OXL_INTERNAL int os_is_link(const char *path)
+{
+    struct stat s;
+    return lstat(path, &s) == 0 && S_ISLNK(s.st_mode);
 }
 
 OXL_INTERNAL const char *os_map(const char *path, size_t *size)
@@ -165,7 +183,7 @@ OXL_INTERNAL size_t os_peak_rss(void)
 #endif
 }
 
-/* The number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
+/* Reads the number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
 static double os_number_in(const char *folder, const char *file, const char *name)
 {
     char path[3200], line[300];
@@ -180,8 +198,8 @@ static double os_number_in(const char *folder, const char *file, const char *nam
     return value;
 }
 
-/* The least of `limit` over the control group of the process and those above it, of version 2; 0: none has a
- * limit. In a container, and of version 1, the root's files are the container's. */
+/* Returns the least of `limit` over the control group of the process and those above it, of version 2; 0:
+ * none has a limit. In a container, and of version 1, the root's files are the container's. */
 static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
 {
     FILE *file = fopen("/proc/self/cgroup", "r");
@@ -229,7 +247,7 @@ OXL_INTERNAL int os_processor_quota(void)
     return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
 }
 
-/* The limit, less what is used and is not a cache of files that can be dropped. */
+/* Returns the limit, less what is used and is not a cache of files that can be dropped. */
 static double os_memory_of(double limit, double used, double cache)
 {
     return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;
@@ -278,12 +296,20 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
     return OS_LOCK_BUSY;
 }
 
-/* Users with different umask take over each other's: the mode is for all. */
-OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
+/* Users with different umask take over each other's: the mode of a new one is for all. */
+OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
 {
-    const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    enum { flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC };
+    struct stat s;
+    int file = create ? open(path, flags | O_CREAT | O_EXCL, 0666) : -1;
+    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* a file system without modes */
+    if (file < 0) file = open(path, flags | (create ? O_CREAT : 0), 0666);
+    if (file >= 0 && (fstat(file, &s) != 0 || !S_ISREG(s.st_mode) || s.st_nlink > 1)) {
+        close(file);
+        errno = EMLINK;
+        file = -1;
+    }
     lock->file = file;
-    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* it is another user's */
     return file >= 0 ? 0 : -1;
 }
 

@@ -87,6 +87,20 @@ OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
     return _wfopen(os_wide(path, wide), wide_mode);
 }
 
+OXL_INTERNAL FILE *os_create(const char *path)
+{
+    wchar_t wide[OS_PATH_MAX];
+    DeleteFileW(os_wide(path, wide));
+    return os_open(path, "wb");
+}
+
+OXL_INTERNAL int os_is_link(const char *path)
+{
+    wchar_t wide[OS_PATH_MAX];
+    const DWORD attributes = GetFileAttributesW(os_wide(path, wide));
+    return attributes != INVALID_FILE_ATTRIBUTES && attributes & FILE_ATTRIBUTE_REPARSE_POINT;
+}
+
 OXL_INTERNAL int os_remove(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
@@ -241,13 +255,13 @@ OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared)
                                                                                         : OS_LOCK_NONE;
 }
 
-OXL_INTERNAL int os_lock_file(const char *path, struct os_lock *lock)
+OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock)
 {
     wchar_t wide[OS_PATH_MAX];
-    lock->file = (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE,
-                                       FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
-                                       /* it cannot be removed while it is open */
-                                       OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL);
+    lock->file = (intptr_t)CreateFileW(
+        os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE, NULL,
+        /* it cannot be removed while it is open */
+        create ? OPEN_ALWAYS : OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL | FILE_FLAG_OPEN_REPARSE_POINT, NULL);
     return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
 }
 

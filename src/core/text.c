@@ -100,6 +100,28 @@ OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, cons
     return rest >= 0 && at + (size_t)rest < PATH_LENGTH ? out : "/dev/null/a path of more than 4095 bytes";
 }
 
+/* Of `used` bytes; the quote that ends the word always has room. */
+static size_t path_add(char *out, size_t size, size_t used, const char *text)
+{
+    const size_t length = strlen(text);
+    if (used + length + 2 > size) return size; /* nothing more */
+    memcpy(out + used, text, length + 1);
+    return used + length;
+}
+
+const char *oxl_shell_word(const char *path, char *out, size_t size)
+{
+    static const char plain[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./,-+:@%";
+    const char *quote = path[0] && strspn(path, plain) == strlen(path) ? "" : "'";
+    size_t used = 0;
+    if (size) out[0] = 0;
+    if (size < 8) return out;
+    used = path_add(out, size, used, quote);
+    for (; *path && used < size; path++)
+        used = path_add(out, size, used, *path == '\'' ? "'\\''" : (char[2]){*path, 0});
+    return strcat(out, quote);
+}
+
 OXL_INTERNAL const char *path_base_name(const char *path)
 {
     const char *slash = strrchr(path, '/');

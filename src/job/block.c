@@ -61,6 +61,46 @@ static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 
 /* ---------------- block.json */
 
+static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
+
+/* Of all before the member "checksum", the last one. */
+static int block_has_checksum(const char *json)
+{
+    const char *at = NULL;
+    char line[48];
+    for (const char *next = json; (next = strstr(next, BLOCK_CHECKSUM)) != NULL; next++) at = next;
+    if (!at) return 0;
+    snprintf(line, sizeof line, "%s%016llx\"\n}", BLOCK_CHECKSUM,
+             (unsigned long long)checksum_add(CHECKSUM_SEED, json, (size_t)(at - json)));
+    return !strncmp(at, line, strlen(line));
+}
+
+static uint64_t block_read_sum(const char *json, const char *name)
+{
+    char text[24];
+    unsigned long long sum = 0;
+    oxl_json_text(oxl_json_member(json, name), text, sizeof text);
+    return sscanf(text, "%llx", &sum) == 1 ? sum : 0;
+}
+
+/* Of a file of the folder; 0: it is not there. */
+static oxl_result block_sum(oxl_context *ctx, const char *folder, const char *name, uint64_t *sum)
+{
+    const char *path = PATH(folder, "%s", name);
+    *sum = 0;
+    return os_is_file(path) ? checksum_of_file(ctx, path, sum) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *r,
+                                    int *whole)
+{
+    uint64_t model, imaging = 0;
+    oxl_result rc = block_sum(ctx, folder, "model.ply", &model);
+    if (rc == OXL_OK) rc = block_sum(ctx, folder, "imaging.txt", &imaging);
+    *whole = rc == OXL_OK && model == r->model_sum && imaging == r->imaging_sum;
+    return rc;
+}
+
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out)
 {
@@ -69,8 +109,12 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     oxl_result rc = OXL_OK;
     *out = (struct block_record){0};
     if (os_is_file(path) && os_is_file(PATH(folder, "model.ply"))) rc = os_read_file(ctx, path, &map);
-    if (rc == OXL_OK && map.data && strstr(map.data, key)) {
+    if (rc == OXL_OK && map.data && !block_has_checksum(map.data)) out->damaged = 1;
+    else if (rc == OXL_OK && map.data && strstr(map.data, key)) {
         out->exists = 1;
+        out->idle = oxl_json_is_true(map.data, "idle");
+        out->model_sum = block_read_sum(map.data, "model_checksum");
+        out->imaging_sum = block_read_sum(map.data, "imaging_checksum");
         out->trained = oxl_json_is_true(map.data, "trained");
         out->finished = oxl_json_is_true(map.data, "finished");
         out->iterations = (int)OXL_CLAMP(manifest_number(map.data, "iterations_done"), 0, INT_MAX);
@@ -104,9 +148,13 @@ OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, 
 static oxl_result block_write_record(struct block *b, const struct block_record *r)
 {
     struct text t = {.ctx = b->ctx};
-    oxl_result rc;
+    uint64_t model, imaging = 0;
+    oxl_result rc = block_sum(b->ctx, b->task->folder, "model.ply", &model);
+    if (rc == OXL_OK) rc = block_sum(b->ctx, b->task->folder, "imaging.txt", &imaging);
+    if (rc != OXL_OK) return rc;
     text_add(&t, "{\n  \"trained\": %s,\n  \"finished\": %s,\n", r->trained ? "true" : "false",
              r->finished ? "true" : "false");
+    if (r->idle) text_add(&t, "  \"idle\": true,\n");
     text_add_member(&t, "iterations_done", r->iterations);
     text_add_member(&t, "gaussians", (double)r->gaussians);
     text_add_member(&t, "seconds", r->seconds);
@@ -115,7 +163,11 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     text_add_member(&t, "predicted_seconds", r->predicted_seconds);
     nonfinite_add_json(&t, &r->nonfinite);
     text_add(&t, "  \"decisions\": {%s},\n", b->decisions.data ? b->decisions.data : "");
-    text_add(&t, "  %s,\n  \"notes\": [%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
+    text_add(&t, "  \"model_checksum\": \"%016llx\",\n  \"imaging_checksum\": \"%016llx\",\n",
+             (unsigned long long)model, (unsigned long long)imaging);
+    text_add(&t, "  %s,\n  \"notes\": [%s],\n", b->task->key, b->notes.size ? b->notes.data : "");
+    text_add(&t, "%s%016llx\"\n}\n", BLOCK_CHECKSUM,
+             (unsigned long long)checksum_add(CHECKSUM_SEED, t.data ? t.data : "", t.size));
     t.failed |= b->notes.failed || b->decisions.failed;
     rc = block_write(b, "block.json", &t);
     text_free(&t);
@@ -328,7 +380,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     oxl_model model = {0};
     struct block_record record = {0};
     oxl_result rc = os_make_folder(ctx, task->folder);
-    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder);
+    if (rc == OXL_OK) rc = os_remove_temporaries(ctx, task->folder, BLOCK_FILES);
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;

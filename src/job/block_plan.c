@@ -17,7 +17,10 @@
 #define PLAN_MIN 0.002       /* of an image's pixels: views that are worth less to a block are left out */
 /* of the Gaussians that memory holds, in one view: views differ in how they grow */
 #define PLAN_VIEW_FRACTION 0.8
-#define PLAN_TILE 16 /* px: windows begin and end at multiples of it, or at the image's borders */
+#define PLAN_VIEWS_MAX (1 << 24)
+#define PLAN_GAUSSIANS_MAX 1e15 /* of a file that is believed */
+#define PLAN_VIEW_TEXT 10       /* bytes of a view's line, at least */
+#define PLAN_TILE 16            /* px: windows begin and end at multiples of it, or at the image's borders */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
@@ -57,6 +60,7 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
         text_add(&t, "%d %d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width,
                  plan->window[i].height, plan->shows[i]);
     text_add(&t, "%s\n", job->key.data);
+    checksum_end_text(&t);
     if (rc == OXL_OK) rc = os_write_text(job->ctx, path, &t);
     text_free(&t);
     return rc;
@@ -67,7 +71,9 @@ static const char *plan_read_windows(const char *s, struct block_plan *out)
     int used, shows;
     for (int i = 0; i < out->views; i++, s += used) {
         struct image_window *w = &out->window[i];
-        if (sscanf(s, "%d %d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &shows, &used) != 5)
+        if (sscanf(s, "%d %d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &shows, &used) != 5 ||
+            w->x < 0 || w->y < 0 || w->width < 0 || w->height < 0 || w->x > INT_MAX - w->width ||
+            w->y > INT_MAX - w->height || (w->width == 0) != (w->height == 0))
             return NULL;
         out->shows[i] = shows == 1;
     }
@@ -79,6 +85,25 @@ static const char *plan_read_neighbours(const char *s, int blocks, struct block_
     int used, j = 0;
     while (sscanf(s, " %d%n", &j, &used) == 1 && j >= 0 && j < blocks) out->neighbour[j] = 1, s += used;
     return j == -1 ? s + used : NULL;
+}
+
+static int plan_is_in_range(const struct block_plan *p)
+{
+    return p->first >= 0 && p->first <= p->last && p->last <= p->iterations && p->iterations >= 1 &&
+           p->gaussians >= 1 && p->gaussians <= PLAN_GAUSSIANS_MAX && p->fraction >= 0 && p->fraction <= 1 &&
+           p->work >= 0 && p->work <= 1 && p->views >= 0 && p->views <= PLAN_VIEWS_MAX;
+}
+
+/* Windows lie in their images. */
+OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene)
+{
+    if (plan->views != oxl_scene_view_count(scene)) return 0;
+    for (int i = 0; i < plan->views; i++) {
+        const struct image_window *w = &plan->window[i];
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        if (w->x + w->width > c->width || w->y + w->height > c->height) return 0;
+    }
+    return 1;
 }
 
 static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *out)
@@ -94,7 +119,8 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
         !used)
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
-    if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24)
+    if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || !plan_is_in_range(out) ||
+        (size_t)out->views > strlen(s) / PLAN_VIEW_TEXT)
         return OXL_ERR_INPUT;
     out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
     out->shows = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
@@ -110,7 +136,9 @@ OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block
     oxl_result rc = OXL_OK;
     *out = (struct block_plan){0};
     if (os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
-    if (rc == OXL_OK && map.data && strstr(map.data, job->key.data)) rc = plan_parse(job, map.data, out);
+    if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
+        strstr(map.data, job->key.data))
+        rc = plan_parse(job, map.data, out);
     if (rc == OXL_ERR_INPUT || (rc == OXL_OK && out->views == 0)) block_plan_free(job->ctx, out), rc = OXL_OK;
     if (rc != OXL_OK) block_plan_free(job->ctx, out);
     os_release_file(job->ctx, &map);
@@ -256,7 +284,7 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------- steps and budgets */
 
-/* Of the coarse model, the largest fraction that a view may show. */
+/* Returns the largest fraction of the coarse model that is visible in one view. */
 static double plan_largest_fraction(const struct job *job, const oxl_model *coarse)
 {
     const double near = scene_near_plane(job->scene);

@@ -27,7 +27,7 @@ OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
                   : o->scene.image_cache_bytes;
 }
 
-/* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
+/* Returns the largest count up to `most` that fits --ram, by bisection; 0: none does. */
 static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
 {
     double low = 0, high = OXL_MIN(JOB_GAUSSIANS_MAX, most) + 1;

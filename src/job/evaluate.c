@@ -84,6 +84,8 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (rc == OXL_OK) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
     if (rc != OXL_OK || !p->bands) return rc;
     rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
+    if (rc == OXL_OK && p->scene->lpips)
+        rc = lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
     return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
 }
 
@@ -103,7 +105,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass
                                     oxl_metrics *out)
 {
     oxl_image image = {0};
-    oxl_view_metrics row = {.view = view};
+    oxl_view_metrics row = {.view = view, .lpips = NAN};
     oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
     if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
@@ -116,6 +118,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass
 
 static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 {
+    m->lpips = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
         m->psnr += m->views[i].psnr / m->count;
         m->plain_psnr += m->views[i].plain_psnr / m->count;
@@ -123,6 +126,7 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
         m->cc_psnr += m->views[i].cc_psnr / m->count;
         m->ssim += m->views[i].ssim / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
+        m->lpips += m->views[i].lpips / m->count; /* NaN if a view's is */
     }
     memcpy(m->depth, bands->of.depth, sizeof m->depth);
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
@@ -152,6 +156,12 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     oxl_free(ctx, view);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
+}
+
+oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path)
+{
+    oxl_free(ctx, scene->lpips);
+    return lpips_read(ctx, path, &scene->lpips);
 }
 
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
@@ -186,19 +196,21 @@ static void evaluate_write_depths(struct text *t, const oxl_metrics *m)
     text_add(t, "},\n");
 }
 
-/* Members of a JSON object; `between` them. */
-static void evaluate_write_six(struct text *t, const char *between, const double values[6])
+/* Members of a JSON object; `between` them. lpips NaN: it has no member. */
+static void evaluate_write_values(struct text *t, const char *between, const double values[6], double lpips)
 {
     static const char *const names[] = {"psnr", "cc_psnr", "ssim", "ms_ssim", "plain_psnr", "half_psnr"};
     for (int i = 0; i < 6; i++) text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
+    if (!isnan(lpips)) text_add(t, "%s\"lpips\": %s", between, NUMBER(lpips));
 }
 
 OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,
                                             const oxl_metrics *m)
 {
     text_add(t, "  ");
-    evaluate_write_six(t, ",\n  ",
-                       (double[6]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr, m->half_psnr});
+    evaluate_write_values(t, ",\n  ",
+                          (double[6]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr, m->half_psnr},
+                          m->lpips);
     evaluate_write_depths(t, m);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
@@ -206,8 +218,9 @@ OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, co
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
         text_add(t, ", ");
-        evaluate_write_six(
-            t, ", ", (double[6]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr});
+        evaluate_write_values(
+            t, ", ", (double[6]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr},
+            v->lpips);
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

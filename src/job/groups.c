@@ -98,6 +98,7 @@ static oxl_result groups_write_state(const struct groups *g)
     for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
     for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);
     text_add(&t, "\n%s\n", g->job->key.data);
+    checksum_end_text(&t);
     rc = os_write_text(g->job->ctx, PATH(g->folder, "groups.txt"), &t);
     text_free(&t);
     return rc;
@@ -111,11 +112,16 @@ static oxl_result groups_read_state(struct groups *g)
     const char *path = PATH(g->folder, "groups.txt"), *s = NULL;
     int used = 0, good;
     const oxl_result rc = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
-    if (rc == OXL_OK && map.data && strstr(map.data, g->job->key.data)) s = strstr(map.data, "\ngroups ");
-    good = s && sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4;
+    if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
+        strstr(map.data, g->job->key.data))
+        s = strstr(map.data, "\ngroups ");
+    good = s &&
+           sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
+           g->count > 0 && g->count <= g->views && g->done >= 0 && g->gains >= 0 && g->seconds >= 0;
     for (int i = 0; i < blocks + g->views && good; i++) {
         s += used;
-        good = sscanf(s, "%d%n", i < blocks ? &g->version[i] : &g->of[i - blocks], &used) == 1;
+        good = sscanf(s, "%d%n", i < blocks ? &g->version[i] : &g->of[i - blocks], &used) == 1 &&
+               (i < blocks ? g->version[i] >= 0 : g->of[i - blocks] >= -1 && g->of[i - blocks] < g->count);
     }
     if (!good) {
         g->count = g->done = g->gains = 0, g->seconds = 0;
@@ -141,7 +147,7 @@ static oxl_result groups_remove_temporaries(struct groups *g)
 {
     if (!os_is_folder(g->folder)) return OXL_OK;
     os_list_folder(g->job->ctx, g->folder, groups_remove_other_version, g);
-    return os_remove_temporaries(g->job->ctx, g->folder);
+    return os_remove_temporaries(g->job->ctx, g->folder, BLOCK_FILES " groups.txt *.ply *.txt");
 }
 
 /* ---------------- groups */

@@ -40,9 +40,15 @@ OXL_INTERNAL double manifest_number(const char *text, const char *name);
 
 /* ---------------- block.c: the training of one block in its folder */
 
+/* Files of the folder that are written under a temporary name. */
+#define BLOCK_FILES "checkpoint.oxl block.json plan.txt log.csv imaging.txt model.ply model_standard.ply"
+
 struct block_record { /* block.json */
     /* trained: all steps are done, scene_standard.ply may be missing */
     int exists, trained, finished, iterations;
+    int idle;                        /* 1: a block with nothing to train: it has no checkpoint */
+    int damaged;                     /* 1: block.json is there, but is not as it was written; `exists` is 0 */
+    uint64_t model_sum, imaging_sum; /* of model.ply, imaging.txt; 0: none */
     size_t gaussians;
     double seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_nonfinite nonfinite;
@@ -68,6 +74,9 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
                                    struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no
  * block.json. */
+/* *whole: model.ply and imaging.txt are those that the record was written with. */
+OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *record,
+                                    int *whole);
 OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name,
                                           struct text *out);
 /* imaging.txt and block.json of a folder whose model.ply is there. */
@@ -110,6 +119,14 @@ OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *
 /* PSNR of the right half, after a gain per channel that is fitted on the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
+/* ---------------- lpips.c */
+
+struct lpips; /* the network: one allocation, freed by oxl_free */
+OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
+/* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
+OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
+                                       const oxl_image *b, double *out);
+
 /* ---------------- evaluate.c */
 
 struct drawn { /* what evaluate_draw renders */
@@ -142,7 +159,15 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
 /* a member of an object and its comma */
 OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam);
 
-/* ---------------- render_files.c, training_views.c */
+/* ---------------- render_names.c, render_files.c, training_views.c */
+
+/* What may be written of a view, and the temporary names of these and of the list. */
+#define RENDER_SUFFIXES ".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"
+#define RENDER_FILES "*.png *.pfm .renders"
+/* The name of a view's files without their suffix, in their folder (oxl_render_path). */
+OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **out);
+/* Refuses views whose files would have one name. */
+OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *scene);
 
 struct render_files {
     const oxl_model *model;

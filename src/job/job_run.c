@@ -13,7 +13,7 @@
 
 /* ---------------- run.json */
 
-/* What of the survey the result depends on: another export in the same place is another job. */
+/* Lists the properties of a survey that identify a job: another export in the same place is another job. */
 static void job_describe_found(struct job *job)
 {
     text_add(&job->found, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s}",
@@ -50,8 +50,9 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 static oxl_result job_lock(struct job *job)
 {
-    const oxl_result rc = lock_check_parents(job->ctx, job->out);
-    return rc == OXL_OK ? lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock) : rc;
+    oxl_result rc = lock_check_parents(job->ctx, job->out);
+    if (rc == OXL_OK) rc = lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+    return rc == OXL_OK ? job_refuse_links(job) : rc;
 }
 
 /* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process
@@ -134,8 +135,7 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
-    if (run->finished && job->start.after == 0 && job_is_of_another_survey(job, run) &&
-        !job->options.restart)
+    if (run->finished && job->start.after == 0 && job_is_of_another_survey(job, run) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
@@ -229,9 +229,16 @@ static oxl_result job_map_survey(struct job *job)
 {
     const char *path = PATH(job->out, "blocks/survey.oxl");
     oxl_scene *mapped = NULL;
-    oxl_result rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
-    if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
-        rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
+    oxl_result rc = scene_file_map(job->ctx, path, job->key.data, &mapped), written = OXL_OK;
+    if (rc == OXL_OK && !mapped) {
+        written = os_make_folder_in(job->ctx, job->out, "blocks");
+        if (written == OXL_OK) written = scene_file_write(job->ctx, path, job->scene, job->key.data);
+        if (written == OXL_OK) rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
+        else
+            oxl_log(job->ctx, OXL_LOG_WARNING,
+                    "the survey stays in memory, as its file cannot be written: %s",
+                    oxl_error_text(job->ctx));
+    }
     if (!mapped) return rc;
     partition_free_plan(job->ctx, &job->partition);
     oxl_scene_free(job->ctx, job->scene);
@@ -317,7 +324,7 @@ static oxl_result job_run_single(struct job *job)
     const char *folder = JOB_BLOCK(job, 0);
     struct block_record record;
     oxl_result rc = job_lock_alone(job, 1), trained = OXL_OK;
-    if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+    if (rc == OXL_OK) rc = job_read_record(job, folder, &record);
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
         trained = job_train_single(job, folder);
@@ -328,7 +335,7 @@ static oxl_result job_run_single(struct job *job)
     return rc == OXL_OK ? trained : rc;
 }
 
-/* What can be had of the blocks that are there. rc is how their training ended. */
+/* Writes the result if all blocks have finished, else a partial one. rc: how their training ended. */
 static oxl_result job_finish_if_complete(struct job *job, oxl_result rc)
 {
     const int one = job->partition.block_count == 1;
@@ -389,15 +396,17 @@ static void job_end(struct job *job)
  * there. */
 static oxl_result job_remove_temporaries(struct job *job)
 {
-    oxl_result rc = job->options.block < 0 ? os_remove_temporaries(job->ctx, job->out) : OXL_OK;
-    return rc == OXL_OK && job->options.block < 0 ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"))
-                                                  : rc;
+    oxl_result rc = OXL_OK;
+    if (job->options.block >= 0) return rc;
+    rc = os_remove_temporaries(job->ctx, job->out, JOB_FILES);
+    return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
 }
 
 /* From the survey to the blocks; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
+    if (rc == OXL_OK && job->options.renders) rc = render_names_check(job->ctx, job->scene);
     if (rc == OXL_OK) rc = job_remove_temporaries(job);
     if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
@@ -470,7 +479,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
-                      out, out);
+                      out, SHELL_WORD(out));
     if (rc != OXL_OK) {
         oxl_unlock_folder(ctx, &lock);
         manifest_free(ctx, &run);
@@ -481,6 +490,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     job_begin(&job, ctx, run.scene, out, &options, callback);
     job.lock = lock;
     rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_refuse_links(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_plan_decoded(&job);
     if (rc == OXL_OK && !done) rc = rounds_collect(&job);

@@ -30,6 +30,37 @@ OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct jo
     return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
 }
 
+static int job_is_block(const char *name)
+{
+    return (name[0] && !name[strspn(name, "0123456789")]) || !strcmp(name, "coarse") ||
+           !strcmp(name, "whole") || !strcmp(name, "start");
+}
+
+struct job_entries {
+    struct job *job;
+    oxl_result rc;
+};
+
+static void job_refuse_link(void *user, const char *name)
+{
+    struct job_entries *e = user;
+    if (e->rc == OXL_OK && (job_is_block(name) || !strcmp(name, "decoded")))
+        e->rc = os_refuse_links(e->job->ctx, PATH(e->job->out, "blocks"), name);
+}
+
+OXL_INTERNAL oxl_result job_refuse_links(struct job *job)
+{
+    static const char *const folders[] = {"blocks", "renders", "training_views"};
+    struct job_entries e = {job, OXL_OK};
+    for (size_t k = 0; k < OXL_COUNT(folders) && e.rc == OXL_OK; k++)
+        e.rc = os_refuse_links(job->ctx, job->out, folders[k]);
+    if (e.rc == OXL_OK && os_is_folder(PATH(job->out, "blocks"))) {
+        const oxl_result rc = os_list_folder(job->ctx, PATH(job->out, "blocks"), job_refuse_link, &e);
+        if (rc != OXL_OK) return rc;
+    }
+    return e.rc;
+}
+
 /* ---------------- the survey, and its decoded images in files */
 
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
@@ -54,9 +85,14 @@ OXL_INTERNAL oxl_result job_load(struct job *job)
     return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 
+/* KEY of scene_images.c, or KEY.PID.tmp of a process that was killed. */
 static void job_remove_decoded_file(void *user, const char *name)
 {
-    if (name[0] != '.') os_remove(PATH(((struct job *)user)->decoded, "%s", name));
+    size_t digits = strspn(name, "0123456789abcdef");
+    if (digits != IMAGE_FILE_NAME) return;
+    if (name[digits] == '.') digits += 1 + strspn(name + digits + 1, "0123456789");
+    if (!name[digits] || !strcmp(name + digits, ".tmp"))
+        os_remove(PATH(((struct job *)user)->decoded, "%s", name));
 }
 
 OXL_INTERNAL void job_remove_decoded(struct job *job)
@@ -104,6 +140,20 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     return context_report(job->callback, &p);
 }
 
+OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out)
+{
+    int whole = 1;
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
+    if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
+        rc = block_check(job->ctx, folder, out, &whole);
+    if (rc != OXL_OK || (whole && !out->damaged)) return rc;
+    oxl_log(job->ctx, OXL_LOG_WARNING, "%s: %s is damaged; what it belongs to is trained again", folder,
+            out->damaged ? "block.json" : "model.ply or imaging.txt");
+    os_remove(PATH(folder, "block.json"));
+    *out = (struct block_record){0};
+    return OXL_OK;
+}
+
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *total = &job->total;
@@ -128,7 +178,7 @@ OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 static void job_drop_checkpoint(void *user, const char *name)
 {
     struct job *job = user;
-    if (name[0] != '.') checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
+    if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
 }
 
 /* --restart of a whole run discards what is unfinished. */

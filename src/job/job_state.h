@@ -14,6 +14,11 @@
 #define JOB_ROUNDS 4         /* rounds of each block between the two */
 #define JOB_WAIT 0.5         /* s between checks of what other processes have done */
 
+/* Files of OUT that are written under a temporary name; renders/ has RENDER_FILES. */
+#define JOB_FILES                                                                              \
+    "run.json metrics.json partition.txt partition.svg imaging.txt scene.ply scene_clear.ply " \
+    "scene_standard.ply report.html"
+
 struct job {
     oxl_context *ctx;
     const char *scene_path, *out;
@@ -43,11 +48,16 @@ struct job {
 /* ---------------- job_state.c */
 
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
+/* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
+OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
 /* OUT/blocks/KKK, a temporary like PATH. Block block_count: OUT/blocks/coarse; block_count + 1:
  * OUT/blocks/whole. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
+/* block_read of the one block, the coarse or the merged model: none, with a warning, if the record or a model
+ * that is used as it is was damaged. It is trained again, and becomes the same. */
+OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *options);
@@ -92,6 +102,8 @@ struct block_plan {
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse);
 /* views 0: no plan */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out);
+/* 0: it is not of these views */
+OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene);
 /* fraction of the run */
 OXL_INTERNAL double block_plan_merged_fraction(const struct job *job);
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);

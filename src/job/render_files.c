@@ -6,27 +6,32 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 
-/* FOLDER/NAME + suffix; creates the folders in NAME, none of them outside FOLDER; NULL with the error set. */
-OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *name,
+/* FOLDER/FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be a link. NULL
+ * with the error set. */
+static char *render_file_in(oxl_context *ctx, const char *folder, const char *file, int make)
+{
+    char *inside = oxl_strdup(ctx, file), *path = oxl_path_join(ctx, folder, file), *slash;
+    oxl_result rc =
+        inside && path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a render");
+    slash = inside ? strrchr(inside, '/') : NULL;
+    if (rc == OXL_OK && slash) {
+        *slash = 0;
+        rc = make ? os_make_folder_in(ctx, folder, inside) : os_refuse_links(ctx, folder, inside);
+    }
+    oxl_free(ctx, inside);
+    if (rc == OXL_OK) return path;
+    oxl_free(ctx, path);
+    return NULL;
+}
+
+/* The file of a view; makes the folders in its name. NULL with the error set. */
+OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view,
                                     const char *suffix)
 {
-    struct text t = {.ctx = ctx};
-    char *path, *slash;
-    const int escapes = name[0] == '/' || strstr(name, "..");
-    text_add(&t, "%s/%s%s", folder, name, suffix);
-    if (text_take(&t, &path) != OXL_OK) {
-        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a render");
-        return NULL;
-    }
-    for (char *c = path + strlen(folder) + 1; escapes && *c; c++)
-        if (*c == '/') *c = '_';
-    slash = strrchr(path, '/');
-    *slash = 0;
-    if (os_make_folder(ctx, path) != OXL_OK) {
-        oxl_free(ctx, path);
-        return NULL;
-    }
-    *slash = '/';
+    char *file = NULL, *path = NULL;
+    if (oxl_render_path(ctx, "", view, suffix, &file) == OXL_OK)
+        path = render_file_in(ctx, folder, file + 1, 1);
+    oxl_free(ctx, file);
     return path;
 }
 
@@ -221,16 +226,24 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
 
 /* ---------------- FOLDER/.renders lists the files that the last call wrote there */
 
-/* The next line of a list, without its end; NULL after the last. */
+/* The next line of a list, without its end; NULL after the last. A line that no call has written, of another
+ * folder or kind of file, is skipped: the list may be another program's. */
 static char *render_list_line(oxl_context *ctx, const char **at)
 {
-    struct text line = {.ctx = ctx};
-    char *out;
-    if (!**at) return NULL;
-    text_add(&line, "%.*s", (int)strcspn(*at, "\n"), *at);
-    *at += strcspn(*at, "\n");
-    *at += **at != 0;
-    return text_take(&line, &out) == OXL_OK ? out : NULL;
+    while (**at) {
+        const size_t size = strcspn(*at, "\n");
+        const char *start = *at;
+        struct text line = {.ctx = ctx};
+        char *out;
+        *at += size + (start[size] != 0);
+        text_add(&line, "%.*s", (int)size, start);
+        if (text_take(&line, &out) != OXL_OK) return NULL;
+        if (size > 4 && out[0] != '/' && !strstr(out, "..") &&
+            (!strcmp(out + size - 4, ".png") || !strcmp(out + size - 4, ".pfm")))
+            return out;
+        oxl_free(ctx, out);
+    }
+    return NULL;
 }
 
 /* Whether the list has the line; *at: where the search begins and where it ends, as lists mostly have the
@@ -253,7 +266,7 @@ static oxl_result render_list_check(oxl_context *ctx, const char *folder, const 
     const char *at = old;
     oxl_result rc = OXL_OK;
     for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &list)); oxl_free(ctx, name)) {
-        char *path = render_file_path(ctx, folder, name, "");
+        char *path = render_file_in(ctx, folder, name, 0);
         if (!path) rc = ctx->failed;
         else if (os_is_file(path) && !render_list_has(old, name, &at))
             rc = oxl_fail(
@@ -269,7 +282,7 @@ static oxl_result render_list_remove(oxl_context *ctx, const char *folder, const
 {
     oxl_result rc = OXL_OK;
     for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &old)); oxl_free(ctx, name)) {
-        char *path = render_file_path(ctx, folder, name, "");
+        char *path = render_file_in(ctx, folder, name, 0);
         if (path) os_remove(path);
         else rc = ctx->failed;
         oxl_free(ctx, path);
@@ -298,12 +311,18 @@ static oxl_result render_files_replace(oxl_context *ctx, const struct render_fil
     char *text;
     oxl_result rc;
     for (int i = 0; i < f->views; i++) {
-        const char *name = oxl_scene_view(f->scene, f->view[i])->name;
+        char *name = NULL;
+        rc = render_name(ctx, oxl_scene_view(f->scene, f->view[i])->name, &name);
+        if (rc != OXL_OK) {
+            text_free(&list);
+            return rc;
+        }
         text_add(&list, "%s.png\n", name);
         if (what->images) text_add(&list, "%s.image.png\n", name);
         if (what->images && !what->clear && imaging_alters_colours(&f->scene->imaging))
             text_add(&list, "%s.clear.png\n", name);
         if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
+        oxl_free(ctx, name);
     }
     text_add(&list, "%s", "");
     rc = text_take(&list, &text);
@@ -346,7 +365,8 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene 
     *count = 0;
     if (!view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     f.views = scene_views_of(scene, what->split, view);
-    rc = render_files_of(ctx, &f, count);
+    rc = render_names_check(ctx, scene);
+    if (rc == OXL_OK) rc = render_files_of(ctx, &f, count);
     oxl_free(ctx, view);
     return rc;
 }

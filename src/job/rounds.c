@@ -27,6 +27,7 @@
 struct rounds {
     struct job *job;
     struct block_plan *plan; /* (blocks) */
+    uint8_t *checked;        /* (blocks) 1: by rounds_check_shared */
     oxl_model coarse;        /* relative to the survey's origin */
 };
 
@@ -87,16 +88,21 @@ static oxl_result rounds_prepare(struct job *job)
     struct block_record record = {0};
     struct block_plan last = {0};
     oxl_model coarse = {0};
-    oxl_result rc = block_read(job->ctx, folder, job->key.data, &record);
+    int missing = 0; /* a plan; a damaged one is made again from the same model */
+    oxl_result rc = job_read_record(job, folder, &record);
     if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
         rc = rounds_train_coarse(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
     }
     job->done = JOB_COARSE;
-    /* the last to be written */
-    if (rc == OXL_OK && !job->unfinished) rc = block_plan_read(job, job->partition.block_count - 1, &last);
-    if (rc == OXL_OK && !job->unfinished && last.views == 0) {
+    for (int k = job->partition.block_count - 1; k >= 0 && rc == OXL_OK && !job->unfinished && !missing;
+         k--) {
+        block_plan_free(job->ctx, &last);
+        rc = block_plan_read(job, k, &last);
+        missing = last.views == 0;
+    }
+    if (rc == OXL_OK && !job->unfinished && missing) {
         rc = job->scene ? OXL_OK : job_load(job);
         if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
         if (rc == OXL_OK) rc = block_plan_make(job, &coarse);
@@ -234,7 +240,7 @@ static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_
 static oxl_result rounds_write_block(struct job *job, int block, const struct block_task *task,
                                      const oxl_model *own)
 {
-    const struct block_record record = {.iterations = task->until, .gaussians = own->count};
+    const struct block_record record = {.iterations = task->until, .gaussians = own->count, .idle = 1};
     const char *path = PATH(JOB_BLOCK(job, block), "model.ply");
     oxl_result rc = model_file_write_ply(job->ctx, path, own, own->sh_degree);
     if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
@@ -303,6 +309,74 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
     return rc;
 }
 
+/* ---------------- what a fault has changed */
+
+/* 1: the block's files are those of the rounds that its record states, and those of its neighbours are as far as
+ * they were then. A model that is newer than its record will be written again, from the checkpoint. */
+static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
+{
+    struct job *job = r->job;
+    const char *folder = JOB_BLOCK(job, block);
+    struct block_record record = {0};
+    int done = 0, step;
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, &record);
+    *good = !record.damaged;
+    if (rc != OXL_OK || !record.exists) return rc;
+    step = checkpoint_step(job->ctx, folder, job->key.data);
+    if (record.iterations < r->plan[block].last && !record.idle) *good = step >= record.iterations;
+    if (*good && step <= record.iterations) rc = block_check(job->ctx, folder, &record, good);
+    if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
+    for (int j = 0; j < job->partition.block_count && rc == OXL_OK && *good && done > 0; j++) {
+        int other = 0;
+        if (j == block || !r->plan[block].neighbour[j]) continue;
+        rc = rounds_completed(r, j, &other);
+        *good = other >= (j < block ? done : done - 1);
+    }
+    return rc;
+}
+
+/* The same bytes again take the same context again: all blocks go back to the coarse model. */
+static void rounds_go_back(struct rounds *r, int block)
+{
+    struct job *job = r->job;
+    oxl_log(
+        job->ctx, OXL_LOG_WARNING,
+        "%s: the state of this block is damaged or missing, and others have been trained beside it: all blocks "
+        "begin again with the coarse model",
+        JOB_BLOCK(job, block));
+    for (int k = 0; k < job->partition.block_count; k++) {
+        os_remove(PATH(JOB_BLOCK(job, k), "block.json"));
+        checkpoint_remove(JOB_BLOCK(job, k), 0);
+    }
+}
+
+static oxl_result rounds_check_all(struct rounds *r)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < r->job->partition.block_count && rc == OXL_OK; k++) {
+        int good = 1;
+        rc = rounds_check_block(r, k, &good);
+        if (rc != OXL_OK || good) continue;
+        rounds_go_back(r, k);
+        break;
+    }
+    return rc;
+}
+
+/* Of one process of several: others may be at work on the other blocks. */
+static oxl_result rounds_check_shared(struct rounds *r, int block)
+{
+    int good = 1;
+    const oxl_result rc = r->checked[block] ? OXL_OK : rounds_check_block(r, block, &good);
+    r->checked[block] = 1;
+    if (rc != OXL_OK || good) return rc;
+    return oxl_fail(
+        r->job->ctx, OXL_ERR_INPUT,
+        "%s: the state of this block is damaged or missing, and others have been trained beside it\n"
+        "fix: when no other process trains here: oceanxl train %s -o %s, which begins all blocks again",
+        JOB_BLOCK(r->job, block), SHELL_WORD(r->job->scene_path), SHELL_WORD(r->job->out));
+}
+
 /* ---------------- all rounds of all blocks */
 
 static oxl_result rounds_run_blocks(struct rounds *r)
@@ -341,6 +415,7 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
     int round = 0, ready = 0;
     oxl_result rc = lock_folder_if_free(job->ctx, folder, &lock);
     *trained = 0;
+    if (rc == OXL_OK && lock) rc = rounds_check_shared(r, block);
     if (rc == OXL_OK && lock) rc = rounds_completed(r, block, &round);
     if (rc == OXL_OK && lock && round < JOB_ROUNDS) rc = rounds_is_ready(r, block, round, &ready);
     if (rc == OXL_OK && ready) {
@@ -373,16 +448,22 @@ static oxl_result rounds_begin(struct rounds *r)
     const int blocks = job->partition.block_count;
     oxl_result rc = job_read_model(job, blocks, 0, &r->coarse);
     r->plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
-    if (rc == OXL_OK && !r->plan) rc = job_no_memory(job);
+    r->checked = oxl_calloc(job->ctx, (size_t)blocks, 1);
+    if (rc == OXL_OK && (!r->plan || !r->checked)) rc = job_no_memory(job);
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         rc = block_plan_read(job, k, &r->plan[k]);
         if (rc == OXL_OK && r->plan[k].views == 0)
             rc = oxl_fail(
                 job->ctx, OXL_ERR_INPUT,
                 "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
-                job->out, k, job->out);
+                job->out, k, SHELL_WORD(job->out));
     }
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++)
+        if (!block_plan_fits(&r->plan[k], job->scene))
+            rc = oxl_fail(job->ctx, OXL_ERR_INPUT,
+                          "%s/blocks/%03d/plan.txt is of other views\nfix: delete %s/blocks, and train again",
+                          job->out, k, SHELL_WORD(job->out));
     return rc;
 }
 
@@ -390,7 +471,7 @@ static void rounds_end(struct rounds *r)
 {
     for (int k = 0; k < r->job->partition.block_count && r->plan; k++)
         block_plan_free(r->job->ctx, &r->plan[k]);
-    oxl_free(r->job->ctx, r->plan);
+    OXL_FREE(r->job->ctx, r->plan, r->checked);
     oxl_model_free(r->job->ctx, &r->coarse);
 }
 
@@ -443,7 +524,7 @@ static oxl_result rounds_train_merged(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, job->partition.block_count + 1);
     struct block_record record = {0};
-    oxl_result rc = block_read(job->ctx, folder, job->key.data, &record);
+    oxl_result rc = job_read_record(job, folder, &record);
     const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
     job->block = job->partition.block_count + 1;
     job->stage = block_plan_merged_fraction(job);
@@ -504,6 +585,7 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job)
     job->done_before = job->done;
     if (rc != OXL_OK || job->unfinished) return rc;
     rc = rounds_begin(&r);
+    if (rc == OXL_OK && job->options.block < 0) rc = rounds_check_all(&r);
     if (rc == OXL_OK)
         rc = job->options.block >= 0 ? rounds_run_block(&r, job->options.block) : rounds_run_blocks(&r);
     rounds_end(&r);
@@ -520,5 +602,5 @@ OXL_INTERNAL oxl_result rounds_collect(struct job *job)
     if (missing < 0) return rounds_train_merged(job);
     return oxl_fail(job->ctx, OXL_ERR_INPUT,
                     "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
-                    job->out, missing, job->scene_path, job->out, missing);
+                    job->out, missing, SHELL_WORD(job->scene_path), SHELL_WORD(job->out), missing);
 }

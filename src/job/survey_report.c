@@ -135,7 +135,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return OXL_OK;
 }
 
-/* To a millionth of the extent of the points. */
+/* 1: all camera centres coincide, within a millionth of the points' extent. */
 static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 {
     double apart = 0, size = 0;

@@ -74,7 +74,7 @@ static void training_compare(struct training_views *t)
     }
 }
 
-/* From which on the exposure is another one. */
+/* Limit in dB above which a view's exposure is an outlier. */
 static double training_limit(struct training_views *t)
 {
     const size_t count = (size_t)t->m->count;

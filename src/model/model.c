@@ -39,6 +39,7 @@ void oxl_model_rescale(oxl_model *model, double factor)
 {
     const float shift = (float)vecmath_log(factor);
     const double scale = (model->scale > 0 ? model->scale : 1) * factor;
+    if (model->pages || !(factor > 0 && factor <= DBL_MAX)) return;
     for (int a = 0; a < 3; a++) {
         model->origin[a] *= factor;
         for (size_t i = 0; i < model->count; i++) {
@@ -637,7 +638,7 @@ OXL_INTERNAL unsigned char model_byte(double x)
 
 #define MODEL_ORIGIN_MAX 1e15 /* limit of |origin| */
 
-/* So many finite numbers after blanks; 0: there are others. */
+/* Parses `count` finite numbers after blanks; 0: malformed. */
 static int model_read_numbers(const char *text, double *value, int count)
 {
     const char *end = text + strlen(text);

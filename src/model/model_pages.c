@@ -40,7 +40,7 @@ static int pages_sphere_shows(const oxl_camera *c, double near_plane, const doub
     return 1;
 }
 
-/* Of the model's row: the larger lobe's longest. */
+/* Returns the largest standard deviation over a row's lobes and axes. */
 static double pages_sigma(const float *log_scale[3], size_t row, const float *factor[3], size_t lobes)
 {
     double most = -HUGE_VAL;

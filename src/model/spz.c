@@ -101,8 +101,10 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
     /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
-    if (!codec_inflate(*out, *size, p + at, packed + 8))
-        return spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
+    if (!codec_inflate(ctx, *out, *size, p + at, packed + 8))
+        return strcmp(codec_failure(), "outofmem") == 0
+                   ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to inflate it", path)
+                   : spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
     if (spz_crc(*out, *size) != bytes_u32(p + file->size - 8))
         return spz_fail(ctx, path, "another checksum", "the one it was written with");
     return OXL_OK;

@@ -1,5 +1,5 @@
-/* dropout.c - leaves out a random part of the Gaussians in each step, more towards the end of the run, so that
- * they do not rely on each other (DropGaussian, Park et al. 2025).
+/* dropout.c - leaves out a random part of the Gaussians in each step, more towards the end of the run, so
+ * that they do not rely on each other (DropGaussian, Park et al. 2025).
  *
  * It helps surveys of few images and costs detail in others: `auto` takes it for few views, few images per
  * point, and long runs (docs/TRADEOFF.md).
@@ -32,7 +32,7 @@ OXL_INTERNAL double dropout_rate(const oxl_train_options *o, const oxl_scene *sc
     return DROPOUT_AUTO * OXL_CLAMP(epochs / DROPOUT_EPOCHS - 1, 0, 1);
 }
 
-/* A device renders all Gaussians. */
+/* Sets the rate; 0 on a device, which renders all Gaussians. */
 static oxl_result dropout_begin(struct train *t, void *state)
 {
     struct dropout *d = state;

@@ -89,7 +89,8 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
     return rc;
 }
 
-/* A step of the view's gains along dL/da, and the projection. progress: fraction of the run. */
+/* Steps the view's gains along dL/da, and projects them to the mean `level`. progress: fraction of the run.
+ * */
 static void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
 {
     const double rate = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));
@@ -125,8 +126,8 @@ OXL_INTERNAL void exposure_set_pending(struct exposure *e, const struct exposure
     if (e->of.on && (of->progress >= e->known_until || !e->of.known[of->view])) e->pending = *of;
 }
 
-/* The root of the mean square of the known gains, in log units, and of what their neighbours leave of
- * them. */
+/* Computes the root of the mean square of the known gains, in log units, and of what their neighbours leave
+ * of them. */
 static void exposure_spread(const struct imaging *m, double *differ, double *left)
 {
     double square = 0, rest = 0;

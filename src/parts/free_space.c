@@ -23,7 +23,7 @@ enum {
     FREE_SPACE_CELLS = 5
 };
 
-/* The cell that a position falls into, or -1. *z: camera z. */
+/* Returns the cell that a position falls into, or -1. *z: camera z. */
 static int free_space_cell(const oxl_camera *c, const double p[3], double *z)
 {
     double x[3], pixel[2];
@@ -41,7 +41,7 @@ static int free_space_compare(const void *a, const void *b)
     return (x->image_row > y->image_row) - (x->image_row < y->image_row);
 }
 
-/* Least depths of the tracks' points, cell by cell; 0: none. */
+/* Sets each cell's depth to the least one of the tracks' points in it; 0: none. */
 static void free_space_add_points(struct free_space *f, const struct colmap *c, const double origin[3])
 {
     for (size_t i = 0; i < c->point_count; i++) {
@@ -60,7 +60,7 @@ static void free_space_add_points(struct free_space *f, const struct colmap *c, 
     }
 }
 
-/* FREE_SPACE_FRACTION of the least depth of a cell and its neighbours; 0: not known. */
+/* Returns FREE_SPACE_FRACTION of the least depth of a cell and its neighbours; 0: not known. */
 static float free_space_limit(const float *depth, int x, int y)
 {
     float least = FLT_MAX;

@@ -53,7 +53,7 @@ OXL_INTERNAL void lamp_set_from_tracks(struct lamp_fit *l, oxl_switch mode, cons
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
 
-/* What image formation has of it. */
+/* Copies the fitted lamp into the model of image formation. */
 OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
 {
     m->lamps = l->on ? l->groups : 0;
@@ -120,7 +120,7 @@ static void lamp_part_archive(struct archive *a, struct train *t, void *state)
     lamp_archive(a, state, t->options->lamp != OXL_OFF);
 }
 
-/* It is rendered on the CPU. */
+/* Wants the lamp's shape from the tracks, where the CPU renders: a device has no lamp. */
 static int lamp_tracks(const struct train *t)
 {
     const int cpu = !renderer_has_device(t->renderer);
@@ -145,7 +145,7 @@ static void lamp_form_image(const void *state, struct imaging *m)
     lamp_store(state, m);
 }
 
-/* The lamp of the view's camera; NULL: none. */
+/* Returns the lamp of the view's camera; NULL: none. */
 static const struct lamp *lamp_of_view(const struct train *t, const struct lamp_fit *l, int view)
 {
     const int which = l->on ? imaging_find_lamp(t->scene, l->group, l->groups, view) : -1;

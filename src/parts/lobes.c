@@ -1,8 +1,8 @@
-/* lobes.c - second, negative lobes (difference of Gaussians) for the primitives that need them (paper sec. 3.2,
- * eq. 3, 4): assigned once, where the mean gradient of the last steps is above a threshold.
+/* lobes.c - second, negative lobes (difference of Gaussians) for the primitives that need them (paper sec.
+ * 3.2, eq. 3, 4): assigned once, where the mean gradient of the last steps is above a threshold.
  *
- * `auto` decides by a trial: from one state the run goes on without lobes and with them, for a fortieth of the
- * run, and keeps them if the validation views gain.
+ * `auto` decides by a trial: from one state the run goes on without lobes and with them, for a fortieth of
+ * the run, and keeps them if the validation views gain.
  */
 #include "../train/part.h"
 #include "../core/option_rows.h"
@@ -38,13 +38,14 @@ static void lobes_archive(struct archive *a, struct train *t, void *state)
     archive_expect(a, l->stage >= LOBES_IDLE && l->stage <= LOBES_DECIDED);
 }
 
-/* The step at which lobes are assigned; 0: none. */
+/* Returns the step at which lobes are assigned; 0: none. */
 static int lobes_step(const oxl_train_options *o)
 {
     return o->dog == OXL_DOG_OFF ? 0 : (int)(o->dog_from * o->iterations);
 }
 
-/* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
+/* Finds the mean gradient above which a row gets a lobe. An option at or below 0 is a quantile: -0.9 lets the
+ * upper tenth have lobes. */
 static oxl_result lobes_threshold(const struct train *t, double *out)
 {
     const float threshold = t->options->dog_threshold;
@@ -87,8 +88,8 @@ done:
     return rc;
 }
 
-/* A trial may pass the steps at which gradients are first recorded or lobes assigned; then the next step does
- * it. */
+/* Averages gradients in the last steps before lobes are due, then assigns them or asks for the trial. Another
+ * part's trial may pass these steps; then the next step does it. */
 static oxl_result lobes_after_step(struct train *t, void *state)
 {
     struct lobes *l = state;

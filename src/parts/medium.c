@@ -108,7 +108,7 @@ OXL_INTERNAL int medium_fit_start_step(const oxl_train_options *o)
     return o->medium == OXL_ON ? OXL_MAX(1, (int)(MEDIUM_FIT_FROM * o->iterations)) : 0;
 }
 
-/* First values where the tracks give none: MEDIUM_FIT_START over the median range, and the points' mean
+/* Sets first values where the tracks give none: MEDIUM_FIT_START over the median range, and the points' mean
  * colour as veil. */
 OXL_INTERNAL void medium_fit_start(struct medium_fit *f, oxl_scene *scene)
 {
@@ -179,7 +179,7 @@ static void medium_part_archive(struct archive *a, struct train *t, void *state)
     medium_fit_archive(a, state, t->options->medium != OXL_OFF);
 }
 
-/* It is rendered on the CPU. */
+/* Wants the medium from the tracks, where the CPU renders: a device has none. */
 static int medium_tracks(const struct train *t)
 {
     const int cpu = !renderer_has_device(t->renderer);

@@ -82,7 +82,7 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
     p->l1_count++;
 }
 
-/* One eighth more, while the validation loss permits and steps for refinement remain. */
+/* Returns an eighth of the rows, while the validation loss permits and steps for refinement remain. */
 static size_t prune_due_auto(struct prune *p, int step, size_t count, double validation_loss)
 {
     if (p->validation_loss == 0) /* not always at the start of the phase: a trial may be under way there */
@@ -142,7 +142,7 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
 
 /* ---------------- scores */
 
-/* Masked pixels do not count. */
+/* Gives weight 0 to masked pixels, 1 to the others. */
 static oxl_result prune_mask_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
 {
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
@@ -176,7 +176,7 @@ OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of
     return OXL_OK;
 }
 
-/* The k-th of `wanted` views out of the training views; a different choice for each drop. */
+/* 1: the training view is among those that score; each drop takes others. */
 static int prune_is_sampled(const struct prune *p, int index, int views)
 {
     const int stride = (views + p->views - 1) / p->views;
@@ -283,7 +283,7 @@ static void prune_after_loss(struct train *t, void *state, const struct train_de
 }
 
 /* Removes Gaussians with their moments and statistics. */
-static oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
+OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop)
 {
     const struct prune_of of = {t->renderer, t->scene, &t->render, &t->trained.model};
     const size_t count = t->trained.model.count;

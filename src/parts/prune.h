@@ -54,5 +54,6 @@ struct prune_pass { /* over the views */
 };
 OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of *of,
                                          const oxl_camera *camera, struct prune_pass *pass, float *score);
+OXL_INTERNAL oxl_result prune_remove_rows(struct train *t, const struct prune *p, size_t drop);
 
 #endif

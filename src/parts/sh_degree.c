@@ -1,8 +1,9 @@
-/* sh_degree.c - the degree of the spherical harmonics, by which colour depends on the direction of view: raised
- * step by step (Kerbl et al. 2023), and with `auto` chosen on validation views.
+/* sh_degree.c - the degree of the spherical harmonics, by which colour depends on the direction of view:
+ * raised step by step (Kerbl et al. 2023), and with `auto` chosen on validation views.
  *
- * The trial: each degree is trained from the same state for a fortieth of the run, and the lowest that is good
- * enough is kept. (Rendering without its higher degrees is no evidence: the lower ones have adapted to them.
+ * The trial: each degree is trained from the same state for a fortieth of the run, and the lowest that is
+ * good enough is kept. (Rendering without its higher degrees is no evidence: the lower ones have adapted to
+ * them.
  * By that test a scene without view dependence seemed to need degree 3.)
  */
 #include "../train/part.h"
@@ -112,7 +113,7 @@ static int sh_degree_validates_until(const struct train *t, const void *state)
     return sh_degree_trial_step(t->options);
 }
 
-/* Three of the four degrees are trained beyond the run's own. */
+/* Counts the degrees that are trained beyond the one that the run keeps: three of four. */
 static int sh_degree_trials(const oxl_train_options *o)
 {
     return o->sh_degree < 0 ? 3 : 0;

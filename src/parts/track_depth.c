@@ -51,7 +51,7 @@ static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, c
     for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, i);
 }
 
-/* Of each view as many as it keeps. */
+/* Allocates each view's sample. */
 static oxl_result track_depth_allocate(oxl_context *ctx, struct track_depth *d, int views)
 {
     size_t count = 0;
@@ -91,7 +91,7 @@ OXL_INTERNAL oxl_result track_depth_begin(oxl_context *ctx, struct track_depth *
     return rc;
 }
 
-/* At most; a view's part is not known before the tracks are looked at. */
+/* Bounds the memory from above: how much of it a view needs is known only when the tracks are read. */
 static double track_depth_bytes(const oxl_train_options *options, double observations, int views)
 {
     if (options->medium == OXL_OFF) return 0;

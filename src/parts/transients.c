@@ -82,7 +82,7 @@ static struct transients_grid transients_grid(int width, int height)
                                     (height + side - 1) / side};
 }
 
-/* Of the unmasked pixels of square (x, y); -1: none. weight (H,W) NULL: no mask. */
+/* Averages the error over the unmasked pixels of square (x, y); -1: none. weight (H,W) NULL: no mask. */
 static float transients_error(const struct transients_grid *g, const float *rendered, const float *image,
                               const float *weight, int x, int y)
 {
@@ -100,7 +100,7 @@ static float transients_error(const struct transients_grid *g, const float *rend
     return count > 0 ? (fabsf(sum[0]) + fabsf(sum[1]) + fabsf(sum[2])) / (3 * count) : -1;
 }
 
-/* How many of the 3 x 3 squares around the i-th have the mark. */
+/* Counts the 3 x 3 squares around the i-th that have the mark. */
 static int transients_votes(const struct transients_grid *g, const struct transients_square *square, int i,
                             unsigned mark)
 {
@@ -112,7 +112,7 @@ static int transients_votes(const struct transients_grid *g, const struct transi
     return votes;
 }
 
-/* The largest expected error of the points near the i-th square; HUGE_VALF without any. */
+/* Returns the largest expected error of the points near the i-th square; HUGE_VALF without any. */
 static float transients_expected(const struct transients_grid *g, const struct transients_square *square,
                                  int i)
 {
@@ -143,7 +143,7 @@ static void transients_mark(const struct transients_grid *g, struct transients_s
 
 /* ---------------- points */
 
-/* The square that a point lies in, or -1. */
+/* Returns the square that a point lies in, or -1. */
 static int32_t transients_cell(const struct transients_grid *g, const oxl_camera *c, double near_plane,
                                const double *p)
 {

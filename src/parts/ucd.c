@@ -36,7 +36,7 @@
 
 /* ---------------- the bands, and the decision */
 
-/* Whether contrast falls enough, and the measurement as text. */
+/* Decides whether contrast falls enough, and writes the measurement as text. */
 static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 {
     const struct contrast *c = &u->contrast;
@@ -91,8 +91,8 @@ static void ucd_move(const double f[2], double by_mid, double by_beyond, double 
     out[1] = OXL_MIN(out[0] + beyond, UCD_CAP);
 }
 
-/* The first or second point of the pair in progress; the signs are random, so a drift of the loss has no
- * bias. */
+/* Computes the first or second point of the pair in progress; the signs are random, so a drift of the loss
+ * has no bias. */
 static void ucd_point(const struct ucd *u, int second, double out[2])
 {
     const uint64_t signs =
@@ -189,7 +189,7 @@ static void ucd_part_archive(struct archive *a, struct train *t, void *state)
     ucd_archive(a, state);
 }
 
-/* The search reads the loss of each step while Gaussians are densified. */
+/* Gives the loss of each step to the search while Gaussians are densified. */
 static oxl_result ucd_before_observe(struct train *t, void *state)
 {
     struct ucd *u = state;

@@ -1,5 +1,5 @@
-/* render.h - the renderer: from a model and a camera to an image, and the gradient back; the CPU or a
- * device. */
+/* render.h - the renderer: from a model and a camera to an image, and the gradient back. The CPU or a device
+ * renders. */
 #ifndef OXL_RENDER_H
 #define OXL_RENDER_H
 

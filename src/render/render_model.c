@@ -70,15 +70,19 @@ static int render_begins_anew(oxl_context *ctx, struct renderer *r, oxl_result r
     return 1;
 }
 
+static oxl_result render_check_camera(oxl_context *ctx, const oxl_camera *camera)
+{
+    if (camera->width >= 1 && camera->height >= 1) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+}
+
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                                       const oxl_camera *camera, const oxl_render_options *options,
                                       oxl_image *out, float *depth)
 {
-    oxl_result rc;
+    oxl_result rc = render_check_camera(ctx, camera);
     *out = (oxl_image){0};
-    if (camera->width < 1 || camera->height < 1)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width,
-                        camera->height);
+    if (rc != OXL_OK) return rc;
     rc = render_view(ctx, r, model, camera, options, out, depth);
     return render_begins_anew(ctx, r, rc) ? render_view(ctx, r, model, camera, options, out, depth) : rc;
 }
@@ -122,8 +126,9 @@ oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const o
 {
     const oxl_render_options o = options ? *options : render_options_of(model);
     struct renderer *r = NULL;
-    oxl_result rc = renderer_create(ctx, &r);
+    oxl_result rc = render_check_camera(ctx, camera);
     *gradient = (oxl_model){0};
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     if (rc == OXL_OK) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     if (render_begins_anew(ctx, r, rc)) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     renderer_free(ctx, r);

@@ -105,6 +105,8 @@ OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *wha
 OXL_INTERNAL int colmap_has_camera(const struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
+/* A relative path without "..", up to `end`. */
+OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 
 /* colmap_points.c: reads the open file points3D.txt. */

@@ -398,7 +398,7 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
 }
 
 /* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
-static int colmap_name_is_safe(const char *name, const char *end)
+OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
 {
     const char *part = name;
     if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;

@@ -20,6 +20,11 @@ enum {
 
 /* ---------------- decode */
 
+static int image_lacks_memory(void)
+{
+    return strcmp(codec_failure(), "outofmem") == 0;
+}
+
 static int image_is_png(const struct os_file_map *file)
 {
     return file->size > 8 && memcmp(file->data, "\x89PNG\r\n\x1a\n", 8) == 0;
@@ -109,10 +114,12 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
                         path, file->size, fault);
-    if (!codec_read_header(data, file->size, width, height, &channels))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
-                        codec_failure());
+    if (!codec_read_header(ctx, data, file->size, width, height, &channels))
+        return image_lacks_memory()
+                   ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path)
+                   : oxl_fail(ctx, OXL_ERR_INPUT,
+                              "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
+                              codec_failure());
     if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
@@ -190,31 +197,47 @@ static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 OXL_INTERNAL int image_has_alpha(const char *path)
 {
     unsigned char head[4096]; /* profiles and texts before tRNS may be longer: then the decoder finds it */
-    FILE *file = os_open(path, "rb");
+    FILE *file = os_is_special(path) ? NULL : os_open(path, "rb");
     const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
     if (file) fclose(file);
     return image_bytes_have_alpha(head, size);
 }
 
-OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out)
+/* A file that is not there or cannot be opened is no bad input: it may come back. A pipe would wait forever. */
+static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_file_map *file)
+{
+    char text[sizeof ctx->error];
+    oxl_result rc;
+    if (os_is_special(path))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: is a pipe or a device\nfix: give an image file", path);
+    rc = os_read_file(ctx, path, file);
+    if (rc != OXL_ERR_INPUT) return rc;
+    memcpy(text, ctx->error, sizeof text);
+    return oxl_fail(ctx, OXL_ERR_IO, "%s", text);
+}
+
+/* An image of another shape than the camera's is refused before it is decoded; from NULL: of any shape. */
+static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channels,
+                                  const struct colmap_camera *from, struct pixels *out)
 {
     struct os_file_map file = {0};
-    oxl_result rc = os_read_file(ctx, path, &file);
+    oxl_result rc = image_read_file(ctx, path, &file);
     int w, h;
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
+    if (rc == OXL_OK && from) rc = image_check_shape(ctx, path, w, h, from);
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
     if (rc != OXL_OK) goto done;
     if (channels == 0) channels = image_bytes_have_alpha((const unsigned char *)file.data, file.size) ? 4 : 3;
     *out = (struct pixels){.width = w, .height = h, .channels = channels};
-    if (codec_is_16_bit(file.data, file.size))
-        out->data = image_to_8_bits(codec_decode_16(file.data, file.size, channels, &w, &h),
+    if (codec_is_16_bit(ctx, file.data, file.size))
+        out->data = image_to_8_bits(codec_decode_16(ctx, file.data, file.size, channels, &w, &h),
                                     (size_t)w * h * channels);
-    else out->data = codec_decode(file.data, file.size, channels, &w, &h);
+    else out->data = codec_decode(ctx, file.data, file.size, channels, &w, &h);
     if (!out->data) {
         const char *reason = codec_failure();
         *out = (struct pixels){0};
-        if (strcmp(reason, "outofmem") == 0)
+        if (image_lacks_memory())
             rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, w, h);
         else
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
@@ -225,17 +248,21 @@ done:
     return rc;
 }
 
+OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out)
+{
+    return image_decode_of(ctx, path, channels, NULL, out);
+}
+
 OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p)
 {
-    (void)ctx;
-    codec_free(p->data);
+    codec_free(ctx, p->data);
     *p = (struct pixels){0};
 }
 
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height)
 {
     struct os_file_map file = {0};
-    oxl_result rc = os_read_file(ctx, path, &file);
+    oxl_result rc = image_read_file(ctx, path, &file);
     *width = *height = 0;
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, width, height);
     os_release_file(ctx, &file);
@@ -534,10 +561,10 @@ static oxl_result image_move_alpha(oxl_context *ctx, const char *path, struct pi
 
 /* *mask: of the file mask_path or empty; *alpha_mask: of both, where alpha masks. */
 static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const char *mask_path,
-                                      const struct image_alpha *alpha, struct pixels *image,
-                                      struct pixels *mask, struct pixels *alpha_mask)
+                                      const struct colmap_camera *from, const struct image_alpha *alpha,
+                                      struct pixels *image, struct pixels *mask, struct pixels *alpha_mask)
 {
-    oxl_result rc = image_decode(ctx, path, alpha ? 0 : 3, image);
+    oxl_result rc = image_decode_of(ctx, path, alpha ? 0 : 3, from, image);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, mask);
     if (rc != OXL_OK || image->channels == 3) return rc;
     if (alpha->masks) return image_move_alpha(ctx, path, image, mask, alpha_mask);
@@ -554,7 +581,7 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
     struct image_warp warp;
     oxl_result rc;
     *out = (struct training_image){0};
-    rc = image_decode_masked(ctx, path, mask_path, alpha, &image, &given, &own);
+    rc = image_decode_masked(ctx, path, mask_path, from, alpha, &image, &given, &own);
     if (rc == OXL_OK) rc = image_turn_to_camera(ctx, path, from, &image, own.data ? &own : &given);
     mask = own.data ? own : given;
     if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);

@@ -90,6 +90,8 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache,
 
 /* ---------------- image_file.c: decoded images in files */
 
+enum { IMAGE_FILE_NAME = 16 /* digits: the key in hexadecimal */ };
+
 OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct image_alpha *alpha,
                                      const struct colmap_camera *from, const oxl_camera *to);
 OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,

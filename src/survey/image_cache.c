@@ -66,7 +66,12 @@ OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, stru
     struct training_image *image = &cache->image[view];
     cache->used[view] = ++cache->clock;
     if (!image->rgb) {
-        if (cache->loader.load(ctx, cache->loader.scene, view, image) != OXL_OK) return NULL;
+        oxl_result rc = cache->loader.load(ctx, cache->loader.scene, view, image);
+        if (rc == OXL_ERR_MEMORY && cache->held > 0) { /* the decoder's memory counts: the others make room */
+            image_cache_make_room(ctx, cache, view, 0);
+            rc = cache->loader.load(ctx, cache->loader.scene, view, image);
+        }
+        if (rc != OXL_OK) return NULL;
         cache->held += image_cache_size(image);
         image_cache_make_room(ctx, cache, view, cache->limit);
     }

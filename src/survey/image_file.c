@@ -11,20 +11,6 @@
 #define IMAGE_FILE_MAGIC UINT64_C(0x31474d494c584f) /* "OXLIMG1" */
 enum { IMAGE_FILE_HEAD = 4 };                       /* magic, key, width and height, mask */
 
-/* Fowler, Noll & Vo's FNV-1a, by words of eight bytes, the rest by bytes. */
-static uint64_t image_file_hash(uint64_t sum, const void *data, size_t size)
-{
-    const unsigned char *bytes = data;
-    for (; size >= 8; bytes += 8, size -= 8) {
-        uint64_t word;
-        memcpy(&word, bytes, 8);
-        sum = (sum ^ word) * UINT64_C(1099511628211);
-        sum ^= sum >> 29;
-    }
-    for (; size > 0; bytes++, size--) sum = (sum ^ *bytes) * UINT64_C(1099511628211);
-    return sum;
-}
-
 static size_t image_file_bytes(const struct training_image *image)
 {
     return (size_t)image->width * (size_t)image->height;
@@ -47,10 +33,10 @@ OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const s
                               alpha->background[0],
                               alpha->background[1],
                               alpha->background[2]};
-    uint64_t sum = image_file_hash(UINT64_C(14695981039346656037), path, strlen(path));
-    sum = image_file_hash(sum, modified, sizeof modified);
-    sum = image_file_hash(sum, numbers, sizeof numbers);
-    return image_file_hash(sum, from->parameter, sizeof from->parameter);
+    uint64_t sum = checksum_add(CHECKSUM_SEED, path, strlen(path));
+    sum = checksum_add(sum, modified, sizeof modified);
+    sum = checksum_add(sum, numbers, sizeof numbers);
+    return checksum_add(sum, from->parameter, sizeof from->parameter);
 }
 
 /* Everything but the checksum, in the file's order; sum may be NULL. */
@@ -60,7 +46,7 @@ static int image_file_planes(FILE *file, struct training_image *image, int writi
     for (size_t k = 0; k < 2 && plane[k]; k++) {
         const size_t size = image_file_bytes(image) * (k ? 1 : 3);
         if ((writing ? fwrite(plane[k], 1, size, file) : fread(plane[k], 1, size, file)) != size) return 0;
-        *sum = image_file_hash(*sum, plane[k], size);
+        *sum = checksum_add(*sum, plane[k], size);
     }
     return 1;
 }

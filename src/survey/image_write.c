@@ -34,7 +34,7 @@ static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_
 {
     const oxl_result rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size)
                                   : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode the image", path);
-    codec_free(encoded);
+    codec_free(ctx, encoded);
     oxl_free(ctx, bytes);
     return rc;
 }
@@ -44,7 +44,7 @@ static oxl_result image_write_png(oxl_context *ctx, const char *path, const floa
 {
     uint8_t *bytes = image_interleave(ctx, rgb, (size_t)width * height);
     int size = 0;
-    unsigned char *encoded = bytes ? codec_encode_png(bytes, width, height, 3, &size) : NULL;
+    unsigned char *encoded = bytes ? codec_encode_png(ctx, bytes, width, height, 3, &size) : NULL;
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
@@ -61,7 +61,7 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
     int size = 0;
     for (size_t i = 0; bytes && i < count; i++)
         bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
-    if (bytes) encoded = codec_encode_png(bytes, width, height, 2, &size);
+    if (bytes) encoded = codec_encode_png(ctx, bytes, width, height, 2, &size);
     if (encoded) {
         unsigned sum;
         encoded[BITS] = 16, encoded[COLOUR] = 0;
@@ -132,7 +132,7 @@ oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, const oxl_i
     for (size_t i = 0; bytes && i < count; i++)
         for (size_t c = 0; c < 4; c++)
             bytes[4 * i + c] = image_to_byte(c < 3 ? image->rgb[c * count + i] : image->weight[i]);
-    encoded = bytes ? codec_encode_png(bytes, image->width, image->height, 4, &size) : NULL;
+    encoded = bytes ? codec_encode_png(ctx, bytes, image->width, image->height, 4, &size) : NULL;
     return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
@@ -141,12 +141,12 @@ OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t
 {
     enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes of zlib's header and checksum */
     int length = 0;
-    unsigned char *zlib = codec_deflate(data, size, &length);
+    unsigned char *zlib = codec_deflate(ctx, data, size, &length);
     *out = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
     if (*out) {
         *deflated = (size_t)length - ZLIB_HEAD - ZLIB_TAIL;
         memcpy(*out + before, zlib + ZLIB_HEAD, *deflated);
     }
-    codec_free(zlib);
+    codec_free(ctx, zlib);
     return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compress %zu bytes", size);
 }

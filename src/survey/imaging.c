@@ -440,7 +440,7 @@ static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
         const int middle = low + (high - low) / 2;
         const char *at = oxl_scene_view(scene, middle)->name;
         int order = strncmp(at, name, length);
-        if (order == 0 && at[length]) order = 1;
+        if (order == 0 && strlen(at) != length) order = strlen(at) > length ? 1 : -1; /* a zero in `name` */
         if (order == 0) return middle;
         if (order < 0) low = middle + 1;
         else high = middle - 1;
@@ -529,9 +529,28 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
         }
         text_add(&t, " %s\n", oxl_scene_view(scene, i)->name);
     }
+    checksum_end_text(&t);
     rc = os_write_text(ctx, path, &t);
     text_free(&t);
     return rc;
+}
+
+/* Of a file that ends in a checksum, it is the text's; none has a zero byte. */
+static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const struct os_file_map *map)
+{
+    const char *zero = memchr(map->data, 0, map->size);
+    int line = 1;
+    for (const char *at = map->data; zero && at < zero; at++) line += *at == '\n';
+    if (zero)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: found a byte of value 0, expected text\nfix: write the file again by training", path,
+            line);
+    if (checksum_of_text(map->data, map->size) != CHECKSUM_WRONG) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: its checksum is not that of its lines: it was damaged, or edited\n"
+                    "fix: write the file again by training, or remove its last line if you have edited it",
+                    path);
 }
 
 /* A line "gain R G B NAME" of the file. */
@@ -566,6 +585,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
     int line = 0;
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, out);
     if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
+    if (rc == OXL_OK) rc = imaging_check_bytes(ctx, path, &map);
     for (const char *at = map.data, *end = map.data + map.size; rc == OXL_OK && at < end;) {
         const char *stop = memchr(at, '\n', (size_t)(end - at));
         if (!stop) stop = end;

@@ -17,21 +17,78 @@
 
 #define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
 
+/* Members of the file outside of its frames, found in one pass: each frame may ask for all of them. */
+enum { NERFSTUDIO_MEMBERS = 30 };
+static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {"w",
+                                                                   "h",
+                                                                   "fl_x",
+                                                                   "fl_y",
+                                                                   "cx",
+                                                                   "cy",
+                                                                   "k1",
+                                                                   "k2",
+                                                                   "k3",
+                                                                   "k4",
+                                                                   "k5",
+                                                                   "k6",
+                                                                   "p1",
+                                                                   "p2",
+                                                                   "camera_angle_x",
+                                                                   "camera_model",
+                                                                   "frames",
+                                                                   "ply_file_path",
+                                                                   "is_fisheye",
+                                                                   "distortion_params",
+                                                                   "depth_file_path",
+                                                                   "normal_file_path",
+                                                                   "semantics",
+                                                                   "time",
+                                                                   "rolling_shutter",
+                                                                   "transform_matrix_end",
+                                                                   "ftheta_p0",
+                                                                   "fisheye_crop_radius"};
+
+struct nerfstudio_file {
+    const char *value[NERFSTUDIO_MEMBERS]; /* NULL: none */
+};
+
+static const char *nerfstudio_member(const struct nerfstudio_file *file, const char *name)
+{
+    for (int i = 0; nerfstudio_members[i]; i++)
+        if (!strcmp(nerfstudio_members[i], name)) return file->value[i];
+    return NULL;
+}
+
+/* Of equal members the first counts, as in oxl_json_member. */
+static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
+{
+    *out = (struct nerfstudio_file){{NULL}};
+    for (const char *key = oxl_json_first(json), *value; key && (value = oxl_json_value(key)) != NULL;
+         key = oxl_json_next(value)) {
+        char name[24];
+        oxl_json_text(key, name, sizeof name);
+        for (int i = 0; nerfstudio_members[i]; i++)
+            if (!out->value[i] && !strcmp(nerfstudio_members[i], name)) out->value[i] = value;
+    }
+}
+
 /* Of the frame, otherwise of the file. */
-static double nerfstudio_number(const char *json, const char *frame, const char *name, double otherwise)
+static double nerfstudio_number(const struct nerfstudio_file *file, const char *frame, const char *name,
+                                double otherwise)
 {
     double value = oxl_json_number(frame, name);
-    if (isnan(value)) value = oxl_json_number(json, name);
+    const char *text = nerfstudio_member(file, name);
+    if (isnan(value) && text) value = oxl_json_number_at(&text);
     return isnan(value) ? otherwise : value;
 }
 
 /* distortion_params is an array of them. */
-static double nerfstudio_distortion(const char *json, const char *frame, const char *name)
+static double nerfstudio_distortion(const struct nerfstudio_file *file, const char *frame, const char *name)
 {
     static const char *const order[6] = {"k1", "k2", "k3", "k4", "p1", "p2"};
-    double all[6], value = nerfstudio_number(json, frame, name, NAN);
+    double all[6], value = nerfstudio_number(file, frame, name, NAN);
     const char *array = oxl_json_member(frame, "distortion_params");
-    if (!array) array = oxl_json_member(json, "distortion_params");
+    if (!array) array = nerfstudio_member(file, "distortion_params");
     if (isnan(value) && array && json_survey_numbers(array, 6, all))
         for (int i = 0; i < 6; i++)
             if (!strcmp(name, order[i])) value = all[i];
@@ -39,21 +96,22 @@ static double nerfstudio_distortion(const char *json, const char *frame, const c
 }
 
 /* instant-ngp's word for OPENCV_FISHEYE. */
-static int nerfstudio_is_fisheye(const char *json, const char *frame)
+static int nerfstudio_is_fisheye(const struct nerfstudio_file *file, const char *frame)
 {
-    return oxl_json_is_true(frame, "is_fisheye") || oxl_json_is_true(json, "is_fisheye");
+    const char *value = nerfstudio_member(file, "is_fisheye");
+    return oxl_json_is_true(frame, "is_fisheye") || (value && !strncmp(value, "true", 4));
 }
 
 /* Names members, of the file or its frames, that change what images show and that nothing here reads. */
-static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
+static void nerfstudio_name_ignored(struct colmap_reader *r, const struct nerfstudio_file *file)
 {
     static const char *const ignored[] = {
         "depth_file_path", "normal_file_path",     "semantics", "time",
         "rolling_shutter", "transform_matrix_end", "ftheta_p0", "fisheye_crop_radius"};
     struct text names = {.ctx = r->ctx};
     for (size_t i = 0; i < OXL_COUNT(ignored); i++) {
-        int has = oxl_json_member(json, ignored[i]) != NULL;
-        for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && !has;
+        int has = nerfstudio_member(file, ignored[i]) != NULL;
+        for (const char *frame = oxl_json_first(nerfstudio_member(file, "frames")); frame && !has;
              frame = oxl_json_next(frame))
             has = oxl_json_member(frame, ignored[i]) != NULL;
         if (has) text_add(&names, "%s%s", names.size ? ", " : "", ignored[i]);
@@ -63,14 +121,14 @@ static void nerfstudio_name_ignored(struct colmap_reader *r, const char *json)
     text_free(&names);
 }
 
-static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, const char *frame,
-                                   int distorted, const char **out)
+static oxl_result nerfstudio_model(struct colmap_reader *r, const struct nerfstudio_file *file,
+                                   const char *frame, int distorted, const char **out)
 {
     char name[40];
     const char *value = oxl_json_member(frame, "camera_model");
-    if (!value) value = oxl_json_member(json, "camera_model");
+    if (!value) value = nerfstudio_member(file, "camera_model");
     oxl_json_text(value, name, sizeof name);
-    *out = nerfstudio_is_fisheye(json, frame) ? "OPENCV_FISHEYE" : distorted ? "FULL_OPENCV" : "PINHOLE";
+    *out = nerfstudio_is_fisheye(file, frame) ? "OPENCV_FISHEYE" : distorted ? "FULL_OPENCV" : "PINHOLE";
     if (!strcmp(name, "OPENCV_FISHEYE")) *out = "OPENCV_FISHEYE";
     else if (!strcmp(name, "EQUIRECTANGULAR")) *out = "EQUIRECTANGULAR";
     else if (value && strcmp(name, "OPENCV") && strcmp(name, "PINHOLE") && strcmp(name, "SIMPLE_PINHOLE"))
@@ -79,23 +137,23 @@ static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, co
     return OXL_OK;
 }
 
-static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, const char *frame,
-                                    struct colmap_camera *c)
+static oxl_result nerfstudio_camera(struct colmap_reader *r, const struct nerfstudio_file *file,
+                                    const char *frame, struct colmap_camera *c)
 {
     static const char *const names[2][8] = {{"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"},
                                             {"k1", "k2", "k3", "k4"}};
-    const double w = nerfstudio_number(json, frame, "w", r->width),
-                 h = nerfstudio_number(json, frame, "h", r->height);
-    const double angle = nerfstudio_number(json, frame, "camera_angle_x", NAN);
-    double fx = nerfstudio_number(json, frame, "fl_x", NAN), k[8];
+    const double w = nerfstudio_number(file, frame, "w", r->width),
+                 h = nerfstudio_number(file, frame, "h", r->height);
+    const double angle = nerfstudio_number(file, frame, "camera_angle_x", NAN);
+    double fx = nerfstudio_number(file, frame, "fl_x", NAN), k[8];
     const char *model;
     int distorted = 0;
     oxl_result rc;
     if (isnan(fx) && angle > 0 && angle < 3.1)
         fx = 0.5 * w * vecmath_sin(angle / 2 + 1.5707963267948966) / vecmath_sin(angle / 2);
-    for (int i = 0; i < 8; i++) k[i] = nerfstudio_distortion(json, frame, names[0][i]);
+    for (int i = 0; i < 8; i++) k[i] = nerfstudio_distortion(file, frame, names[0][i]);
     for (int i = 0; i < 8; i++) distorted |= k[i] != 0;
-    rc = nerfstudio_model(r, json, frame, distorted, &model);
+    rc = nerfstudio_model(r, file, frame, distorted, &model);
     if (rc != OXL_OK) return rc;
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
         return json_survey_fail(r, "w and h", "none, and no image to take them from",
@@ -103,11 +161,11 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     *c = (struct colmap_camera){
         .model = camera_model_find(model, strlen(model)), .width = (int)w, .height = (int)h};
     c->parameter[0] = fx;
-    c->parameter[1] = nerfstudio_number(json, frame, "fl_y", fx);
-    c->parameter[2] = nerfstudio_number(json, frame, "cx", w / 2);
-    c->parameter[3] = nerfstudio_number(json, frame, "cy", h / 2);
+    c->parameter[1] = nerfstudio_number(file, frame, "fl_y", fx);
+    c->parameter[2] = nerfstudio_number(file, frame, "cx", w / 2);
+    c->parameter[3] = nerfstudio_number(file, frame, "cy", h / 2);
     if (!strcmp(model, "OPENCV_FISHEYE"))
-        for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_distortion(json, frame, names[1][i]);
+        for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_distortion(file, frame, names[1][i]);
     if (!strcmp(model, "FULL_OPENCV")) {
         if (k[5] != 0)
             return json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
@@ -164,9 +222,9 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
 }
 
 /* "images/" at the start of all of them is the image folder; else names start from the file's folder. */
-static int nerfstudio_beside(const char *json)
+static int nerfstudio_beside(const struct nerfstudio_file *file)
 {
-    for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame;
+    for (const char *frame = oxl_json_first(nerfstudio_member(file, "frames")); frame;
          frame = oxl_json_next(frame)) {
         const char *path = oxl_json_member(frame, "file_path");
         if (path && (strncmp(path, "\"images/", 8) && strncmp(path, "\"./images/", 10))) return 1;
@@ -174,14 +232,15 @@ static int nerfstudio_beside(const char *json)
     return 0;
 }
 
-static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, const char *frame)
+static oxl_result nerfstudio_frame(struct colmap_reader *r, const struct nerfstudio_file *file,
+                                   const char *frame)
 {
     char path[NERFSTUDIO_PATH];
     struct colmap_camera camera;
     double q[4], t[3];
     const size_t row = r->out->camera_count;
     const char *end, *name = nerfstudio_name(r, oxl_json_member(frame, "file_path"), path, &end);
-    oxl_result rc = nerfstudio_camera(r, json, frame, &camera);
+    oxl_result rc = nerfstudio_camera(r, file, frame, &camera);
     if (rc == OXL_OK && !name) rc = json_survey_fail(r, "file_path", "none", "the image's path");
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
@@ -195,15 +254,25 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, co
 
 /* ---------------- points */
 
-static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
+/* A file of the survey: the name leads neither out of its folder nor to a pipe, which would never end. */
+static oxl_result nerfstudio_check_points(struct colmap_reader *r, const char *name, const char *path)
+{
+    if (!colmap_name_is_safe(name, name + strlen(name)))
+        return json_survey_fail(r, "ply_file_path", name, "a path inside the survey, without \"..\"");
+    if (!os_is_file(path)) return json_survey_fail(r, "ply_file_path", path, "a PLY file that is there");
+    return OXL_OK;
+}
+
+static oxl_result nerfstudio_points(struct colmap_reader *r, const struct nerfstudio_file *file)
 {
     char name[512], *folder = oxl_strdup(r->ctx, r->path), *path,
                     *slash = folder ? strrchr(folder, '/') : NULL;
-    const int named = oxl_json_text(oxl_json_member(json, "ply_file_path"), name, sizeof name) > 0;
+    const int named = oxl_json_text(nerfstudio_member(file, "ply_file_path"), name, sizeof name) > 0;
     oxl_result rc;
     if (slash) *slash = 0;
     path = folder && named ? oxl_path_join(r->ctx, folder, name) : NULL;
-    rc = path ? ply_points_read(r, path) : OXL_OK;
+    rc = path ? nerfstudio_check_points(r, name, path) : OXL_OK;
+    if (path && rc == OXL_OK) rc = ply_points_read(r, path);
     if (folder && slash && !named && os_is_file(PATH(folder, "sparse_pc.ply")))
         oxl_log(r->ctx, OXL_LOG_WARNING,
                 "%s: \"ply_file_path\" is missing, so the points of sparse_pc.ply beside it are not read",
@@ -214,20 +283,23 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const char *json)
 
 OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json)
 {
+    struct nerfstudio_file file;
     oxl_result rc = OXL_OK;
-    const int beside = nerfstudio_beside(json);
+    int beside;
+    nerfstudio_begin(json, &file);
+    beside = nerfstudio_beside(&file);
     if (r->out->image_count > 0 && beside && !r->out->images_beside)
         return json_survey_fail(r, "file_path", "a path outside images/",
                                 "images/, where " JSON_SURVEY_TRAIN " has its images");
     if (r->out->image_count == 0) r->out->images_beside = beside;
     if (isnan(oxl_json_number(json, "w")) || isnan(oxl_json_number(json, "h")))
         nerfstudio_measure_image(r, json);
-    for (const char *frame = oxl_json_first(oxl_json_member(json, "frames")); frame && rc == OXL_OK;
+    for (const char *frame = oxl_json_first(nerfstudio_member(&file, "frames")); frame && rc == OXL_OK;
          frame = oxl_json_next(frame)) {
         r->line++;
-        rc = nerfstudio_frame(r, json, frame);
+        rc = nerfstudio_frame(r, &file, frame);
     }
-    nerfstudio_name_ignored(r, json);
-    if (rc == OXL_OK) rc = nerfstudio_points(r, json);
+    nerfstudio_name_ignored(r, &file);
+    if (rc == OXL_OK) rc = nerfstudio_points(r, &file);
     return rc == OXL_OK ? nerfstudio_split(r, json) : rc;
 }

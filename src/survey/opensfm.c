@@ -69,15 +69,43 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
                             "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
 }
 
-/* Its index among the keys of "cameras", which is its row; -1: none of that name. */
-static int64_t opensfm_camera_row(const char *cameras, const char *value)
+/* The cameras' names as they stand in the text, sorted: each shot may have its own. */
+struct opensfm_name {
+    const char *key;
+    size_t length; /* of the text, as oxl_json_room gives it */
+    int64_t row;   /* of the camera */
+};
+
+static int opensfm_compare(const void *a, const void *b)
 {
-    const size_t length = oxl_json_room(value);
-    int64_t row = 0;
-    for (const char *key = oxl_json_first(cameras); key && length;
-         key = oxl_json_next(oxl_json_value(key)), row++)
-        if (oxl_json_room(key) == length && memcmp(key, value, length - 4) == 0) return row;
-    return -1;
+    const struct opensfm_name *s = a, *t = b;
+    if (s->length != t->length) return s->length < t->length ? -1 : 1;
+    return memcmp(s->key, t->key, s->length - 4);
+}
+
+/* Of equal names the first counts. */
+static int opensfm_order(const void *a, const void *b)
+{
+    const struct opensfm_name *s = a, *t = b;
+    const int order = opensfm_compare(a, b);
+    return order ? order : (s->row > t->row) - (s->row < t->row);
+}
+
+struct opensfm_cameras {
+    struct opensfm_name *name;
+    size_t count, capacity;
+};
+
+/* -1: none of that name. */
+static int64_t opensfm_camera_row(const struct opensfm_cameras *cameras, const char *value)
+{
+    const struct opensfm_name wanted = {value, oxl_json_room(value), 0};
+    const struct opensfm_name *found =
+        wanted.length && cameras->count
+            ? bsearch(&wanted, cameras->name, cameras->count, sizeof wanted, opensfm_compare)
+            : NULL;
+    while (found && found > cameras->name && !opensfm_compare(found - 1, found)) found--;
+    return found ? found->row : -1;
 }
 
 #define OPENSFM_SMALL 1e-12 /* radians: below it sin x / x is 1 to the last bit */
@@ -91,8 +119,8 @@ static void opensfm_quaternion(const double v[3], double q[4])
     for (int i = 0; i < 3; i++) q[1 + i] = scale * v[i];
 }
 
-static oxl_result opensfm_shot(struct colmap_reader *r, const char *cameras, const char *key,
-                               const char *shot)
+static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cameras *cameras,
+                               const char *key, const char *shot)
 {
     char name[1024];
     const size_t length = oxl_json_text(key, name, sizeof name);
@@ -151,9 +179,30 @@ static size_t opensfm_count(const char *object)
     return count;
 }
 
+static oxl_result opensfm_read_cameras(struct colmap_reader *r, const char *object,
+                                       struct opensfm_cameras *out)
+{
+    oxl_result rc = OXL_OK;
+    for (const char *key = oxl_json_first(object); key && rc == OXL_OK;
+         key = oxl_json_next(oxl_json_value(key))) {
+        r->line++;
+        if (!oxl_json_value(key))
+            return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
+        rc = opensfm_camera(r, oxl_json_value(key));
+        if (rc == OXL_OK)
+            rc = oxl_reserve(r->ctx, &out->name, &out->capacity, out->count + 1, sizeof *out->name);
+        if (rc != OXL_OK || !oxl_json_room(key)) continue;
+        out->name[out->count] = (struct opensfm_name){key, oxl_json_room(key), (int64_t)r->line - 1};
+        out->count++;
+    }
+    if (out->count) qsort(out->name, out->count, sizeof *out->name, opensfm_order);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
 {
-    const char *best = NULL, *cameras;
+    const char *best = NULL;
+    struct opensfm_cameras cameras = {0};
     size_t shots = 0, found = 0;
     oxl_result rc = OXL_OK;
     for (const char *one = oxl_json_first(json); one && *json == '['; one = oxl_json_next(one), found++) {
@@ -163,21 +212,16 @@ OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
     if (found > 1)
         oxl_log(r->ctx, OXL_LOG_WARNING,
                 "%s holds %zu reconstructions; the one with most shots (%zu) is used", r->path, found, shots);
-    cameras = oxl_json_member(best, "cameras");
-    for (const char *key = oxl_json_first(cameras); key && rc == OXL_OK;
-         key = oxl_json_next(oxl_json_value(key))) {
-        r->line++;
-        if (!oxl_json_value(key))
-            return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
-        rc = opensfm_camera(r, oxl_json_value(key));
-    }
+    rc = opensfm_read_cameras(r, oxl_json_member(best, "cameras"), &cameras);
     r->line = 0;
     for (const char *key = oxl_json_first(oxl_json_member(best, "shots")); key && rc == OXL_OK;
          key = oxl_json_next(oxl_json_value(key))) {
         r->line++;
-        if (!oxl_json_value(key)) return json_survey_fail(r, "shots", "no JSON object", "names and shots");
-        rc = opensfm_shot(r, cameras, key, oxl_json_value(key));
+        rc = oxl_json_value(key) ? opensfm_shot(r, &cameras, key, oxl_json_value(key))
+                                 : json_survey_fail(r, "shots", "no JSON object", "names and shots");
+        if (rc != OXL_OK) break;
     }
+    oxl_free(r->ctx, cameras.name);
     r->line = 0;
     return rc == OXL_OK ? opensfm_points(r, oxl_json_member(best, "points")) : rc;
 }

@@ -465,7 +465,7 @@ static void photometry_errors(struct photometry_work *w, struct photometry *out)
     }
 }
 
-/* From where w->at is; the robust size of the residuals. */
+/* Refits from the parameters in w->at; returns the robust size of the residuals. */
 static double photometry_fit(struct photometry_work *w, int parts, double *scratch)
 {
     w->free = parts;

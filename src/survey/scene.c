@@ -129,11 +129,14 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
 oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                          double start[3], double direction[3])
 {
+    const int is_view = view >= 0 && view < scene->view_count;
     const struct colmap_camera *camera =
-        scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
-    const oxl_camera *c = &scene->view[view].camera;
+        is_view && scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
+    const oxl_camera *c = is_view ? &scene->view[view].camera : &(oxl_camera){0};
     double k[4] = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
     const double width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
+    if (!is_view)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
     if (!(x >= 0 && x <= width && y >= 0 && y <= height))
         return oxl_fail(
             ctx, OXL_ERR_INPUT,

@@ -33,11 +33,13 @@ struct oxl_scene {
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
+    struct lpips *lpips;    /* network of evaluations, or NULL: one allocation (src/job/lpips.c) */
 
     struct scene_stats stats;
     int from_files;
     struct colmap colmap;        /* from files: for the partition; holds the views' names */
     struct scene_source *source; /* from files: (view_count) */
+    double may_miss;             /* from files: fraction of the images that may be missing or unreadable */
     double *on_disk;             /* from files: (cameras) px of an image's side for one in cameras.txt */
     char *images, *masks;        /* from files: folders; masks NULL: none */
     char *decoded;               /* folder of decoded images, or NULL */
@@ -71,6 +73,8 @@ OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scen
 /* A view's image from the cache, loaded if it is not there: borrowed until the next request of another view;
  * NULL: error set. */
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view);
+/* 1: with `more` images that cannot be read, too large a fraction of those in the model is missing. */
+OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
 /* image_cache_ahead */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);

@@ -87,6 +87,12 @@ OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scen
     return image_cache_get(ctx, &scene->cache, view);
 }
 
+OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more)
+{
+    return scene->from_files &&
+           scene->stats.images_missing + more > scene->may_miss * (double)scene->colmap.image_count;
+}
+
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
 {
     if (scene->from_files) image_cache_ahead(ctx, &scene->cache, view, count);

@@ -23,6 +23,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, (char *)scene->view[i].name);
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
+    oxl_free(ctx, scene->lpips);
     oxl_free(ctx, scene->view);
     if (scene->map.data) { /* the other arrays are there */
         OXL_FREE(ctx, scene->colmap.camera, scene->decoded);
@@ -198,6 +199,7 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
             scene->colmap.folder);
     if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
     scene->from_files = 1;
+    scene->may_miss = o->missing_images;
     scene->images = o->images                     ? oxl_strdup(ctx, o->images)
                     : scene->colmap.images_beside ? oxl_strdup(ctx, scene->colmap.folder)
                                                   : oxl_path_join(ctx, path, "images");
@@ -259,6 +261,12 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
             "view %s: an image of %d x %d px for a camera of %d x %d\nfix: give each view its own image",
             name, image->rgb ? image->width : 0, image->rgb ? image->height : 0, view->camera.width,
             view->camera.height);
+    if (!(view->camera.fx > 0 && view->camera.fx <= FLT_MAX && view->camera.fy > 0 &&
+          view->camera.fy <= FLT_MAX))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "view %s: focal lengths of %g and %g px, expected positive ones\n"
+                        "fix: give each camera its fx and fy",
+                        name, (double)view->camera.fx, (double)view->camera.fy);
     *to = (struct training_image){.width = image->width, .height = image->height};
     to->rgb = oxl_alloc(ctx, pixels, 3);
     to->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;

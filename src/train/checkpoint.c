@@ -42,7 +42,7 @@ static void archive_fail(struct archive *a, oxl_result rc, const char *what)
                                           : "remove this file, or train with --restart");
 }
 
-/* A number as the disk has it, low byte first; its own inverse. */
+/* Converts a number to the disk's order, low byte first, or back. */
 static void archive_swap(unsigned char *bytes, size_t size)
 {
     const uint16_t one = 1;
@@ -216,7 +216,7 @@ static const char *const checkpoint_names[] = {
     "checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
     "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
 
-/* A checkpoint of another run is renamed to NAME.other, which replaces an earlier one. */
+/* Renames a checkpoint of another run to NAME.other, which replaces an earlier one. */
 static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
 {
     const char *renamed = PATH("", "%s.other", path);
@@ -324,6 +324,26 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
     for (int i = 0; i < 2 && rc == OXL_OK && !*found; i++)
         rc = checkpoint_read_one(ctx, PATH(folder, "%s", checkpoint_names[i]), key, state, user, found);
     return rc;
+}
+
+OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key)
+{
+    int step = 0;
+    for (int i = 0; i < 2 && step <= 0; i++) {
+        const char *path = PATH(folder, "%s", checkpoint_names[i]);
+        struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
+        uint64_t magic = 0, version = 0;
+        if (!a.file) continue;
+        if (checkpoint_is_whole(a.file, &a.left)) {
+            rewind(a.file);
+            archive_u64(&a, &magic);
+            archive_u64(&a, &version);
+            if (magic == CHECKPOINT_MAGIC && version == CHECKPOINT_VERSION && checkpoint_has_key(&a, key))
+                archive_int(&a, &step); /* the first number of train_archive */
+        }
+        fclose(a.file);
+    }
+    return OXL_MAX(step, 0);
 }
 
 OXL_INTERNAL void checkpoint_remove(const char *folder, int others)

@@ -21,7 +21,7 @@ enum {
     SELECTION_VIEWS_MAX = 8  /* limit of validation views */
 };
 
-/* Choice and evidence: one member of the object. */
+/* Adds choice and evidence as a member of the object. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
 {
     struct text *decisions = &t->decisions;
@@ -57,14 +57,14 @@ OXL_INTERNAL int selection_is_validation_view(int index, int views)
     return views > 1 && index % stride == stride / 2 && index / stride < validation;
 }
 
-/* Of those that the run trains, the validation views too. */
+/* 1: the run trains the view, or holds it for validation. */
 static int selection_is_training_view(const struct train *t, int view)
 {
     return !oxl_scene_view(t->scene, view)->is_test &&
            (!t->output || !t->output->window || t->output->window[view].width > 0);
 }
 
-/* Both in name order. */
+/* Sorts views into training and validation views, both in name order. */
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     int views = 0, index = 0, holds;
@@ -92,8 +92,8 @@ OXL_INTERNAL void selection_release_views(struct train *t)
     while (t->validation_views > 0) t->view[t->views++] = t->validation[--t->validation_views];
 }
 
-/* An unreadable view is logged and removed, so that all means are over the same views. The last one is replaced by a
- * view that was trained on until now, the same in all branches of a trial: without any, no decision could be made. */
+/* Logs an unreadable view and removes it, so that all means are over the same views. Replaces the last one by a view
+ * that was trained on until now, the same in all branches of a trial: without any, no decision could be made. */
 static void selection_drop_view(struct train *t, int slot)
 {
     nonfinite_count_unreadable(t->ctx, &t->nonfinite);
@@ -103,7 +103,7 @@ static void selection_drop_view(struct train *t, int slot)
     if (t->validation_views == 0 && t->views > 1) t->validation[t->validation_views++] = t->view[--t->views];
 }
 
-/* NaN without validation views. */
+/* Renders the validation views and averages loss and PSNR; NaN without validation views. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;

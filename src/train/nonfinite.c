@@ -29,7 +29,7 @@ enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the 
 #define NONFINITE_OPACITY -30.0f  /* logit: far below 1/255 */
 #define NONFINITE_SCALE_MAX 87.0f /* |log scale|: project.c clamps there */
 
-/* The clause of a message that traces the first of some Gaussians. */
+/* Writes the clause of a message that traces the first of some Gaussians. */
 static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
 {
     if (rows == 1) snprintf(out, 64, "Gaussian %zu", first);

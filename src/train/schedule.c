@@ -29,7 +29,7 @@
 #define SCHEDULE_ALPHA_MIN_UNTIL 0.8
 #define SCHEDULE_COOLDOWN_END 0.1 /* factor on the learning rates at the end of a run */
 
-/* The run's length, in steps of the whole survey. */
+/* Returns the run's length, in steps of the whole survey. */
 static int schedule_length(const oxl_train_options *o)
 {
     return o->survey_iterations > 0 ? o->survey_iterations : o->iterations;
@@ -49,7 +49,8 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
                : 1;
 }
 
-/* The same for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales again
+/* Returns the same factor for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales
+ * again
  * (docs/TRADEOFF.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
@@ -71,10 +72,19 @@ static double schedule_cooldown(const struct train *t)
     return left < t->options->cooldown ? 1 - left / t->options->cooldown : 0;
 }
 
-/* What viewers leave out in the run's last part, with or without a cooldown. */
+/* Returns the alpha below which a contribution is omitted; in the last part of a run, the one of viewers. */
 OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 {
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
+}
+
+/* Exponential from the first to the last rate; a straight line where one of them is 0 and has no logarithm. */
+static double schedule_position_rate(const oxl_train_options *o, double progress)
+{
+    double first = o->lr_position, last = o->lr_position_final;
+    if (!(first > 0) || !(last > 0)) return first + (last - first) * progress;
+    first = vecmath_log(first), last = vecmath_log(last);
+    return vecmath_exp(first + (last - first) * progress);
 }
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
@@ -83,9 +93,8 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     const double short_run_factor = schedule_short_run_factor(o),
                  momentum_factor = schedule_momentum_factor(o);
     const double progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const double first = vecmath_log(o->lr_position), last = vecmath_log(o->lr_position_final);
-    const float mean = (float)(short_run_factor * vecmath_exp(first + (last - first) * progress) *
-                               oxl_scene_extent(t->scene));
+    const float mean =
+        (float)(short_run_factor * schedule_position_rate(o, progress) * oxl_scene_extent(t->scene));
     const double early = SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) *
                          vecmath_log(short_run_factor);
     struct adam_params adam = {.beta = RENDERER_BETAS,
@@ -123,7 +132,8 @@ OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
     return (int)OXL_MAX(SCHEDULE_RESET_MIN * schedule_scale(o), o->opacity_reset_interval * o->iterations);
 }
 
-/* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
+/* Allows no reset so late that density control ends, and pruning takes its scores, before opacities have
+ * recovered. */
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step)
 {
     const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o),
@@ -162,7 +172,7 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
     return pixels;
 }
 
-/* More Gaussians than the images determine overfit. At least the number of points. */
+/* Limits the number of Gaussians, since more than the images determine overfit; at least one per point. */
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
 {
     if (options->max_gaussians > 0) return (size_t)options->max_gaussians;

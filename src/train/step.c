@@ -14,7 +14,7 @@
 /* of loss and PSNR in progress reports: about the last 50 views */
 #define STEP_SMOOTHING 0.02
 
-/* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
+/* Shuffles the views (Fisher & Yates 1938): every epoch sees each once, in an order of its own. */
 static void step_shuffle(struct train *t, int epoch)
 {
     for (int i = t->views - 1; i > 0; i--) {
@@ -24,7 +24,7 @@ static void step_shuffle(struct train *t, int epoch)
     }
 }
 
-/* Whether the step is one of the run's first part, at half the sides. */
+/* 1: the step is one of the run's first part, which trains at half the sides. */
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
     const double fraction = schedule_coarse_fraction(t->options, camera->width, camera->height);
@@ -36,7 +36,7 @@ OXL_INTERNAL const struct image_window *step_window(const struct train *t, int v
     return t->output && t->output->window ? &t->output->window[view] : NULL;
 }
 
-/* Of that part, at this step's resolution; the renderer gets the full image's size, too. */
+/* Returns the camera of that part at this step's resolution, and tells the renderer the full image's size. */
 static oxl_camera step_camera(struct train *t, int view)
 {
     const struct image_window *w = step_window(t, view);
@@ -87,7 +87,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     return image ? renderer_set_image(t->ctx, t->renderer, view, image, window, t->halved) : t->ctx->failed;
 }
 
-/* The next views of the epoch that a device does not hold. */
+/* Reads ahead the next images of the epoch that a device does not hold. */
 static void step_read_ahead(struct train *t, int slot)
 {
     int view[STEP_READ_AHEAD], count = 0;
@@ -96,7 +96,20 @@ static void step_read_ahead(struct train *t, int slot)
     if (count > 0 && view[0] == t->view[slot]) scene_images_ahead(t->ctx, t->scene, view, count);
 }
 
-/* The next view whose image can be read; one that cannot is named and left out from then on. */
+/* The last checkpoint stays: the run continues when the images are back. */
+static oxl_result step_refuse_unreadable(struct train *t, oxl_result why)
+{
+    char last[400];
+    snprintf(last, sizeof last, "%.*s", (int)strcspn(oxl_error_text(t->ctx), "\n"), oxl_error_text(t->ctx));
+    return oxl_fail(
+        t->ctx, why,
+        "%d training images cannot be read, the last: %s\n"
+        "fix: look at their folder and the disk, and run the same command again, or allow more by "
+        "--missing-images",
+        (int)t->nonfinite.images, last);
+}
+
+/* Finds the next view whose image can be read; one that cannot is named and left out from then on. */
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
@@ -106,8 +119,9 @@ static oxl_result step_next_image(struct train *t, int *view)
         *view = t->view[slot];
         step_read_ahead(t, slot);
         rc = step_load_image(t, *view);
-        if (rc != OXL_ERR_INPUT) return rc;
+        if (rc != OXL_ERR_INPUT && rc != OXL_ERR_IO) return rc;
         nonfinite_count_unreadable(t->ctx, &t->nonfinite);
+        if (scene_misses_too_many(t->scene, (int)t->nonfinite.images)) return step_refuse_unreadable(t, rc);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(
@@ -115,7 +129,7 @@ static oxl_result step_next_image(struct train *t, int *view)
         "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
-/* The step that comes, on a view. */
+/* Begins a step on a view. */
 static struct train_deferred step_begin(struct train *t, int view, int learns)
 {
     struct train_deferred step = {.step = t->step, .view = view, .is_trial = t->is_trial};
@@ -150,7 +164,7 @@ static oxl_result step_forward_loss(struct train *t, struct part_view *v, struct
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
-/* Evaluation with the full loss. */
+/* Evaluates a view with the full loss. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss)
 {
     struct train_deferred step = step_begin(t, view, 0);
@@ -158,7 +172,7 @@ OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct rend
     return step_forward_loss(t, &v, loss);
 }
 
-/* A loss that is not finite: the step is left out. */
+/* Leaves out a step whose loss is not finite. */
 static oxl_result step_skip(struct train *t, int step, int view)
 {
     struct renderer_nonfinite cleared;
@@ -172,7 +186,7 @@ static oxl_result step_skip(struct train *t, int step, int view)
     return renderer_clear_visible(t->ctx, t->renderer);
 }
 
-/* What is known of a step when it is done. */
+/* Records what is known of a step when it is done. */
 static void step_update_means(struct train *t, const struct train_deferred *of,
                               const struct renderer_loss *loss, struct renderer_nonfinite skipped)
 {
@@ -216,13 +230,13 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
 
 /* ---------------- deferred steps: the device works while the host goes on */
 
-/* Nothing between the passes is the host's. */
+/* 1: the host has nothing to do between the passes. */
 static int step_can_be_deferred(const struct train *t)
 {
     return renderer_has_device(t->renderer) && !parts_needs(t);
 }
 
-/* A deferred step that halted, or came behind one. */
+/* Repeats a deferred step that halted, or that came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
 {
     const int step = t->step, is_trial = t->is_trial;
@@ -285,7 +299,7 @@ OXL_INTERNAL oxl_result step_observe(struct train *t)
     return density_observe(t->ctx, t->density, t->renderer, t->trained.model.count);
 }
 
-/* A step for which a device had not enough memory: it may have when the others have ended, or the CPU
+/* Repeats a step for which a device had not enough memory: it may have when the others have ended, or the CPU
  * continues. */
 static oxl_result step_retry_after_flush(struct train *t, const struct train_deferred *here)
 {

@@ -1,4 +1,4 @@
-/* train.h - training: schedule, density control, pruning, depth weights, checkpoints, the loop. */
+/* train.h - training: schedule, density control, checkpoints, trials, the loop. */
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 
@@ -67,7 +67,9 @@ OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 /* ---------------- checkpoint.c: files of a run's state */
 
 OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
-OXL_INTERNAL void checkpoint_remove(const char *folder, int others);  /* others: also NAME.other */
+/* The step of the newest whole checkpoint with this key in a folder; 0: there is none. */
+OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
+OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 

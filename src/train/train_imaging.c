@@ -10,8 +10,8 @@
 /* images and points differ by so much in a channel: first colours follow the images */
 #define TRAIN_IMAGING_COLOUR 0.1
 
-/* The first colours are those of the images, also where the survey's points have others: images that were
- * corrected after COLMAP. */
+/* Scales the first colours to those of the images, also where the survey's points have others: images that
+ * were corrected after COLMAP. */
 static void train_imaging_match_colours(struct train *t, const double colour[3])
 {
     double most = 0;

@@ -27,7 +27,7 @@ static oxl_result train_first_from_points(struct train *t, const oxl_point *poin
     return rc;
 }
 
-/* From points taken evenly from the file's order, when there may not be one for each. */
+/* Starts from every k-th point of the file if max_gaussians is below the number of points. */
 static oxl_result train_first_from_subset(struct train *t, const oxl_point *points, size_t count)
 {
     const size_t most = (size_t)t->options->max_gaussians;
@@ -43,7 +43,7 @@ static oxl_result train_first_from_subset(struct train *t, const oxl_point *poin
     return rc;
 }
 
-/* A short run starts from narrower and more opaque Gaussians than Kerbl's. */
+/* Narrows the first Gaussians of a short run and raises their opacity, against Kerbl's start. */
 static void train_sharpen_start(struct train *t)
 {
     const double short_run_factor = schedule_short_run_factor(t->options),
@@ -58,7 +58,7 @@ static void train_sharpen_start(struct train *t)
     }
 }
 
-/* One Gaussian a point; without points, random ones in front of the cameras. */
+/* Makes one Gaussian per point; without points, random ones in front of the cameras. */
 static oxl_result train_fresh_model(struct train *t)
 {
     const oxl_point *points = oxl_scene_points(t->scene);
@@ -76,7 +76,7 @@ static oxl_result train_fresh_model(struct train *t)
     return rc;
 }
 
-/* Density control cannot split rows with second lobes. */
+/* Copies the model to start from, without second lobes: density control cannot split rows that have them. */
 static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 {
     const int most = t->options->sh_degree;
@@ -90,7 +90,7 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
     return rc;
 }
 
-/* Or a model that is there already. */
+/* Makes the initial model: resumed, given by --from, or from the points. */
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
@@ -152,7 +152,7 @@ static int train_same_shape(const oxl_model *a, const oxl_model *b)
     return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
 }
 
-/* Means of squares are not negative. */
+/* 1: no mean of squares is negative. */
 static int train_are_nonnegative(const oxl_model *square)
 {
     for (int k = 0; k < OXL_PLANES; k++)
@@ -161,7 +161,7 @@ static int train_are_nonnegative(const oxl_model *square)
     return 1;
 }
 
-/* All state that later steps depend on. */
+/* Lists all state that later steps depend on. */
 OXL_INTERNAL void train_archive(struct archive *a, void *user)
 {
     struct train *t = user;
@@ -228,7 +228,7 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
 }
 
-/* The passes over the view's image are in step_on_view (step.c). */
+/* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
     oxl_result rc = parts_before_step(t);
@@ -247,7 +247,7 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
     return rc == OXL_OK ? oxl_train_options_check(ctx, o) : rc;
 }
 
-/* Whatever ends the loop early, the state is saved: an order to stop, the time allowed. */
+/* Saves a checkpoint and stops: the caller asks for it, or the time is over. */
 static oxl_result train_stop(struct train *t)
 {
     const oxl_result rc = train_save(t);
@@ -314,7 +314,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                       .callback = callback,
                       .decisions = {.ctx = ctx}};
     oxl_result rc = train_check(ctx, options), ended = OXL_OK;
-    int started; /* 0: stopped before out is the state that there is */
+    int started; /* 1: training has started, and *out is usable */
     *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);

@@ -1,6 +1,5 @@
-/* train_tools.h - private to src/train and src/parts: checkpoints, density control, numbers that are not finite,
- * Adam for single numbers; none of them knows
- * the run (train_state.h). */
+/* train_tools.h - private to src/train and src/parts: checkpoints, density control, numbers that are not
+ * finite, Adam for single numbers; none of them knows the run (train_state.h). */
 #ifndef OXL_TRAIN_TOOLS_H
 #define OXL_TRAIN_TOOLS_H
 
@@ -129,7 +128,7 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
 
 /* ---------------- scalar_adam.c: Adam for single numbers */
 
-/* a larger gradient, or one that is not finite, changes nothing: its square is no float */
+/* Limit above which a gradient changes nothing: its square overflows float. */
 #define SCALAR_ADAM_GRADIENT_MAX 1e18
 /* `at` and its moments; step: of this number, from 1. */
 OXL_INTERNAL void scalar_adam_step(double *at, double *mean, double *square, double gradient, double rate,

@@ -1,0 +1,63 @@
+/* checksum.c - checksums of working files: what a fault of the disk or another program has changed is not
+ * believed.
+ *
+ * Fowler, Noll & Vo's FNV-1a, by words of eight bytes, low byte first, the rest by bytes. It finds accidents;
+ * who means harm can make a sum, so readers check ranges, too.
+ */
+#include "core.h"
+#include "bytes.h"
+
+#define CHECKSUM_PRIME UINT64_C(1099511628211)
+
+enum { CHECKSUM_CHUNK = 1 << 16 };
+
+OXL_INTERNAL uint64_t checksum_add(uint64_t sum, const void *data, size_t size)
+{
+    const unsigned char *bytes = data;
+    for (; size >= 8; bytes += 8, size -= 8) {
+        sum = (sum ^ bytes_get(bytes, 8)) * CHECKSUM_PRIME;
+        sum ^= sum >> 29;
+    }
+    for (; size > 0; bytes++, size--) sum = (sum ^ *bytes) * CHECKSUM_PRIME;
+    return sum;
+}
+
+OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uint64_t *sum)
+{
+    struct os_reader file;
+    unsigned char *chunk = oxl_alloc(ctx, CHECKSUM_CHUNK, 1);
+    size_t got = CHECKSUM_CHUNK;
+    oxl_result rc = chunk ? os_reader_open(ctx, path, &file)
+                          : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
+    *sum = CHECKSUM_SEED;
+    if (rc == OXL_OK) {
+        while (rc == OXL_OK && got == CHECKSUM_CHUNK) {
+            rc = os_reader_read(ctx, &file, chunk, CHECKSUM_CHUNK, &got);
+            if (rc == OXL_OK) *sum = checksum_add(*sum, chunk, got);
+        }
+        os_reader_close(&file);
+    }
+    oxl_free(ctx, chunk);
+    return rc;
+}
+
+/* ---------------- of text: its last line */
+
+static const char CHECKSUM_LINE[] = "# checksum ";
+
+OXL_INTERNAL void checksum_end_text(struct text *t)
+{
+    const uint64_t sum = checksum_add(CHECKSUM_SEED, t->data ? t->data : "", t->size);
+    text_add(t, "%s%016llx\n", CHECKSUM_LINE, (unsigned long long)sum);
+}
+
+OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size)
+{
+    char line[48];
+    const size_t length = sizeof CHECKSUM_LINE - 1 + 17;
+    if (size < length || memcmp(data + size - length, CHECKSUM_LINE, sizeof CHECKSUM_LINE - 1) != 0)
+        return CHECKSUM_NONE;
+    snprintf(line, sizeof line, "%s%016llx\n", CHECKSUM_LINE,
+             (unsigned long long)checksum_add(CHECKSUM_SEED, data, size - length));
+    return memcmp(data + size - length, line, length) == 0 ? CHECKSUM_RIGHT : CHECKSUM_WRONG;
+}

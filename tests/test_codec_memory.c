@@ -1,0 +1,130 @@
+/* test_codec_memory.c - stb's memory is the context's: counted, limited, and refused without an abort. */
+#include "test.h"
+
+struct codec_test_memory {
+    long left; /* allocations until one is refused; -1: none is */
+    size_t held, peak, limit;
+    long blocks;
+};
+
+static void *codec_test_reallocate(void *user, void *old, size_t size)
+{
+    enum { HEAD = 16 };
+    struct codec_test_memory *m = user;
+    char *raw = old ? (char *)old - HEAD : NULL;
+    size_t had = 0;
+    if (raw) memcpy(&had, raw, sizeof had);
+    if (size > 0 && m->left == 0) return NULL;
+    if (size > 0 && m->left > 0) m->left--;
+    if (size > 0 && m->limit && m->held - had + size > m->limit) return NULL;
+    m->held += size - had;
+    m->peak = OXL_MAX(m->peak, m->held);
+    m->blocks += (size > 0) - (raw != NULL);
+    if (size == 0) {
+        free(raw);
+        return NULL;
+    }
+    raw = realloc(raw, HEAD + size);
+    memcpy(raw, &size, sizeof size);
+    return raw + HEAD;
+}
+
+static oxl_context *codec_test_context(struct codec_test_memory *m)
+{
+    oxl_context_options o = oxl_context_options_default();
+    oxl_context *ctx = NULL;
+    *m = (struct codec_test_memory){.left = -1};
+    o.reallocate = codec_test_reallocate;
+    o.user = m;
+    o.threads = 1;
+    CHECK_OK(oxl_context_create(&o, &ctx));
+    return ctx;
+}
+
+static oxl_image codec_test_image(int width, int height)
+{
+    oxl_image image = {0};
+    CHECK_OK(oxl_image_create(test_ctx, width, height, &image));
+    for (int i = 0; i < 3 * width * height; i++) image.rgb[i] = (float)(i * 7919 % 256) / 255;
+    return image;
+}
+
+/* Writing a PNG, reading it back, writing and reading an SPZ: each allocation is refused once. */
+TEST(images_and_spz_without_memory_end_in_an_error_and_leak_nothing)
+{
+    oxl_image image = codec_test_image(40, 24), back = {0};
+    oxl_model model = {0}, read = {0};
+    struct codec_test_memory m;
+    oxl_context *ctx = codec_test_context(&m);
+    const long own = m.blocks;
+    int refused = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 50, 0, &model));
+    for (int k = 0; k < oxl_model_planes(&model); k++)
+        for (size_t i = 0; i < model.count; i++) model.plane[k][i] = 0.01f * (float)(i + 1);
+    for (int what = 0; what < 4; what++)
+        for (long at = 0;; at += 1 + at / 40) {
+            const long before = m.blocks;
+            oxl_result rc;
+            m.left = at;
+            if (what == 0) rc = oxl_image_write(ctx, test_path("a.png"), &image);
+            else if (what == 1) rc = oxl_image_read(ctx, test_path("a.png"), &back);
+            else if (what == 2) rc = oxl_model_write(ctx, test_path("a.spz"), &model);
+            else rc = oxl_model_read(ctx, test_path("a.spz"), &read);
+            m.left = -1;
+            if (rc == OXL_OK) break;
+            refused++;
+            CHECK(rc == OXL_ERR_MEMORY && oxl_error_text(ctx)[0]);
+            CHECK(m.blocks == before);
+        }
+    CHECK(refused > 100);
+    CHECK(back.width == 40 && read.count == 50);
+    oxl_image_free(ctx, &back);
+    oxl_model_free(ctx, &read);
+    CHECK(m.blocks == own);
+    oxl_context_free(ctx);
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &model);
+}
+
+/* A file of a few kilobytes announces 100 million pixels' worth: the limit holds. */
+TEST(decoding_stays_within_the_limit_of_memory)
+{
+    enum { SIDE = 3000 };
+    oxl_image image = {0}, back = {0};
+    struct codec_test_memory m;
+    oxl_context *ctx = codec_test_context(&m);
+    CHECK_OK(oxl_image_create(test_ctx, SIDE, SIDE, &image));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("black.png"), &image));
+    oxl_image_free(test_ctx, &image);
+    m.limit = 16 << 20;
+    CHECK(oxl_image_read(ctx, test_path("black.png"), &back) == OXL_ERR_MEMORY);
+    CHECK(m.peak <= m.limit);
+    m.limit = 0;
+    CHECK_OK(oxl_image_read(ctx, test_path("black.png"), &back));
+    CHECK(m.peak > 27 << 20); /* stb's memory is counted */
+    oxl_image_free(ctx, &back);
+    oxl_context_free(ctx);
+}
+
+/* The shape is compared before the pixels are decoded: damaged ones are not found. */
+TEST(an_image_of_another_shape_is_refused_by_its_header)
+{
+    const struct colmap_camera camera = {.model = 1,
+                                         .width = 48,
+                                         .height = 32,
+                                         .parameter_count = 4,
+                                         .parameter = {40, 40, 24, 16},
+                                         .file = "cameras.txt"};
+    const oxl_camera to = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    struct training_image out = {0};
+    struct os_file_map map = {0};
+    oxl_image image = codec_test_image(100, 100);
+    CHECK_OK(oxl_image_write(test_ctx, test_path("square.png"), &image));
+    oxl_image_free(test_ctx, &image);
+    CHECK_OK(os_read_file(test_ctx, test_path("square.png"), &map));
+    CHECK_OK(os_write_file(test_ctx, test_path("cut.png"), map.data, map.size / 2));
+    os_release_file(test_ctx, &map);
+    CHECK(image_load_training(test_ctx, test_path("cut.png"), NULL, NULL, &camera, &to, &out) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "another shape");
+    CHECK(image_load_training(test_ctx, test_path("nowhere.png"), NULL, NULL, &camera, &to, &out) == OXL_ERR_IO);
+}

@@ -1,0 +1,245 @@
+/* test_links.c - links and files of others in OUT: a run writes, changes and removes its own files alone. */
+#include "test.h"
+
+#ifndef _WIN32
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+static int links_holds(const char *path, const char *text)
+{
+    struct os_file_map map = {0};
+    int same;
+    if (!os_is_file(path)) return 0;
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    same = map.size == strlen(text) && !memcmp(map.data, text, map.size);
+    os_release_file(test_ctx, &map);
+    return same;
+}
+
+/* A link in OUT to the folder `victim`, which holds the file photo. */
+static void links_lead_out(const char *name)
+{
+    char path[1024];
+    test_write("victim/photo", "keep");
+    snprintf(path, sizeof path, "out/%s/.", name);
+    CHECK_OK(os_make_folder(test_ctx, test_path(path)));
+    path[strlen(path) - 2] = 0;
+    rmdir(test_path(path));
+    CHECK(symlink(test_path("victim"), test_path(path)) == 0);
+}
+
+static int links_victim_is_alone_count;
+static void links_count(void *user, const char *name)
+{
+    (void)user, (void)name;
+    links_victim_is_alone_count++;
+}
+
+/* The victim is as it was: nothing in it but the photo. */
+static int links_victim_is_unchanged(void)
+{
+    links_victim_is_alone_count = 0;
+    CHECK_OK(os_list_folder(test_ctx, test_path("victim"), links_count, NULL));
+    return links_victim_is_alone_count == 1 && links_holds(test_path("victim/photo"), "keep");
+}
+
+TEST(folders_of_a_run_that_are_links_are_refused_by_name)
+{
+    static const char *const folders[] = {"blocks",        "renders",      "training_views", "blocks/000",
+                                          "blocks/coarse", "blocks/whole", "blocks/decoded", "blocks/start"};
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    for (size_t k = 0; k < OXL_COUNT(folders); k++) {
+        char path[128];
+        snprintf(path, sizeof path, "out/%s", folders[k]);
+        links_lead_out(folders[k]);
+        CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), folders[k]);
+        CHECK_TEXT(oxl_error_text(test_ctx), "is a link");
+        CHECK(links_victim_is_unchanged());
+        CHECK(unlink(test_path(path)) == 0);
+    }
+}
+
+TEST(a_folder_given_by_the_user_may_be_a_link)
+{
+    const oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    CHECK_OK(os_make_folder(test_ctx, test_path("disk")));
+    CHECK(symlink(test_path("disk"), test_path("out")) == 0);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("disk/scene.ply")));
+}
+
+TEST(a_lock_that_is_a_link_a_pipe_or_a_file_of_others_is_refused_and_stays)
+{
+    oxl_lock *lock = NULL;
+    struct stat s;
+    test_write("victim", "secret");
+    CHECK(chmod(test_path("victim"), 0600) == 0);
+    CHECK_OK(os_make_folder(test_ctx, test_path("out")));
+    for (int kind = 0; kind < 4; kind++) {
+        const char *path = test_path("out/.lock");
+        if (kind == 0) CHECK(symlink(test_path("victim"), path) == 0);
+        if (kind == 1) CHECK(link(test_path("victim"), path) == 0);
+        if (kind == 2) CHECK(mkfifo(path, 0666) == 0);
+        if (kind == 3) test_write("out/.lock", "my notes");
+        CHECK(oxl_lock_folder(test_ctx, test_path("out"), &lock) == OXL_ERR_IO && !lock);
+        CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: remove it");
+        CHECK(links_holds(test_path("victim"), "secret"));
+        CHECK(stat(test_path("victim"), &s) == 0 && (s.st_mode & 0777) == 0600);
+        CHECK(kind != 3 || links_holds(path, "my notes"));
+        CHECK(unlink(path) == 0);
+    }
+}
+
+/* The folder above OUT is another run's, so its lock is looked at. */
+TEST(a_lock_of_a_folder_above_is_looked_at_without_a_change)
+{
+    oxl_lock *lock = NULL;
+    struct stat s;
+    test_write("victim", "secret");
+    CHECK(chmod(test_path("victim"), 0600) == 0);
+    test_write("run.json", "{}");
+    CHECK(symlink(test_path("victim"), test_path(".lock")) == 0);
+    CHECK_OK(oxl_lock_folder(test_ctx, test_path("out"), &lock));
+    oxl_unlock_folder(test_ctx, &lock);
+    CHECK(unlink(test_path(".lock")) == 0);
+    CHECK(rename(test_path("victim"), test_path(".lock")) == 0);
+    CHECK_OK(oxl_lock_folder(test_ctx, test_path("out"), &lock));
+    oxl_unlock_folder(test_ctx, &lock);
+    CHECK(links_holds(test_path(".lock"), "secret"));
+    CHECK(stat(test_path(".lock"), &s) == 0 && (s.st_mode & 0777) == 0600);
+}
+
+TEST(a_temporary_name_that_is_a_link_is_replaced_and_its_target_stays)
+{
+    char name[64], page[64], temporary[300];
+    FILE *file;
+    test_write("victim", "keep");
+    snprintf(name, sizeof name, "a.%ld.tmp", (long)getpid());
+    snprintf(page, sizeof page, "report.html.%ld.tmp", (long)getpid());
+    CHECK(symlink(test_path("victim"), test_path(name)) == 0);
+    CHECK(symlink(test_path("victim"), test_path(page)) == 0);
+    CHECK_OK(os_write_file(test_ctx, test_path("a"), "new", 3));
+    file = oxl_create_beside(test_path("report.html"), temporary, sizeof temporary);
+    CHECK(file && fputs("new", file) >= 0 && fclose(file) == 0);
+    CHECK(links_holds(test_path("a"), "new") && links_holds(temporary, "new"));
+    CHECK(links_holds(test_path("victim"), "keep"));
+}
+
+TEST(a_file_that_is_a_link_is_replaced_and_its_target_stays)
+{
+    const oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    test_write("victim", "keep");
+    CHECK_OK(os_make_folder(test_ctx, test_path("out")));
+    CHECK(symlink(test_path("victim"), test_path("out/scene.ply")) == 0);
+    CHECK(symlink(test_path("victim"), test_path("out/metrics.json")) == 0);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(links_holds(test_path("victim"), "keep") && job_test_has(test_path("out/scene.ply"), "ply\n"));
+}
+
+/* A list from elsewhere names what lies behind a link, above the folder, and what no render wrote. */
+TEST(a_list_of_renders_is_not_followed_out_of_its_folder)
+{
+    test_write("victim/photo.png", "keep");
+    test_write("renders/notes.txt", "mine");
+    CHECK(symlink(test_path("victim"), test_path("renders/l")) == 0);
+    test_write("renders/.renders", "../victim/photo.png\nnotes.txt\n/etc/hostname\nold.png\n");
+    test_write("renders/old.png", "of a call before");
+    CHECK_OK(oxl_render_list(test_ctx, test_path("renders"), "a.png\n", 0));
+    CHECK(links_holds(test_path("victim/photo.png"), "keep") &&
+          links_holds(test_path("renders/notes.txt"), "mine"));
+    CHECK(!os_is_file(test_path("renders/old.png")));
+    test_write("renders/.renders", "l/photo.png\n");
+    CHECK(oxl_render_list(test_ctx, test_path("renders"), "a.png\n", 1) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "renders/l is a link");
+    CHECK(links_holds(test_path("victim/photo.png"), "keep"));
+}
+
+TEST(blocks_are_not_exported_through_a_link)
+{
+    const oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    test_write("victim/0/cameras.txt", "keep");
+    CHECK_OK(os_make_folder(test_ctx, test_path("out/blocks/000")));
+    CHECK(symlink(test_path("victim"), test_path("out/blocks/000/sparse")) == 0);
+    CHECK(oxl_partition(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "sparse is a link");
+    CHECK(links_holds(test_path("victim/0/cameras.txt"), "keep"));
+}
+#endif
+
+TEST(only_files_that_a_run_writes_are_swept)
+{
+    static const char *const stays[] = {"mydata.tmp", "mydata.12.tmp",      "run.json.tmp", "run.json.x1.tmp",
+                                        ".12.tmp",    "my_run.json.12.tmp", ".png.12.tmp",  ".png.tmp"};
+    static const char *const goes[] = {"run.json.12.tmp", "a.png.4.tmp", "b.png.77.tmp"};
+    for (size_t k = 0; k < OXL_COUNT(stays); k++) test_write(stays[k], "1");
+    for (size_t k = 0; k < OXL_COUNT(goes); k++) test_write(goes[k], "1");
+    CHECK_OK(os_remove_temporaries(test_ctx, test_folder(), "metrics.json run.json *.png"));
+    for (size_t k = 0; k < OXL_COUNT(stays); k++) CHECK(os_is_file(test_path(stays[k])));
+    for (size_t k = 0; k < OXL_COUNT(goes); k++) CHECK(!os_is_file(test_path(goes[k])));
+}
+
+TEST(decoded_images_are_removed_by_the_names_that_a_run_gives_them)
+{
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    options.scene.image_cache_bytes = 1;
+    test_write("out/blocks/decoded/photo", "keep");
+    test_write("out/blocks/decoded/0123456789abcdef.7.tmp", "of a killed run");
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("out/blocks/decoded/photo")));
+    CHECK(!os_is_file(test_path("out/blocks/decoded/0123456789abcdef.7.tmp")));
+}
+
+/* ---------------- names of renders */
+
+static oxl_scene *links_scene(const char *const *name, int views)
+{
+    struct text images = {.ctx = test_ctx};
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene *scene = NULL;
+    test_write("s/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
+    for (int i = 0; i < views; i++)
+        text_add(&images, "%d 1 0 0 0 %.1f 0 0 1 %s\n24 16 1\n", i + 1, 0.1 * i, name[i]);
+    test_write("s/images.txt", images.data);
+    test_write("s/points3D.txt", "1 0 0 4 9 9 9 0.5 1 0 2 0\n");
+    text_free(&images);
+    options.read_images = 0;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("s"), &options, &scene));
+    return scene;
+}
+
+TEST(renders_of_long_names_are_cut_and_stay_different)
+{
+    char a[300], b[300], *path[2] = {NULL}, *again = NULL;
+    memset(a, 'n', sizeof a), memset(b, 'n', sizeof b);
+    snprintf(a + 240, 8, "1.png"), snprintf(b + 240, 8, "2.png");
+    CHECK_OK(oxl_render_path(test_ctx, "f", a, ".image.png", &path[0]));
+    CHECK_OK(oxl_render_path(test_ctx, "f", b, ".image.png", &path[1]));
+    CHECK_OK(oxl_render_path(test_ctx, "f", a, ".image.png", &again));
+    CHECK(strlen(path[0]) <= 2 + 200 + 10 && strcmp(path[0], path[1]) && !strcmp(path[0], again));
+    CHECK_TEXT(path[0], ".image.png");
+    OXL_FREE(test_ctx, path[0], path[1], again);
+    CHECK_OK(oxl_render_path(test_ctx, "f", "../a/b", ".png", &path[0]));
+    CHECK(!strcmp(path[0], "f/.._a_b.png"));
+    oxl_free(test_ctx, path[0]);
+}
+
+TEST(views_whose_renders_would_share_a_name_are_refused)
+{
+    static const char *const pairs[][2] = {{"a.png", "b.png"}, {"x", "x.image"}, {"x", "x.png/y"},
+                                           {"x.png", "x"},     {"d/x", "x"},     {"c.depth", "c"}};
+    static const int collides[] = {0, 1, 1, 0, 0, 1};
+    for (size_t k = 0; k < OXL_COUNT(pairs); k++) {
+        oxl_scene *scene = links_scene(pairs[k], 2);
+        const oxl_result rc = scene ? render_names_check(test_ctx, scene) : OXL_ERR_FAILED;
+        CHECK(rc == (collides[k] ? OXL_ERR_INPUT : OXL_OK));
+        if (collides[k]) CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: rename");
+        oxl_scene_free(test_ctx, scene);
+    }
+}

@@ -1,0 +1,203 @@
+/* test_working_files.c - files that a run leaves for itself: what a fault has changed in them is not believed. */
+#include "test.h"
+
+/* The byte at a fraction of a file changes. */
+static void working_damage(const char *path, double at)
+{
+    struct os_file_map map = {0};
+    char *copy;
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    copy = oxl_alloc(test_ctx, map.size + 1, 1);
+    memcpy(copy, map.data, map.size);
+    copy[(size_t)(at * (double)(map.size - 1))] ^= 1;
+    CHECK_OK(os_write_file(test_ctx, path, copy, map.size));
+    oxl_free(test_ctx, copy);
+    os_release_file(test_ctx, &map);
+}
+
+static int working_same(const char *a, const char *b)
+{
+    uint64_t sum[2];
+    CHECK_OK(checksum_of_file(test_ctx, a, &sum[0]));
+    CHECK_OK(checksum_of_file(test_ctx, b, &sum[1]));
+    return sum[0] == sum[1];
+}
+
+/* ---------------- survey.oxl */
+
+static const char *working_scene_file(oxl_scene **scene)
+{
+    const oxl_scene_options options = oxl_scene_options_default();
+    const char *path = test_path("survey.oxl");
+    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), &options, scene));
+    CHECK_OK(scene_file_write(test_ctx, path, *scene, "key"));
+    return path;
+}
+
+TEST(survey_file_with_any_changed_byte_is_not_taken)
+{
+    oxl_scene *scene = NULL, *mapped = NULL;
+    const char *path = working_scene_file(&scene);
+    CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
+    CHECK(mapped && oxl_scene_view_count(mapped) == oxl_scene_view_count(scene) &&
+          oxl_scene_point_count(mapped) == oxl_scene_point_count(scene));
+    oxl_scene_free(test_ctx, mapped);
+    for (int i = 0; i <= 60; i++) {
+        CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
+        working_damage(path, i / 60.0 * 0.995); /* the last bytes are zeros behind the checksum */
+        CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
+        CHECK(!mapped);
+        oxl_scene_free(test_ctx, mapped);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* A right checksum over wrong counts and indices. */
+TEST(survey_file_with_counts_and_indices_out_of_range_is_not_taken)
+{
+    oxl_scene *scene = NULL, *mapped = NULL;
+    const char *path = working_scene_file(&scene);
+    for (int kind = 0; kind < 9; kind++) {
+        const oxl_scene whole = *scene;
+        const struct scene_source source = scene->source[3];
+        const struct colmap_track track = scene->colmap.track[5];
+        const struct colmap_point point = scene->colmap.point[2];
+        const struct colmap_image image = scene->colmap.image[1];
+        if (kind == 0) scene->source[3].image = scene->colmap.image_count;
+        if (kind == 1) scene->source[3].camera = SIZE_MAX;
+        if (kind == 2) scene->colmap.track[5].image_row = UINT32_MAX;
+        if (kind == 3) scene->colmap.point[2].first_track = scene->colmap.track_count;
+        if (kind == 4) scene->colmap.image[1].name = scene->colmap.names_size;
+        if (kind == 5) scene->colmap.names_size -= 1; /* the last name has no end */
+        if (kind == 6) scene->colmap.names[scene->colmap.image[1].name] = '/';
+        if (kind == 7) scene->from_files = 0;
+        if (kind == 8) scene->colmap.format = (enum colmap_format)77;
+        CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
+        CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
+        CHECK(!mapped);
+        if (mapped) printf("  kind %d\n", kind);
+        oxl_scene_free(test_ctx, mapped);
+        *scene = whole;
+        scene->source[3] = source, scene->colmap.track[5] = track, scene->colmap.point[2] = point;
+        scene->colmap.image[1] = image;
+        if (kind == 6) scene->colmap.names[scene->colmap.image[1].name] = '1';
+    }
+    CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
+    CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
+    CHECK(mapped != NULL);
+    oxl_scene_free(test_ctx, mapped);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- imaging.txt, partition.txt */
+
+TEST(imaging_file_with_a_zero_byte_or_another_checksum_is_refused)
+{
+    static const char zero[] = "gain 1 1 1 1.png\0AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA\n";
+    oxl_scene *scene = NULL;
+    struct imaging m = {0};
+    const char *path = test_path("imaging.txt");
+    working_scene_file(&scene);
+    CHECK_OK(os_write_file(test_ctx, path, zero, sizeof zero - 1));
+    CHECK(imaging_read(test_ctx, path, scene, &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: found a byte of value 0");
+    CHECK_OK(imaging_create(test_ctx, oxl_scene_view_count(scene), &m));
+    m.known[1] = m.on = 1, m.log_gain[3] = 0.25f;
+    CHECK_OK(imaging_write(test_ctx, path, scene, &m));
+    imaging_free(test_ctx, &m);
+    CHECK_OK(imaging_read(test_ctx, path, scene, &m));
+    CHECK_CLOSE(m.log_gain[3], 0.25, 1e-6);
+    imaging_free(test_ctx, &m);
+    job_test_replace(path, "gain 1", "gain 2");
+    CHECK(imaging_read(test_ctx, path, scene, &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "checksum");
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- runs of blocks */
+
+static oxl_job_options working_blocks(void)
+{
+    oxl_job_options options = job_test_options();
+    options.partition.block_points = 40;
+    options.train.iterations = 120;
+    options.renders = 0;
+    return options;
+}
+
+struct working_stop {
+    int block, iteration, calls;
+};
+
+static int working_stop(void *user, const oxl_progress *p)
+{
+    struct working_stop *s = user;
+    return p->block == s->block && p->iteration >= s->iteration;
+}
+
+TEST(survey_of_a_fresh_run_of_blocks_is_written)
+{
+    const oxl_job_options options = working_blocks();
+    struct working_stop stop = {2, 1, 0};
+    oxl_callback callback = {working_stop, &stop};
+    const oxl_result rc = oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback);
+    CHECK(rc == OXL_ERR_INTERRUPTED);
+    CHECK(os_is_file(test_path("out/blocks/survey.oxl")));
+}
+
+/* Stopped in the second block, in a later round: the state of both is needed. */
+TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
+{
+    static const char *const files[] = {
+        "blocks/000/checkpoint.oxl", "blocks/000/block.json",     "blocks/000/model.ply",
+        "blocks/000/plan.txt",       "blocks/001/checkpoint.oxl", "blocks/001/model.ply",
+        "blocks/coarse/model.ply",   "blocks/survey.oxl",         "partition.txt"};
+    const oxl_job_options options = working_blocks();
+    char survey[512];
+    struct working_stop stop = {1, 40, 0};
+    oxl_callback callback = {working_stop, &stop};
+    snprintf(survey, sizeof survey, "%s", job_test_survey());
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("ref"), &options, NULL));
+    for (size_t k = 0; k < OXL_COUNT(files); k++) {
+        char out[32], path[128];
+        oxl_result rc;
+        snprintf(out, sizeof out, "out%zu", k);
+        rc = oxl_job_run(test_ctx, survey, test_path(out), &options, &callback);
+        CHECK(rc == OXL_ERR_INTERRUPTED);
+        snprintf(path, sizeof path, "out%zu/%s", k, files[k]);
+        CHECK(os_is_file(test_path(path)));
+        working_damage(test_path(path), 0.6);
+        if (strstr(files[k], "checkpoint"))
+            os_remove(PATH(test_path(out), "%.11scheckpoint.prev.oxl", files[k]));
+        rc = oxl_job_run(test_ctx, survey, test_path(out), &options, NULL);
+        CHECK(rc == (strcmp(files[k], "partition.txt") ? OXL_OK : OXL_ERR_INPUT));
+        snprintf(path, sizeof path, "%s/scene.ply", out);
+        CHECK(rc != OXL_OK || working_same(test_path(path), test_path("ref/scene.ply")));
+    }
+}
+
+TEST(a_trained_model_that_was_damaged_before_the_result_is_trained_again)
+{
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    options.renders = 0;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("ref"), &options, NULL));
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
+    working_damage(test_path("out/blocks/000/model.ply"), 0.9);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
+}
+
+TEST(checksum_of_text_is_its_last_line)
+{
+    struct text t = {.ctx = test_ctx};
+    text_add(&t, "a\nb\n");
+    CHECK(checksum_of_text(t.data, t.size) == CHECKSUM_NONE);
+    checksum_end_text(&t);
+    CHECK(checksum_of_text(t.data, t.size) == CHECKSUM_RIGHT);
+    t.data[2] = 'c';
+    CHECK(checksum_of_text(t.data, t.size) == CHECKSUM_WRONG);
+    CHECK(checksum_of_text(t.data, t.size - 1) == CHECKSUM_NONE);
+    text_free(&t);
+}
