@@ -350,10 +350,9 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
 }
 
 /* The model in the survey's own frame and unit. */
-static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model,
-                       oxl_scene **scene)
+static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
 {
-    char path[4096], warning[1024] = "";
+    char path[4096];
     const char *file = model_file(a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
     oxl_result rc = oxl_model_open(ctx, file, a->job.ram / 4, model);
@@ -372,8 +371,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, struct conso
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     /* a block's or another program's has its own */
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene));
-    if (rc == OXL_OK) rc = overlap_check(ctx, model, *scene, a->path[0], warning, sizeof warning);
-    if (warning[0]) on_log(console, OXL_LOG_WARNING, warning);
+    if (rc == OXL_OK) rc = oxl_model_check_overlap(ctx, model, *scene, a->path[0]);
     return rc;
 }
 
@@ -397,7 +395,7 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     oxl_model model = {0};
     oxl_scene *scene = NULL;
     int count = a->frames;
-    oxl_result rc = load(ctx, a, console, &model, &scene);
+    oxl_result rc = load(ctx, a, &model, &scene);
     catch_signals();
     if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, a, stdout);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, a, on_synth, console);
@@ -439,13 +437,13 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
         "variance that gains and lamp alone leave of the image.");
 }
 
-static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model model = {0};
     oxl_scene *scene = NULL;
     oxl_metrics metrics = {0};
     char *json = NULL;
-    oxl_result rc = load(ctx, a, console, &model, &scene);
+    oxl_result rc = load(ctx, a, &model, &scene);
     if (rc == OXL_OK && a->job.lpips) rc = oxl_scene_read_lpips(ctx, scene, a->job.lpips);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
@@ -541,7 +539,7 @@ static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struc
     case COMMAND_TRAIN: return run_train(ctx, a, console);
     case COMMAND_CHECK: return run_check(ctx, a, &a->job);
     case COMMAND_RENDER: return run_render(ctx, a, console);
-    case COMMAND_EVAL: return run_eval(ctx, a, console);
+    case COMMAND_EVAL: return run_eval(ctx, a);
     case COMMAND_MEASURE: return run_measure(ctx, a);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);

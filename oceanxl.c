@@ -31,11 +31,13 @@
 #include "src/survey/colmap.c"           /* cameras.txt, images.txt, and the whole model */
 #include "src/survey/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
 #include "src/survey/ply.c"              /* PLY reader */
+#include "src/survey/ply_points.c"       /* points of a PLY file */
 #include "src/survey/nerfstudio_names.c" /* its images: names, sizes, which are held out */
 #include "src/survey/nerfstudio.c"       /* transforms.json */
 #include "src/survey/opensfm.c"          /* reconstruction.json */
 #include "src/survey/camera.c"           /* camera models, undistortion */
 #include "src/survey/image.c"            /* decode, undistort, reduce, mask */
+#include "src/survey/image_header.c"     /* size, bits, EXIF orientation */
 #include "src/survey/image_write.c"      /* PNG and JPEG */
 #include "src/survey/survey_files.c"     /* paths of a survey's files */
 #include "src/survey/robust_stats.c"     /* robust statistics: bounds, radius of the cameras, depths */
@@ -49,6 +51,9 @@
 #include "src/survey/scene_load.c"       /* a scene from files or arrays: origin, points, extent */
 #include "src/survey/scene_file.c"       /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"          /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/match.c"            /* are the images those that the model was made from? */
+#include "src/survey/values.c"           /* images and masks whose values are not what they look like */
+#include "src/survey/conventions.c"      /* the convention that poses were written in */
 #include "src/survey/depth_bands.c"      /* depth band of each pixel, from the points */
 
 /* partition of a large survey into blocks */
@@ -148,6 +153,7 @@
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */
+#include "src/job/overlap.c"           /* does a model belong to a survey? */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */

@@ -144,6 +144,7 @@ OXL_API oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options
 /* Content of a survey, its lint results and the predicted cost of training. */
 typedef struct oxl_survey {
     int images, images_missing; /* listed in images.txt; of these, not on disk */
+    int images_unregistered;    /* in the image folder, and not in the model */
     int train_views, test_views, masks;
     int cameras, cameras_distorted;
     int width, height; /* size of the largest view as trained, px */
@@ -158,6 +159,7 @@ typedef struct oxl_survey {
     double masked;
     /* images that are not readable, have another aspect ratio or are masked completely */
     int unusable;
+    int foreign; /* images that do not show what the model has at their points */
     /* images, against those beside them; only oxl_check_quality sets these */
     int blurred, badly_exposed;
     double gaussians;                   /* predicted, at the end of the run */
@@ -175,6 +177,10 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
  * blurred and the badly exposed ones. */
 OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options,
                                      oxl_survey *out);
+
+/* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or scale. */
+OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                           const char *name);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply
  * is not in the standard

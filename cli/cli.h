@@ -139,13 +139,6 @@ oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *tex
 /* Prints the residuals of the control points in a file. */
 oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *path, FILE *to);
 
-/* ---------------- overlap.c: does a model belong to a survey? */
-
-/* Writes a warning when the model covers another place than the survey, or the same at another size; ""
- * otherwise. */
-oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name,
-                         char *warning, size_t size);
-
 /* ---------------- report.c: one page about a run */
 
 /* Writes OUT/report.html, whole or not at all. Absent parts are left out. */

@@ -257,7 +257,7 @@ promise backend_auto_falls_back_to_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
 promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
 promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
-promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
+promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --restart --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
 promise progress_json_holds_errors_too 3 '{"event": "log", "level": "error"' on_stderr "$program" train nowhere -o lines2 --progress json
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply

@@ -449,7 +449,6 @@ TEST(colmap_a_missing_file_is_named)
 {
     CHECK_TEXT(colmap_refused(NULL, NULL, NULL), "cameras.txt is not there");
     CHECK_TEXT(colmap_refused(colmap_good_cameras, NULL, NULL), "images.txt is not there");
-    CHECK_TEXT(colmap_refused(NULL, colmap_good_images, NULL), "points3D.txt is not there");
 }
 
 TEST(colmap_of_an_incomplete_binary_model_the_missing_file_is_named)

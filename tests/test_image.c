@@ -375,7 +375,7 @@ TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
     CHECK(!image.rgb);
     CHECK(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, NULL, &image_pinhole,
                               &to, &image) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "fix: undo the rotation");
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: turn it");
 }
 
 /* The pattern is linear in x and y, so a bilinear sample of it is exact, and so is a mean of samples. */

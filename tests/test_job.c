@@ -134,6 +134,10 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 12);
     options.train.lr_opacity *= 2;
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of a run with other options");
+    CHECK(watch.calls == 12);
+    options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 24);
     test_ctx->options.seed = 7;
@@ -143,13 +147,14 @@ TEST(job_that_is_finished_is_not_done_again_but_another_is)
 
 TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
 {
-    const oxl_job_options options = job_test_options();
+    oxl_job_options options = job_test_options();
     struct job_test_watch watch = {0, 5};
     const oxl_callback callback = {job_test_progress, &watch};
     const char *survey = job_test_survey();
     oxl_model model = {0};
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     test_ctx->options.seed = 2; /* another job in the same folder */
+    options.restart = 1;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
     CHECK(watch.calls == 5);
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
@@ -158,6 +163,7 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
     CHECK(!os_is_file(test_path("out/metrics.json")));
     oxl_model_free(test_ctx, &model);
     watch = (struct job_test_watch){0, -1};
+    options.restart = 0;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls == 1 + 12 - 5); /* where it stood, and what was left */
 }
@@ -240,13 +246,15 @@ TEST(job_in_blocks_is_about_as_good_as_in_one_for_the_same_work)
 
 TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
 {
-    const oxl_job_options options = job_test_blocks();
+    oxl_job_options options = job_test_blocks();
     struct job_test_watch watch = {0, -1};
     const oxl_callback callback = {job_test_progress, &watch};
     const char *survey = job_test_survey();
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(remove(test_path("survey/images/8.png")) == 0);
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_USAGE);
     watch.calls = 0;
+    options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls > 1);
 }
@@ -550,8 +558,10 @@ TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
     test_write("moved/sparse/0/points3D.txt",
                "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
+    options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
     survey = job_test_survey();
+    options.restart = 0;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of another survey");
     options.restart = 1;

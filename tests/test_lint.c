@@ -16,8 +16,7 @@ static const char *lint_survey(void)
     struct text points = {.ctx = test_ctx};
     const char *survey = job_test_survey();
     for (int i = 0; i < 40; i++) {
-        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5", i + 1, -1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10),
-                 4 * i);
+        text_add(&points, "%d %.3f %.3f 4 90 120 60 0.5", i + 1, -1 + 0.2 * (i % 10), -0.75 + 0.5 * (i / 10));
         for (int v = 0; v < JOB_VIEWS; v++) text_add(&points, " %d 0", v + 1);
         text_add(&points, "\n");
     }
@@ -92,7 +91,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK_TEXT(s.text, "warning: 3 of 9 images cannot be used");
     CHECK_TEXT(
         lint_heard,
-        "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: undo the rotation");
+        "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");
     CHECK_TEXT(lint_heard, "8.png: neither a JPEG nor a PNG");
     CHECK_TEXT(lint_heard, "masks/5.png: the mask is all black");
     CHECK_TEXT(lint_heard, "masks/7.png: 16 x 16 px, but its image has another aspect ratio");

@@ -622,7 +622,7 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
             "m.ply",
             "ply\nformat ascii 1.0\nelement vertex 5\n" MODEL_TEST_REQUIRED
             "property float opacity\nend_header\n"
-            "4 0 0 0 0 0 0 1e38 0 1 0 0 0 0\nnan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 inf\n"
+            "4 0 0 0 0 0 0 1e38 0 1 0 0 0 0\nnan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 nan\n"
             "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
         &m));
     CHECK(m.count == 2 && m.not_finite == 3 && m.plane[0][0] == 1 && m.plane[0][1] == 3);

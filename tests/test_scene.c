@@ -246,7 +246,7 @@ TEST(scene_missing_images_are_left_out_up_to_the_stated_fraction)
     CHECK(!scene);
     CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 images");
     CHECK_TEXT(oxl_error_text(test_ctx),
-               "take them out of the model"); /* the folder is right: some were found */
+               "or take them out: colmap image_deleter"); /* the folder is right: some were found */
 }
 
 TEST(scene_refuses_two_poses_for_one_image)

@@ -278,6 +278,8 @@ OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it l
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
 OXL_INTERNAL int os_link(const char *target, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
+/* 1: both are there, and are one file or folder, whatever the names */
+OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL int os_is_folder(const char *path);
 OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */

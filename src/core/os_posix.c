@@ -28,6 +28,12 @@ OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size)
     return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_SPECIAL;
 }
 
+OXL_INTERNAL int os_is_same(const char *a, const char *b)
+{
+    struct stat x, y;
+    return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
 /* Returns a time in nanoseconds. */
 OXL_INTERNAL int64_t os_modified(const char *path)
 {

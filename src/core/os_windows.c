@@ -59,6 +59,24 @@ OXL_INTERNAL int64_t os_modified(const char *path)
                      data.ftLastWriteTime.dwLowDateTime);
 }
 
+static int os_identity(const char *path, BY_HANDLE_FILE_INFORMATION *out)
+{
+    wchar_t wide[OS_PATH_MAX];
+    const HANDLE file =
+        CreateFileW(os_wide(path, wide), 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
+                    OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
+    const int known = file != INVALID_HANDLE_VALUE && GetFileInformationByHandle(file, out);
+    if (file != INVALID_HANDLE_VALUE) CloseHandle(file);
+    return known;
+}
+
+OXL_INTERNAL int os_is_same(const char *a, const char *b)
+{
+    BY_HANDLE_FILE_INFORMATION x, y;
+    return os_identity(a, &x) && os_identity(b, &y) && x.dwVolumeSerialNumber == y.dwVolumeSerialNumber &&
+           x.nFileIndexHigh == y.nFileIndexHigh && x.nFileIndexLow == y.nFileIndexLow;
+}
+
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     wchar_t wide[OS_PATH_MAX], wide_mode[8];

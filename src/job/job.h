@@ -30,6 +30,12 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
 /* A line for each member of "job" and "found" that differs between two runs. */
 OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current);
 /* a member's value; 0 if absent or not finite */
+/* *same: two lines "job": {...} differ in the names of the same folders only, or, where what was `found` is the same,
+ * in those of folders that have moved. */
+OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
+                                            int *same);
+/* 1: the survey of the run, by another name or moved since. */
+OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scene);
 OXL_INTERNAL double manifest_number(const char *text, const char *name);
 
 /* ---------------- block.c: the training of one block in its folder */

@@ -8,6 +8,7 @@
 #include "job_state.h"
 #include "../render/render.h"
 #include "../core/json.h"
+#include "../survey/lint.h"
 #include "../survey/scene.h"
 
 /* ---------------- run.json */
@@ -32,8 +33,7 @@ oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, 
     *run = oxl_calloc(ctx, 1, sizeof **run);
     if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
     rc = manifest_read(ctx, out, *run);
-    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene))
-        manifest_options(*run, options);
+    if (rc == OXL_OK && (*run)->line && manifest_is_of(*run, scene)) manifest_options(*run, options);
     if (rc != OXL_OK) oxl_manifest_free(ctx, run);
     return rc;
 }
@@ -96,28 +96,53 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(&t, there.data, job->key.data);
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                      "%s holds the unfinished work of a run with other options or of another survey:\n%s"
-                      "fix: use the same options to resume it, --restart to discard it, or another -o",
-                      job->out,
+                      "%s holds the %s of a run with other options or of another survey:\n%s"
+                      "fix: use the same options%s, --restart to %s it, or another -o",
+                      job->out, run->finished ? "finished result" : "unfinished work",
                       !run->line[0] ? "  its run.json is truncated\n"
                       : t.data      ? t.data
-                                    : "");
+                                    : "",
+                      run->finished ? "" : " to resume it", run->finished ? "replace" : "discard");
     text_free(&t);
     text_free(&there);
     return rc;
 }
 
-/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished
- * run of this survey is replaced. */
+/* A run of the same folders by other names keeps its line, by which its blocks and checkpoints know it. */
+static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *run)
+{
+    const int found = run->found && !strcmp(run->found, job->found.data);
+    int same = 0;
+    oxl_result rc;
+    if (!run->line[0] || !strcmp(run->line, job->line.data)) return OXL_OK;
+    if (run->scene && (found || os_is_same(run->scene, job->scene_path))) { /* other options may differ */
+        text_free(&job->line);
+        text_free(&job->key);
+        manifest_describe(&job->line, run->scene, &job->options);
+        rc = job->line.failed ? job_no_memory(job) : job_make_key(job);
+        if (rc != OXL_OK || !strcmp(run->line, job->line.data)) return rc;
+    }
+    rc = manifest_equivalent(job->ctx, run->line, job->line.data, found, &same);
+    if (rc != OXL_OK || !same) return rc;
+    text_free(&job->line);
+    text_free(&job->key);
+    text_add(&job->line, "%s", run->line);
+    return job->line.failed ? job_no_memory(job) : job_make_key(job);
+}
+
+/* The result of another survey, a finished result with other options, and unfinished work of another run are
+ * removed with --restart alone. */
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
-    if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
+    if (run->finished && job->start.after == 0 && job_is_of_another_survey(job, run) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
                         job->out, run->scene);
-    if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
+    if (run->finished ? job->start.after == 0 && !job->options.restart
+                      : job_has_blocks(job) && !job->options.restart)
+        return job_refuse(job, run);
     rc = job_lock_alone(job, 1);
     if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
@@ -136,6 +161,10 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
         start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
     if (rc != OXL_OK || job->start.model.count == 0) return rc;
     oxl_model_move_origin(&job->start.model, job->origin);
+    if (job->start.after == 0 && job->scene && job->options.from) {
+        rc = oxl_model_check_overlap(job->ctx, &job->start.model, job->scene, job->options.from);
+        if (rc != OXL_OK) return rc;
+    }
     job->total.iterations = job->start.after;
     text_free(&job->key);
     return job_make_key(job);
@@ -147,6 +176,7 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     struct oxl_manifest run = {0};
     oxl_result rc = manifest_read(job->ctx, job->out, &run);
     *done = 0;
+    if (rc == OXL_OK && run.line && !job->options.restart) rc = job_adopt_names(job, &run);
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
@@ -425,6 +455,8 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_plan_decoded(&job);
+        if (rc == OXL_OK && job.scene) rc = values_check(ctx, job.scene);
+        if (rc == OXL_OK && job.scene) rc = match_check(ctx, job.scene, &job.survey);
         if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_run_single(&job);
         rc = job_finish_if_complete(&job, rc);
     }

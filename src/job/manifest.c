@@ -198,3 +198,46 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, co
     if (c.count > MANIFEST_DIFFERENCES) text_add(t, "  and %d more\n", c.count - MANIFEST_DIFFERENCES);
     return rc;
 }
+
+/* ---------------- the same folders by other names */
+
+OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scene)
+{
+    return run->scene && (!strcmp(run->scene, scene) || os_is_same(run->scene, scene) ||
+                          (!os_is_folder(run->scene) && os_is_folder(scene)));
+}
+
+/* Values of a member of both lines. is_path: those of one folder are the same, and where what was `found` is, those
+ * of a folder that is no longer there. */
+static oxl_result manifest_same_member(oxl_context *ctx, const char *const line[2], const char *member,
+                                       int is_path, int found, int *same)
+{
+    char *value[2] = {NULL, NULL};
+    oxl_result rc = OXL_OK;
+    for (int i = 0; i < 2 && rc == OXL_OK; i++)
+        rc = manifest_read_value(ctx, manifest_find(line[i], member), &value[i]);
+    if (rc == OXL_OK && value[0] && value[1])
+        *same &= !strcmp(value[0], value[1]) ||
+                 (is_path && (os_is_same(value[0], value[1]) || (found && !os_is_folder(value[0]))));
+    else *same &= !value[0] && !value[1];
+    OXL_FREE(ctx, value[0], value[1]);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
+                                            int *same)
+{
+    static const char *const others[] = {"version", "seed", "device"};
+    const char *const line[2] = {old, current};
+    oxl_result rc = OXL_OK;
+    char name[40];
+    *same = 1;
+    for (size_t i = 0; i < OXL_COUNT(others) && rc == OXL_OK; i++)
+        rc = manifest_same_member(ctx, line, others[i], 0, found, same);
+    for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++)
+        if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)
+            rc = manifest_same_member(ctx, line, oxl_option_member(oxl_option_at(i), name),
+                                      oxl_option_at(i)->kind == OXL_OPTION_TEXT, found, same);
+    if (rc == OXL_OK && *same && !found) rc = manifest_same_member(ctx, line, "scene", 1, 0, same);
+    return rc;
+}

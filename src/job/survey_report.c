@@ -158,6 +158,13 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
     if (s->images_missing > 0)
         survey_write(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing,
                      s->images);
+    if (s->images_unregistered > 0)
+        survey_write(
+            s,
+            "warning: %d of the %d images in the folder are not in the model (COLMAP did not register them), so what "
+            "only they show is missing; match again with more overlap or another matcher, or name another sub-model "
+            "by --sparse\n",
+            s->images_unregistered, s->images_unregistered + s->images - s->images_missing);
     if (s->unusable > 0)
         survey_write(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->missed > LINT_MISSED_SURVEY)
@@ -203,6 +210,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     oxl_job_options whole = *options;
     *out = (oxl_survey){.images = stats->images_listed,
                         .images_missing = stats->images_missing,
+                        .images_unregistered = stats->unregistered,
                         .train_views = stats->views - stats->test_views,
                         .test_views = stats->test_views,
                         .masks = stats->masks,
@@ -238,6 +246,8 @@ static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job
     oxl_result rc = oxl_scene_load(ctx, path, &o.scene, &scene);
     *out = (oxl_survey){0};
     if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
+    if (rc == OXL_OK) rc = values_check(ctx, scene);
+    if (rc == OXL_OK) rc = match_check(ctx, scene, out);
     if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
     return rc;
@@ -266,6 +276,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
         double value;
     } numbers[] = {{"images", s->images},
                    {"images_missing", s->images_missing},
+                   {"images_unregistered", s->images_unregistered},
                    {"train_views", s->train_views},
                    {"test_views", s->test_views},
                    {"masks", s->masks},
@@ -281,6 +292,7 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"missed_share", s->missed},
                    {"masked_share", s->masked},
                    {"unusable", s->unusable},
+                   {"foreign", s->foreign},
                    {"blurred", s->blurred},
                    {"badly_exposed", s->badly_exposed},
                    {"predicted_gaussians", s->gaussians},

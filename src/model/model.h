@@ -28,6 +28,9 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
 /* Changes the SH degree; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
+/* model_file.c: infinite logits and logarithms that are limits; the message about rows that are left out. */
+OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model);
+OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count);
 OXL_INTERNAL int model_row_is_finite(const oxl_model *model, size_t row); /* including its lobe */
 /* Keeps the rows with keep (count) not 0 in their order, with their lobes; the others are cleared. */
 OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep);

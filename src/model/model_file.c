@@ -7,7 +7,8 @@
  *
  * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
  *
- * Invariant: rows with values that are not finite are dropped, and their number is logged.
+ * Invariant: rows with values that are not finite are dropped, and their number is logged; infinities that are
+ * the limits of opacity and width are not among them.
  */
 #include "model_columns.h"
 #include "../survey/ply.h"
@@ -15,6 +16,8 @@
 #include "../core/bytes.h"
 
 #define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
+#define MODEL_FILE_FLAT -87.0f     /* of the smallest: a width of 0 */
+#define MODEL_FILE_OPAQUE 20.0f    /* logit of alpha 1, to the last bit of a float */
 
 enum {
     MODEL_FILE_ROWS = 256, /* converted at a time */
@@ -52,28 +55,79 @@ OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
 
 /* ---------------- rows that are not finite */
 
+/* Opacity is a logit and size a logarithm: alpha 0 and 1 and a width of 0 are infinite there, and become finite
+ * values that give the same. Returns the number of rows with one of them. */
+OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
+{
+    size_t settled = 0;
+    for (size_t i = 0; i < model->count; i++) {
+        float *opacity = &model->plane[OXL_OPACITY][i];
+        int has = isinf(*opacity);
+        if (has) *opacity = *opacity > 0 ? MODEL_FILE_OPAQUE : -MODEL_FILE_OPAQUE;
+        for (int a = 0; a < 3; a++) {
+            float *scale = &model->plane[OXL_LOG_SCALE + a][i];
+            if (!(isinf(*scale) && *scale < 0)) continue;
+            *scale = MODEL_FILE_FLAT;
+            has = 1;
+        }
+        for (int k = 0; k < MODEL_LOBE_PLANES && i < model->lobes; k++) {
+            float *factor = &model->plane[OXL_LOBE + k][i];
+            if (!isinf(*factor) || (k > 0 && *factor > 0)) continue;
+            *factor = k > 0 ? MODEL_FILE_FLAT : *factor > 0 ? MODEL_FILE_OPAQUE : -MODEL_FILE_OPAQUE;
+            has = 1;
+        }
+        settled += (size_t)has;
+    }
+    return settled;
+}
+
+OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count)
+{
+    if (dropped)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path, dropped,
+                count);
+}
+
+static size_t model_file_count_unturned(const oxl_model *m)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < m->count; i++)
+        count += m->plane[OXL_ROTATION][i] == 0 && m->plane[OXL_ROTATION + 1][i] == 0 &&
+                 m->plane[OXL_ROTATION + 2][i] == 0 && m->plane[OXL_ROTATION + 3][i] == 0;
+    return count;
+}
+
 /* Keeps the rows of finite values and sizes in their order. */
 static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
-    const size_t count = model->count;
+    const size_t count = model->count, limits = model_file_settle_limits(model);
+    size_t unturned;
     uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
     if (!keep) return model_file_no_memory(ctx, path);
-    memset(keep, 1, count + 1);
-    for (int p = 0; p < oxl_model_planes(model); p++)
-        for (size_t i = 0; i < count; i++) keep[i] &= model_file_finite(model->plane[p][i]) != 0;
-    for (int a = 0; a < 3; a++)
-        for (size_t i = 0; i < count; i++)
-            keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
-    for (int k = 0; k < MODEL_LOBE_PLANES; k++)
-        for (size_t i = 0; i < model->lobes; i++)
-            keep[i] &= model_file_finite(model->plane[OXL_LOBE + k][i]) != 0;
+    for (size_t i = 0; i < count; i++) {
+        keep[i] = (uint8_t)model_row_is_finite(model, i);
+        for (int a = 0; a < 3; a++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
+    }
     model_keep_rows(model, keep);
-    model->not_finite = count - model->count;
-    if (model->not_finite)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
-                model->not_finite, count);
     oxl_free(ctx, keep);
+    model->not_finite = count - model->count;
+    if (count > 0 && model->count == 0)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: all %zu Gaussians hold values that are not finite, so nothing is left\n"
+            "fix: export the model again; its training has diverged, or its columns are in another order",
+            path, count);
+    model_file_report_dropped(ctx, path, model->not_finite, count);
+    unturned = model_file_count_unturned(model);
+    if (limits)
+        oxl_log(ctx, OXL_LOG_INFO,
+                "%s: %zu Gaussians are at the limit of opacity or width (infinite), and are kept", path,
+                limits);
+    if (unturned)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %zu of %zu Gaussians have the rotation 0 0 0 0, and are taken as not turned", path,
+                unturned, model->count);
     return OXL_OK;
 }
 
@@ -82,6 +136,7 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
 static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply,
                                          const struct ply_element *vertex, const char *name)
 {
+    const int packed = ply_find_property(vertex, "packed_position") >= 0;
     const int points = ply_find_property(vertex, "x") >= 0 && ply_find_property(vertex, "f_dc_0") < 0;
     struct text seen = {.ctx = ctx};
     oxl_result rc;
@@ -90,7 +145,8 @@ static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply
     rc = oxl_fail(
         ctx, OXL_ERR_INPUT, "%s: element vertex has no property '%s'; it has: %s\nfix: %s", ply->path, name,
         seen.data ? seen.data : "none",
-        points
+        packed ? "this is a compressed PLY; write a plain one: splat-transform IN.compressed.ply OUT.ply"
+        : points
             ? "this is a point cloud or a mesh; a model of Gaussians has f_dc_0, opacity, scale_0, rot_0 and more"
             : "convert the file to the standard 3DGS layout");
     text_free(&seen);
@@ -111,18 +167,45 @@ static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply
         ply->path, rest);
 }
 
+/* Models without f_dc_* may have red green blue instead, as nerfstudio writes them in its mode rgb. */
+static const char *const MODEL_FILE_RGB[3] = {"red", "green", "blue"};
+
+static int model_file_has_rgb(const struct ply_element *vertex)
+{
+    int has = ply_find_property(vertex, "f_dc_0") < 0;
+    for (int i = 0; i < 3; i++) has &= ply_find_property(vertex, MODEL_FILE_RGB[i]) >= 0;
+    return has;
+}
+
+static const char *model_file_name(const struct model_file_column *column, int rgb)
+{
+    return rgb && column->plane >= OXL_SH && column->plane < OXL_SH + 3
+               ? MODEL_FILE_RGB[column->plane - OXL_SH]
+               : column->name;
+}
+
+static void model_file_from_rgb(const struct ply_element *vertex, oxl_model *model)
+{
+    for (int c = 0; c < 3; c++) {
+        const double white = ply_white(vertex->property[ply_find_property(vertex, MODEL_FILE_RGB[c])].type);
+        float *plane = model->plane[OXL_SH + c];
+        for (size_t i = 0; i < model->count; i++) plane[i] = (float)((plane[i] / white - 0.5) / MODEL_SH0);
+    }
+}
+
 static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element,
                                            oxl_model *out)
 {
     const struct ply_element *vertex = &ply->element[element];
     struct model_file_column column[MODEL_FILE_COLUMNS];
     struct ply_target *target = NULL;
+    const int rgb = model_file_has_rgb(vertex);
     int degree, columns;
     oxl_result rc = model_file_read_degree(ctx, ply, vertex, &degree);
     if (rc != OXL_OK) return rc;
     columns = model_file_columns(degree, degree, column);
     for (int c = 0; c < columns; c++)
-        if (column[c].plane >= 0 && ply_find_property(vertex, column[c].name) < 0)
+        if (column[c].plane >= 0 && ply_find_property(vertex, model_file_name(&column[c], rgb)) < 0)
             return model_file_no_property(ctx, ply, vertex, column[c].name);
     rc = oxl_model_create(ctx, (size_t)vertex->rows, degree, out);
     if (rc != OXL_OK) return rc;
@@ -130,8 +213,10 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     if (!target) return model_file_no_memory(ctx, ply->path);
     for (int c = 0; c < columns; c++)
         if (column[c].plane >= 0)
-            target[ply_find_property(vertex, column[c].name)].as_float = out->plane[column[c].plane];
+            target[ply_find_property(vertex, model_file_name(&column[c], rgb))].as_float =
+                out->plane[column[c].plane];
     rc = ply_read(ctx, ply, element, target);
+    if (rc == OXL_OK && rgb) model_file_from_rgb(vertex, out);
     oxl_free(ctx, target);
     return rc;
 }
@@ -321,17 +406,51 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
 
 /* ---------------- the public function */
 
+/* What a file is, by its first bytes; else by its name. */
+static enum model_format model_file_format(const char *path)
+{
+    unsigned char head[4] = {0};
+    FILE *file = os_open(path, "rb");
+    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
+    if (file) fclose(file);
+    if (size == sizeof head && !memcmp(head, "ply", 3)) return MODEL_FORMAT_PLY;
+    if (size == sizeof head && (!memcmp(head, "\x1f\x8b", 2) || !memcmp(head, "NGSP", 4)))
+        return MODEL_FORMAT_SPZ;
+    if (size == sizeof head && !memcmp(head, "glTF", 4)) return MODEL_FORMAT_GLB;
+    if (size == sizeof head && !memcmp(head, "PK\3\4", 4)) return MODEL_FORMAT_SOG;
+    return model_format_by_name(path);
+}
+
+OXL_INTERNAL enum model_format model_format_by_name(const char *path)
+{
+    static const char *const endings[] = {".ply", ".splat", ".spz", ".glb", ".sog", ".ksplat"};
+    for (size_t i = 0; i < OXL_COUNT(endings); i++)
+        if (model_file_ends_in(path, endings[i])) return (enum model_format)i;
+    return MODEL_FORMAT_UNKNOWN;
+}
+
+static oxl_result model_file_refuse(oxl_context *ctx, const char *path, enum model_format format)
+{
+    if (format == MODEL_FORMAT_GLB)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: .glb files are written, not read\nfix: use the .ply or .spz that it was made from", path);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: a model in the format %s, which is not read\nfix: splat-transform IN%s OUT.ply",
+                    path, format == MODEL_FORMAT_SOG ? "SOG (a zip file)" : "of GaussianSplats3D, KSPLAT",
+                    format == MODEL_FORMAT_SOG ? ".sog" : ".ksplat");
+}
+
 oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
+    const enum model_format format = model_file_format(path);
     oxl_result rc;
     *out = (oxl_model){0};
-    rc = model_file_ends_in(path, ".splat") ? splat_file_read(ctx, path, out)
-         : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
-         : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT,
-                                                       "%s: .glb files are written, not read\n"
-                                                       "fix: use the .ply or .spz that it was made from",
-                                                       path)
-                                            : model_file_read_ply(ctx, path, out);
+    rc = format == MODEL_FORMAT_SPLAT ? splat_file_read(ctx, path, out)
+         : format == MODEL_FORMAT_SPZ ? spz_read(ctx, path, out)
+         : format == MODEL_FORMAT_PLY || format == MODEL_FORMAT_UNKNOWN
+             ? model_file_read_ply(ctx, path, out)
+             : model_file_refuse(ctx, path, format);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0)
         oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);

@@ -76,6 +76,7 @@ static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, 
     memcpy(out->origin, p->origin, sizeof out->origin);
     if (rc == OXL_OK) rc = model_set_lobes(ctx, out, lobes);
     if (rc == OXL_OK) rc = model_file_read_rows(ctx, &p->layout, file, first, out);
+    if (rc == OXL_OK) model_file_settle_limits(out);
     for (size_t i = 0; i < rows && rc == OXL_OK; i++) keep[i] = (uint8_t)model_row_is_finite(out, i);
     if (rc == OXL_OK) model_keep_rows(out, keep);
     else oxl_model_free(ctx, out);
@@ -131,6 +132,13 @@ oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, 
     os_reader_close(&file);
     out->sh_degree = p->layout.degree;
     out->pages = p;
+    out->not_finite = rc == OXL_OK ? p->layout.rows - out->count : 0;
+    model_file_report_dropped(ctx, path, out->not_finite, p->layout.rows);
+    if (rc == OXL_OK && out->not_finite && out->count == 0)
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: all %zu Gaussians hold values that are not finite, so nothing is left\nfix: export the model again",
+            path, p->layout.rows);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

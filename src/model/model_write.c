@@ -191,6 +191,11 @@ oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *
         const oxl_model plain = model_write_standard(ctx, path, model);
         return model_file_write_ply(ctx, path, &plain, 3);
     }
+    if (model_file_ends_in(path, ".compressed.ply"))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%s: not written: viewers take this name for PlayCanvas's compressed PLY\n"
+                        "fix: a name that ends in .ply alone, then splat-transform IN.ply OUT.compressed.ply",
+                        path);
     if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);

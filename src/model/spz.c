@@ -19,13 +19,21 @@
  */
 #include "../survey/image.h"
 #include "../core/codec.h"
+#include "../survey/survey.h"
 #include "model.h"
 
 #include "../core/bytes.h"
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR 0.15      /* range for colours slightly below 0 and above 1 */
+#define SPZ_COLOUR 0.15       /* range for colours slightly below 0 and above 1 */
+#define SPZ_QUANTILE 0.99     /* of the coordinates: nearly all Gaussians */
+#define SPZ_ROOM 16.0         /* times their extent: as much is in range */
+#define SPZ_COARSE 1e-4       /* of their extent: a step that shows */
+#define SPZ_FIXED_MAX 8388606 /* of 24 bits */
+#define SPZ_FEW 1000          /* one of so many Gaussians may be limited without a word */
+#define SPZ_LOG_SCALE_MIN -10.0
+#define SPZ_LOG_SCALE_MAX 5.9375
 #define SPZ_DEFLATE_MAX 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
 
 enum {
@@ -291,18 +299,28 @@ static unsigned char spz_coefficient(double value, int bucket)
     return (unsigned char)OXL_CLAMP((q + bucket / 2 + 1024) / bucket * bucket - 1024, 0, 255);
 }
 
+/* Draws a Gaussian beyond the range in to its border, and makes it smaller by that factor: from the scene it
+ * looks the same. */
+static double spz_shrink(const oxl_model *model, const struct spz_layout *l, size_t row)
+{
+    const double range = (double)SPZ_FIXED_MAX / (1 << l->bits);
+    double farthest = 0;
+    for (int k = 0; k < 3; k++) farthest = OXL_MAX(farthest, fabs((double)model->plane[OXL_MEAN + k][row]));
+    return farthest > range ? range / farthest : 1;
+}
+
 static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t row, unsigned char *data)
 {
-    const double turn[3] = {1, -1, -1};
+    const double turn[3] = {1, -1, -1}, shrink = spz_shrink(model, l, row), log_shrink = vecmath_log(shrink);
     double q[4], xyzw[4];
     for (int i = 0; i < 3; i++) {
         const int32_t fixed =
-            (int32_t)floor(turn[i] * model->plane[OXL_MEAN + i][row] * (1 << l->bits) + 0.5);
+            (int32_t)floor(turn[i] * shrink * model->plane[OXL_MEAN + i][row] * (1 << l->bits) + 0.5);
         bytes_put(data + SPZ_HEADER + 9 * row + 3 * (size_t)i, (uint32_t)fixed, 3);
         data[l->colours + 3 * row + (size_t)i] =
             model_byte(255 * (SPZ_COLOUR * model->plane[OXL_SH + i][row] + 0.5));
         data[l->scales + 3 * row + (size_t)i] =
-            model_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + 10.0));
+            model_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + log_shrink + 10.0));
     }
     data[l->alphas + row] = model_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
     model_rotation(model, row, q);
@@ -316,31 +334,78 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
                                 k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
-/* The largest number of fractional bits for the farthest Gaussian; -1: out of range. */
-static int spz_bits(const oxl_model *model)
+/* The fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a few that lie far
+ * out must not cost the others their precision. *spread: that extent. */
+static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *model, int *bits,
+                           double *spread)
 {
-    float farthest = 0;
-    int bits = SPZ_BITS_MAX;
-    for (int k = 0; k < 3; k++)
-        for (size_t i = 0; i < model->count; i++)
-            farthest = OXL_MAX(farthest, fabsf(model->plane[OXL_MEAN + k][i]));
-    while (bits >= 0 && (double)farthest * (1 << bits) > 8388606) bits--;
-    return bits;
+    double *value = oxl_alloc(ctx, model->count + 1, sizeof *value), farthest = 0, size = 0;
+    *bits = SPZ_BITS_MAX;
+    *spread = 0;
+    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its positions", path);
+    for (int k = 0; k < 3; k++) {
+        const float *plane = model->plane[OXL_MEAN + k];
+        double low, high;
+        for (size_t i = 0; i < model->count; i++) {
+            value[i] = plane[i];
+            farthest = OXL_MAX(farthest, fabs(value[i]));
+        }
+        if (model->count == 0) break;
+        low = stats_select(value, model->count, 1 - SPZ_QUANTILE);
+        high = stats_select(value, model->count, SPZ_QUANTILE);
+        size = OXL_MAX(size, OXL_MAX(fabs(low), fabs(high)));
+        *spread = OXL_MAX(*spread, high - low);
+    }
+    oxl_free(ctx, value);
+    farthest = OXL_MIN(farthest, OXL_MAX(SPZ_ROOM * size, DBL_MIN));
+    while (*bits > 0 && farthest * (1 << *bits) > SPZ_FIXED_MAX) --*bits;
+    return OXL_OK;
+}
+
+/* What the format cannot hold, each kind once. */
+static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model, const struct spz_layout *l,
+                     double spread)
+{
+    const double step = 1.0 / (1 << l->bits);
+    size_t far = 0, small = 0, large = 0;
+    for (size_t i = 0; i < model->count; i++) {
+        const double shrink = spz_shrink(model, l, i), log_shrink = vecmath_log(shrink);
+        double widest = -HUGE_VAL;
+        far += shrink < 1;
+        for (int k = 0; k < 3; k++) widest = OXL_MAX(widest, model->plane[OXL_LOG_SCALE + k][i] + log_shrink);
+        small += widest < SPZ_LOG_SCALE_MIN;
+        large += widest > SPZ_LOG_SCALE_MAX;
+    }
+    if (far)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %zu of %zu Gaussians lie beyond the format's range of %g units, and are drawn in to it",
+                path, far, model->count, SPZ_FIXED_MAX * step);
+    if ((small + large) * SPZ_FEW > model->count)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: the widths of %zu of %zu Gaussians are outside the format's range, 4.5e-5 to 365 units, and are limited to it\n"
+            "fix: convert with --scale, which changes the unit",
+            path, small + large, model->count);
+    if (spread > 0 && step > SPZ_COARSE * spread)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: positions are rounded to %g units, since the model lies far from its origin or is large\n"
+            "fix: keep the .ply, too; or write it in a larger unit (--scale)",
+            path, step);
 }
 
 OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    struct spz_layout l = {
-        .version = 3, .degree = model->sh_degree, .count = model->count, .bits = spz_bits(model)};
+    struct spz_layout l = {.version = 3, .degree = model->sh_degree, .count = model->count};
     unsigned char *data = NULL;
-    oxl_result rc = OXL_OK;
+    double spread = 0;
+    oxl_result rc = spz_bits(ctx, path, model, &l.bits, &spread);
+    if (rc != OXL_OK) return rc;
     spz_lay_out(&l);
-    if (l.bits < 0 || l.end > INT_MAX)
-        return oxl_fail(
-            ctx, OXL_ERR_FAILED,
-            "%s: SPZ stores positions within 8 million units and 2 GB of data; this model exceeds that\n"
-            "fix: write it as .ply",
-            path);
+    if (l.end > INT_MAX)
+        return oxl_fail(ctx, OXL_ERR_FAILED,
+                        "%s: SPZ stores 2 GB of data; this model exceeds that\nfix: write it as .ply", path);
+    spz_warn(ctx, path, model, &l, spread);
     data = oxl_calloc(ctx, l.end, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, l.end);
     memcpy(data, "NGSP", 4);

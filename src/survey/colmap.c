@@ -11,6 +11,7 @@
  * Not guaranteed: that points named by observations, and observations named by tracks, exist.
  */
 #include "colmap.h"
+#include "json_survey.h"
 
 /* ---------------- cameras.txt: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] */
 
@@ -179,6 +180,7 @@ static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "image
 struct colmap_files { /* the three files of one format */
     int count;
     const char *missing; /* the first missing file */
+    int has_poses;       /* all but the points */
     int64_t modified;    /* of the newest */
 };
 
@@ -189,6 +191,7 @@ static struct colmap_files colmap_find_files(const char *folder, enum colmap_for
         const char *path = PATH(folder, "%s", colmap_names[format][i]);
         if (os_is_file(path)) {
             found.count++;
+            found.has_poses += i < COLMAP_FILES - 1;
             found.modified = OXL_MAX(found.modified, os_modified(path));
         } else if (!found.missing) {
             found.missing = colmap_names[format][i];
@@ -211,11 +214,36 @@ static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colma
                 *out == COLMAP_TEXT ? "text" : "binary",
                 text.modified == binary.modified ? "as new" : "newer");
     if (text.count == COLMAP_FILES || binary.count == COLMAP_FILES) return OXL_OK;
+    if (text.has_poses == COLMAP_FILES - 1 || binary.has_poses == COLMAP_FILES - 1) {
+        *out = text.has_poses == COLMAP_FILES - 1 ? COLMAP_TEXT : COLMAP_BINARY;
+        return OXL_OK;
+    }
     return oxl_fail(
         ctx, OXL_ERR_INPUT,
         "%s: %s is not there, expected a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
         "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
         folder, binary.count > text.count ? binary.missing : text.missing);
+}
+
+/* Without points, as simulators and motion capture export poses: those of points3D.ply, or none. */
+static oxl_result colmap_read_other_points(struct colmap_reader *r, const char *folder)
+{
+    const char *ply = PATH(folder, "points3D.ply");
+    if (os_is_file(ply)) {
+        oxl_log(r->ctx, OXL_LOG_INFO,
+                "%s: there is no points3D.txt or .bin; the points of points3D.ply are read", folder);
+        return ply_points_read(r, ply);
+    }
+    oxl_log(r->ctx, OXL_LOG_WARNING,
+            "%s: there is no points3D.txt or .bin, so training starts from random points\n"
+            "fix: compute points for these poses: colmap point_triangulator",
+            folder);
+    return OXL_OK;
+}
+
+OXL_INTERNAL int colmap_has_points(const char *folder, enum colmap_format format)
+{
+    return os_is_file(PATH(folder, "%s", colmap_names[format == COLMAP_BINARY][COLMAP_FILES - 1]));
 }
 
 static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder)
@@ -229,6 +257,7 @@ static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder)
     if (rc == OXL_OK) rc = colmap_read_images(r);
     if (rc == OXL_OK) colmap_compare(r, "images", out->image_count);
     colmap_close(r);
+    if (rc == OXL_OK && !colmap_has_points(folder, COLMAP_TEXT)) return colmap_read_other_points(r, folder);
     if (rc == OXL_OK) rc = colmap_open(r, folder, "points3D.txt");
     if (rc == OXL_OK) rc = colmap_read_points(r);
     if (rc == OXL_OK) colmap_compare(r, "points", out->point_count);
@@ -250,6 +279,8 @@ OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folde
     out->images_file = colmap_names[format][1];
     if (rc == OXL_OK)
         rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder) : colmap_read_binary(&r, folder);
+    if (rc == OXL_OK && format == COLMAP_BINARY && !colmap_has_points(folder, format))
+        rc = colmap_read_other_points(&r, folder);
     OXL_FREE(ctx, r.buffer, r.cameras.slot, r.images.slot);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;

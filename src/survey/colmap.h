@@ -112,6 +112,8 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 /* colmap_points.c: reads the open file points3D.txt. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
 
+/* colmap.c: 1: the file of points is there. */
+OXL_INTERNAL int colmap_has_points(const char *folder, enum colmap_format format);
 /* colmap_binary.c: the three files of a folder. */
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder);
 

@@ -390,8 +390,8 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
     if (!(length >= 1e-6 && length <= 1e6))
         return oxl_fail(
             r->ctx, OXL_ERR_INPUT,
-            "%s:%d: found the quaternion %g %g %g %g, expected a rotation (length 1)\nfix: delete this image from the model "
-            "(colmap image_deleter) and export it again",
+            "%s:%d: found the quaternion %g %g %g %g, expected a rotation (length 1)\nfix: take this image out of the "
+            "model (colmap image_deleter) and export it again",
             r->path, r->line, q[0], q[1], q[2], q[3]);
     if (fabs(length - 1) > COLMAP_UNIT_ERROR) colmap_warn(r, WARN_QUATERNION);
     return OXL_OK;

@@ -8,6 +8,7 @@
  */
 #include "sparse.h"
 #include "image.h"
+#include "image_header.h"
 #include "../core/codec.h"
 #include "../core/simd.h"
 
@@ -465,14 +466,31 @@ static struct image_warp image_warp_of(const struct pixels *image, const struct 
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from)
 {
-    const double zx = (double)width / from->width, zy = (double)height / from->height;
-    const int turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
-    if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
-                    width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-                    turned ? "undo the rotation: COLMAP used the pixels as they are stored in the file"
-                           : "use the images that COLMAP was given");
+    const int turned = image_has_shape(width, height, from->height, from->width);
+    struct image_header header = {0};
+    if (image_has_shape(width, height, from->width, from->height)) return OXL_OK;
+    if (turned && image_read_header(ctx, path, &header) == OXL_OK && header.orientation >= 5) return OXL_OK;
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s",
+        path, width, height, (long long)from->id, from->file, from->line, from->width, from->height,
+        turned
+            ? "turn it: the model was made from the image upright, or from the pixels before they were turned"
+            : "use the images that COLMAP was given");
+}
+
+/* As the EXIF orientation says, where the camera's shape shows that the model was made from it upright. The mask
+ * too, if it has the shape of the stored image. */
+static oxl_result image_turn_to_camera(oxl_context *ctx, const char *path, const struct colmap_camera *from,
+                                       struct pixels *image, struct pixels *mask)
+{
+    const int turns_mask =
+        mask->data && image_has_shape(mask->width, mask->height, image->width, image->height);
+    struct image_header header;
+    oxl_result rc = image_check_shape(ctx, path, image->width, image->height, from);
+    if (rc != OXL_OK || image_has_shape(image->width, image->height, from->width, from->height)) return rc;
+    rc = image_read_header(ctx, path, &header);
+    if (rc == OXL_OK) rc = image_turn(ctx, image, 3, header.orientation);
+    return rc == OXL_OK && turns_mask ? image_turn(ctx, mask, 1, header.orientation) : rc;
 }
 
 static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask,
@@ -564,6 +582,7 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
     oxl_result rc;
     *out = (struct training_image){0};
     rc = image_decode_masked(ctx, path, mask_path, from, alpha, &image, &given, &own);
+    if (rc == OXL_OK) rc = image_turn_to_camera(ctx, path, from, &image, own.data ? &own : &given);
     mask = own.data ? own : given;
     if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;

@@ -86,6 +86,17 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
     return rc;
 }
 
+OXL_INTERNAL oxl_result json_survey_add_mask(struct colmap_reader *r, const char *path)
+{
+    size_t offset = 0;
+    oxl_result rc;
+    r->cursor = path;
+    r->end = path + strlen(path);
+    rc = colmap_read_name(r, &offset);
+    if (rc == OXL_OK) r->out->image[r->out->image_count - 1].mask = offset;
+    return rc;
+}
+
 OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],
                                               const double rgb[3])
 {

@@ -20,6 +20,11 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
 OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3],
                                               const double rgb[3]);
 
+/* Of the image added last: a path from the file's folder. */
+OXL_INTERNAL oxl_result json_survey_add_mask(struct colmap_reader *r, const char *path);
+/* ply_points.c: the points of a PLY file. */
+OXL_INTERNAL oxl_result ply_points_read(struct colmap_reader *r, const char *path);
+
 OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: missing */
 
 /* The images to train on, of NeRF synthetic; those to hold out are in a file beside it. */

@@ -81,7 +81,7 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
             oxl_log(
                 ctx, OXL_LOG_WARNING,
                 "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"
-                "fix: remove it from the model with colmap image_deleter",
+                "fix: take it out of the model: colmap image_deleter, or its frame in a transforms.json",
                 oxl_scene_view(scene, i)->name, 100.0 * (double)views[i].missed / (double)views[i].seen);
     if (named > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more", named - LINT_NAMED);
 }
@@ -132,7 +132,7 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     const struct colmap_camera *from = scene_source_camera(scene, view);
     struct pixels pixels = {0};
     char *path;
-    oxl_result rc = scene_mask_path(ctx, scene, oxl_scene_view(scene, view)->name, &path);
+    oxl_result rc = scene_mask_path(ctx, scene, view, &path);
     size_t count, white = 0;
     *counts = 1;
     if (rc != OXL_OK || !path) return rc;
@@ -159,7 +159,7 @@ OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene)
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         int width = 0, height = 0;
         char *path = NULL;
-        rc = scene_mask_path(ctx, scene, oxl_scene_view(scene, i)->name, &path);
+        rc = scene_mask_path(ctx, scene, i, &path);
         if (rc == OXL_OK && path && image_size(ctx, path, &width, &height) == OXL_OK &&
             image_check_shape(ctx, path, width, height, scene_source_camera(scene, i)) != OXL_OK)
             lint_warn_aspect(ctx, path, width, height, &stretched);

@@ -7,7 +7,8 @@
  * ply_file_path too, in the same world. NeRF synthetic's files (Mildenhall 2020) are such files with
  * camera_angle_x, without w, h and extensions of names: these are found in the image folder.
  *
- * Masks of frames are not read: those in SCENE/masks are.
+ * mask_path of a frame starts from the file's folder, too; SCENE/masks and --masks come first. Members that change
+ * what an image shows, and that are not read, are named once.
  */
 #include "json_survey.h"
 #include "ply.h"
@@ -17,10 +18,35 @@
 #define NERFSTUDIO_UNIT_ERROR 1e-3 /* by which products of the columns of a rotation may be off 0 and 1 */
 
 /* Members of the file outside of its frames, found in one pass: each frame may ask for all of them. */
-enum { NERFSTUDIO_MEMBERS = 20 };
-static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {
-    "w",  "h",  "fl_x", "fl_y",           "cx",           "cy",     "k1",           "k2", "k3", "k4", "k5",
-    "k6", "p1", "p2",   "camera_angle_x", "camera_model", "frames", "ply_file_path"};
+enum { NERFSTUDIO_MEMBERS = 30 };
+static const char *const nerfstudio_members[NERFSTUDIO_MEMBERS] = {"w",
+                                                                   "h",
+                                                                   "fl_x",
+                                                                   "fl_y",
+                                                                   "cx",
+                                                                   "cy",
+                                                                   "k1",
+                                                                   "k2",
+                                                                   "k3",
+                                                                   "k4",
+                                                                   "k5",
+                                                                   "k6",
+                                                                   "p1",
+                                                                   "p2",
+                                                                   "camera_angle_x",
+                                                                   "camera_model",
+                                                                   "frames",
+                                                                   "ply_file_path",
+                                                                   "is_fisheye",
+                                                                   "distortion_params",
+                                                                   "depth_file_path",
+                                                                   "normal_file_path",
+                                                                   "semantics",
+                                                                   "time",
+                                                                   "rolling_shutter",
+                                                                   "transform_matrix_end",
+                                                                   "ftheta_p0",
+                                                                   "fisheye_crop_radius"};
 
 struct nerfstudio_file {
     const char *value[NERFSTUDIO_MEMBERS]; /* NULL: none */
@@ -56,6 +82,45 @@ static double nerfstudio_number(const struct nerfstudio_file *file, const char *
     return isnan(value) ? otherwise : value;
 }
 
+/* distortion_params is an array of them. */
+static double nerfstudio_distortion(const struct nerfstudio_file *file, const char *frame, const char *name)
+{
+    static const char *const order[6] = {"k1", "k2", "k3", "k4", "p1", "p2"};
+    double all[6], value = nerfstudio_number(file, frame, name, NAN);
+    const char *array = oxl_json_member(frame, "distortion_params");
+    if (!array) array = nerfstudio_member(file, "distortion_params");
+    if (isnan(value) && array && json_survey_numbers(array, 6, all))
+        for (int i = 0; i < 6; i++)
+            if (!strcmp(name, order[i])) value = all[i];
+    return isnan(value) ? 0 : value;
+}
+
+/* instant-ngp's word for OPENCV_FISHEYE. */
+static int nerfstudio_is_fisheye(const struct nerfstudio_file *file, const char *frame)
+{
+    const char *value = nerfstudio_member(file, "is_fisheye");
+    return oxl_json_is_true(frame, "is_fisheye") || (value && !strncmp(value, "true", 4));
+}
+
+/* Names members, of the file or its frames, that change what images show and that nothing here reads. */
+static void nerfstudio_name_ignored(struct colmap_reader *r, const struct nerfstudio_file *file)
+{
+    static const char *const ignored[] = {
+        "depth_file_path", "normal_file_path",     "semantics", "time",
+        "rolling_shutter", "transform_matrix_end", "ftheta_p0", "fisheye_crop_radius"};
+    struct text names = {.ctx = r->ctx};
+    for (size_t i = 0; i < OXL_COUNT(ignored); i++) {
+        int has = nerfstudio_member(file, ignored[i]) != NULL;
+        for (const char *frame = oxl_json_first(nerfstudio_member(file, "frames")); frame && !has;
+             frame = oxl_json_next(frame))
+            has = oxl_json_member(frame, ignored[i]) != NULL;
+        if (has) text_add(&names, "%s%s", names.size ? ", " : "", ignored[i]);
+    }
+    if (names.data)
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s: not used, though it is there: %s", r->path, names.data);
+    text_free(&names);
+}
+
 static oxl_result nerfstudio_model(struct colmap_reader *r, const struct nerfstudio_file *file,
                                    const char *frame, int distorted, const char **out)
 {
@@ -63,8 +128,8 @@ static oxl_result nerfstudio_model(struct colmap_reader *r, const struct nerfstu
     const char *value = oxl_json_member(frame, "camera_model");
     if (!value) value = nerfstudio_member(file, "camera_model");
     oxl_json_text(value, name, sizeof name);
-    *out = distorted ? "FULL_OPENCV" : "PINHOLE";
-    if (!strcmp(name, "OPENCV_FISHEYE")) *out = name[0] ? "OPENCV_FISHEYE" : *out;
+    *out = nerfstudio_is_fisheye(file, frame) ? "OPENCV_FISHEYE" : distorted ? "FULL_OPENCV" : "PINHOLE";
+    if (!strcmp(name, "OPENCV_FISHEYE")) *out = "OPENCV_FISHEYE";
     else if (!strcmp(name, "EQUIRECTANGULAR")) *out = "EQUIRECTANGULAR";
     else if (value && strcmp(name, "OPENCV") && strcmp(name, "PINHOLE") && strcmp(name, "SIMPLE_PINHOLE"))
         return json_survey_fail(r, "camera_model", name[0] ? name : "something",
@@ -86,7 +151,8 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const struct nerfst
     oxl_result rc;
     if (isnan(fx) && angle > 0 && angle < 3.1)
         fx = 0.5 * w * vecmath_sin(angle / 2 + 1.5707963267948966) / vecmath_sin(angle / 2);
-    for (int i = 0; i < 8; i++) distorted |= (k[i] = nerfstudio_number(file, frame, names[0][i], 0)) != 0;
+    for (int i = 0; i < 8; i++) k[i] = nerfstudio_distortion(file, frame, names[0][i]);
+    for (int i = 0; i < 8; i++) distorted |= k[i] != 0;
     rc = nerfstudio_model(r, file, frame, distorted, &model);
     if (rc != OXL_OK) return rc;
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
@@ -99,7 +165,7 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const struct nerfst
     c->parameter[2] = nerfstudio_number(file, frame, "cx", w / 2);
     c->parameter[3] = nerfstudio_number(file, frame, "cy", h / 2);
     if (!strcmp(model, "OPENCV_FISHEYE"))
-        for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_number(file, frame, names[1][i], 0);
+        for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_distortion(file, frame, names[1][i]);
     if (!strcmp(model, "FULL_OPENCV")) {
         if (k[5] != 0)
             return json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
@@ -180,41 +246,13 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const struct nerfstu
     if (rc != OXL_OK) return rc;
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera))
         rc = json_survey_add_camera(r, &camera);
-    return rc == OXL_OK ? json_survey_add_image(r, name, end, (int64_t)r->out->camera_count - 1, q, t) : rc;
+    if (rc == OXL_OK) rc = json_survey_add_image(r, name, end, (int64_t)r->out->camera_count - 1, q, t);
+    if (rc == OXL_OK && oxl_json_text(oxl_json_member(frame, "mask_path"), path, sizeof path))
+        rc = json_survey_add_mask(r, path);
+    return rc;
 }
 
 /* ---------------- points */
-
-static oxl_result nerfstudio_copy_points(struct colmap_reader *r, const struct ply *ply)
-{
-    static const char *const names[6] = {"x", "y", "z", "red", "green", "blue"};
-    const int vertex = ply_find_element(ply, "vertex");
-    const size_t rows = vertex < 0 ? 0 : (size_t)ply->element[vertex].rows;
-    struct ply_target *target = NULL;
-    double *value = oxl_alloc(r->ctx, 6 * rows + 1, sizeof *value);
-    oxl_result rc =
-        value ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for its points", ply->path);
-    if (rc == OXL_OK && vertex >= 0)
-        target = oxl_calloc(r->ctx, (size_t)ply->element[vertex].properties + 1, sizeof *target);
-    for (int i = 0; target && i < 6 && rc == OXL_OK; i++) {
-        const int p = ply_find_property(&ply->element[vertex], names[i]);
-        if (p >= 0) target[p].as_double = value + (size_t)i * rows;
-        else if (i < 3)
-            rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: no property %s of its points\nfix: export them again",
-                          ply->path, names[i]);
-        else
-            for (size_t k = 0; k < rows; k++) value[(size_t)i * rows + k] = 0;
-    }
-    if (rc == OXL_OK && target) rc = ply_read(r->ctx, ply, vertex, target);
-    for (size_t k = 0; target && k < rows && rc == OXL_OK; k++) {
-        const double position[3] = {value[k], value[rows + k], value[2 * rows + k]};
-        const double rgb[3] = {value[3 * rows + k], value[4 * rows + k], value[5 * rows + k]};
-        if (fabs(position[0]) + fabs(position[1]) + fabs(position[2]) <= DBL_MAX)
-            rc = json_survey_add_point(r, position, rgb);
-    }
-    OXL_FREE(r->ctx, value, target);
-    return rc;
-}
 
 /* A file of the survey: the name leads neither out of its folder nor to a pipe, which would never end. */
 static oxl_result nerfstudio_check_points(struct colmap_reader *r, const char *name, const char *path)
@@ -229,18 +267,16 @@ static oxl_result nerfstudio_points(struct colmap_reader *r, const struct nerfst
 {
     char name[512], *folder = oxl_strdup(r->ctx, r->path), *path,
                     *slash = folder ? strrchr(folder, '/') : NULL;
-    struct ply ply = {0};
+    const int named = oxl_json_text(nerfstudio_member(file, "ply_file_path"), name, sizeof name) > 0;
     oxl_result rc;
     if (slash) *slash = 0;
-    path = folder && oxl_json_text(nerfstudio_member(file, "ply_file_path"), name, sizeof name)
-               ? oxl_path_join(r->ctx, folder, name)
-               : NULL;
+    path = folder && named ? oxl_path_join(r->ctx, folder, name) : NULL;
     rc = path ? nerfstudio_check_points(r, name, path) : OXL_OK;
-    if (path && rc == OXL_OK) {
-        rc = ply_open(r->ctx, path, &ply);
-        if (rc == OXL_OK) rc = nerfstudio_copy_points(r, &ply);
-        ply_close(r->ctx, &ply);
-    }
+    if (path && rc == OXL_OK) rc = ply_points_read(r, path);
+    if (folder && slash && !named && os_is_file(PATH(folder, "sparse_pc.ply")))
+        oxl_log(r->ctx, OXL_LOG_WARNING,
+                "%s: \"ply_file_path\" is missing, so the points of sparse_pc.ply beside it are not read",
+                r->path);
     OXL_FREE(r->ctx, path, folder);
     return rc;
 }
@@ -263,6 +299,7 @@ OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *jso
         r->line++;
         rc = nerfstudio_frame(r, &file, frame);
     }
+    nerfstudio_name_ignored(r, &file);
     if (rc == OXL_OK) rc = nerfstudio_points(r, &file);
     return rc == OXL_OK ? nerfstudio_split(r, json) : rc;
 }

@@ -138,8 +138,22 @@ static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cam
     return json_survey_add_image(r, name, name + length, camera, q, t);
 }
 
+/* Full white of the points' colours: 255, or 1 where none of the first points has more. */
+static double opensfm_white(const char *points)
+{
+    enum { FIRST = 1000 };
+    const char *key = oxl_json_first(points);
+    double most = 0, rgb[3];
+    for (int i = 0; i < FIRST && key && oxl_json_value(key); i++, key = oxl_json_next(oxl_json_value(key)))
+        for (int c = 0; c < 3 && json_survey_numbers(oxl_json_member(oxl_json_value(key), "color"), 3, rgb);
+             c++)
+            most = OXL_MAX(most, rgb[c]);
+    return most > 0 && most <= 1 ? 1 : 255;
+}
+
 static oxl_result opensfm_points(struct colmap_reader *r, const char *points)
 {
+    const double white = opensfm_white(points);
     oxl_result rc = OXL_OK;
     for (const char *key = oxl_json_first(points); key && rc == OXL_OK;) {
         const char *point = oxl_json_value(key);
@@ -148,6 +162,7 @@ static oxl_result opensfm_points(struct colmap_reader *r, const char *points)
         if (!json_survey_numbers(oxl_json_member(point, "coordinates"), 3, position))
             return json_survey_fail(r, "coordinates of a point", "too little", "3 finite numbers");
         if (!json_survey_numbers(oxl_json_member(point, "color"), 3, rgb)) memset(rgb, 0, sizeof rgb);
+        for (int c = 0; c < 3; c++) rgb[c] *= 255 / white;
         rc = json_survey_add_point(r, position, rgb);
         key = oxl_json_next(point);
     }

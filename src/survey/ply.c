@@ -442,6 +442,13 @@ OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int el
     return OXL_OK;
 }
 
+OXL_INTERNAL double ply_white(enum ply_type type)
+{
+    return type == PLY_FLOAT32 || type == PLY_FLOAT64 ? 1
+           : type == PLY_INT16 || type == PLY_UINT16  ? 65535
+                                                      : 255;
+}
+
 OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply)
 {
     for (int e = 0; e < ply->elements; e++) oxl_free(ctx, ply->element[e].property);

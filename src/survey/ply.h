@@ -47,6 +47,8 @@ OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size
 /* target: (properties of the element). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element,
                                  const struct ply_target *target);
+/* The value of full white in colours of this type. */
+OXL_INTERNAL double ply_white(enum ply_type type);
 OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply);
 OXL_INTERNAL int ply_find_element(const struct ply *ply, const char *name); /* -1: none */
 /* -1: none, or a list */

@@ -10,7 +10,7 @@ enum { SCENE_GREY = 128 };  /* of points without colour */
 #define SCENE_FARTHEST 1e15 /* farther points are dropped, farther cameras an error */
 
 struct scene_stats { /* for `check` and the first message */
-    int images_listed, images_missing, views, test_views, distorted_cameras, masks;
+    int images_listed, images_missing, unregistered, views, test_views, distorted_cameras, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
@@ -82,8 +82,7 @@ OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, si
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out);
 /* NULL: none */
-OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name,
-                                        char **out);
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
 /* 0: too far away */
 OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3]);
 /* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with

@@ -4,10 +4,11 @@
 #include "image.h"
 #include "scene.h"
 
-/* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
-OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name,
-                                        char **out)
+/* masks/NAME.png, NAME with or without its extension; else the one that the survey's files name. */
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out)
 {
+    const char *name = scene->view[view].name;
+    const size_t own = scene->from_files ? scene_source_image(scene, view)->mask : 0;
     const char *base = path_base_name(name), *dot = strrchr(base, '.');
     const int whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
     for (int i = 0; i < 2 && scene->masks; i++) {
@@ -17,7 +18,9 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
         if (os_is_file(*out)) return OXL_OK;
         oxl_free(ctx, *out);
     }
-    *out = NULL;
+    *out = own && os_is_file(PATH(scene->colmap.folder, "%s", scene->colmap.names + own))
+               ? oxl_path_join(ctx, scene->colmap.folder, scene->colmap.names + own)
+               : NULL;
     return OXL_OK;
 }
 
@@ -54,7 +57,7 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
                                          struct training_image *out)
 {
     char *mask = NULL;
-    oxl_result rc = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
+    oxl_result rc = scene_mask_path(ctx, scene, view, &mask);
     if (rc == OXL_OK)
         rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
     oxl_free(ctx, mask);

@@ -41,16 +41,25 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 
 static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
 {
-    for (int i = 0; i < scene->view_count && scene->masks; i++) {
+    int named = 0, lost = 0;
+    for (int i = 0; i < scene->view_count; i++) {
+        const int names = scene_source_image(scene, i)->mask != 0;
         char *path;
-        const oxl_result rc = scene_mask_path(ctx, scene, scene->view[i].name, &path);
+        const oxl_result rc = scene_mask_path(ctx, scene, i, &path);
         if (rc != OXL_OK) return rc;
         scene->stats.masks += path != NULL;
+        named += names;
+        lost += names && !path;
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
         oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; expected NAME.png, NAME as in the model",
                 scene->masks);
+    if (lost)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%d of the %d masks that %s names by mask_path are not there, so nothing is ignored in these images",
+            lost, named, scene->colmap.images_file);
     return OXL_OK;
 }
 
@@ -163,6 +172,22 @@ done:
 
 /* ---------------- from files */
 
+/* The same folder in the survey's, as other programs take the option; else one that holds an image of the model. */
+static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
+                                    const char *folder, const struct colmap *c)
+{
+    char like[256] = "", *slash;
+    const char *inside = PATH(path, "%s", folder);
+    if (os_is_folder(inside))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s %s, which is one", folder,
+                        option, inside);
+    if (c && c->image_count) survey_find_like(ctx, path, c->names + c->image[0].name, like, sizeof like);
+    if ((slash = strrchr(like, '/')) != NULL) *slash = 0;
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s names the folder of %s%s%s",
+                    folder, option, c ? "images" : "masks",
+                    like[0] ? "; the first image of the model may be in " : "", like);
+}
+
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);
@@ -182,10 +207,10 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     if (rc != OXL_OK) return rc;
     if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     scene->stats.images_listed = (int)scene->colmap.image_count;
+    if (o->read_images && !os_is_folder(scene->images))
+        return scene_fail_folder(ctx, path, "--images", scene->images, &scene->colmap);
     if (os_is_folder(scene->masks)) return OXL_OK;
-    if (o->masks)
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: there is no such folder\nfix: --masks names the folder of masks", o->masks);
+    if (o->masks) return scene_fail_folder(ctx, path, "--masks", o->masks, NULL);
     oxl_free(ctx, scene->masks);
     scene->masks = NULL;
     return OXL_OK;
@@ -208,6 +233,7 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     rc = scene_mark_test_views(ctx, scene, o.test_every);
     if (rc == OXL_OK && o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
+    if (rc == OXL_OK && o.read_images) scene->stats.unregistered = survey_count_unregistered(ctx, scene);
     if (rc == OXL_OK && o.read_images) rc = scene_decide_alpha(ctx, scene, o.alpha);
 done:
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);

@@ -5,14 +5,13 @@
  */
 #include "sparse.h"
 #include "image.h"
+#include "image_header.h"
 #include "scene.h"
 #include "survey.h"
 
 enum {
-    SCENE_TEST_EVERY = 8,     /* views, by name [Barron 2022] */
-    SCENE_NAMED_MISSING = 10, /* missing images that are listed by name */
-    /* limit of cameras whose first image's size is read: some surveys have one camera per image */
-    SCENE_HEADERS = 16
+    SCENE_TEST_EVERY = 8,    /* views, by name [Barron 2022] */
+    SCENE_NAMED_MISSING = 10 /* missing images that are listed by name */
 };
 
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
@@ -25,25 +24,42 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 
 /* ---------------- missing images */
 
+/* How an image is taken out of the survey's files. */
+static const char *scene_removal(const struct colmap *c)
+{
+    return c->format != COLMAP_JSON                        ? "colmap image_deleter"
+           : strcmp(c->images_file, "reconstruction.json") ? "delete its frame in the file"
+                                                           : "delete its shot in the file";
+}
+
+/* Names of Windows: "a\\b.jpg" is a/b.jpg where that is the file. */
+static void scene_convert_backslashes(const oxl_scene *scene, char *name)
+{
+    char path[PATH_LENGTH];
+    if (!strchr(name, '\\') || os_is_file(path_in(path, scene->images, "%s", name))) return;
+    path_in(path, scene->images, "%s", name);
+    for (char *c = path + strlen(scene->images); *c; c++)
+        if (*c == '\\') *c = '/';
+    for (char *c = name; *c && os_is_file(path); c++)
+        if (*c == '\\') *c = '/';
+}
+
 static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first,
                                      double fraction)
 {
     char like[256];
-    if (!os_is_folder(scene->images))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: there is no such folder, but the images should be there\nfix: --images names their folder",
-            scene->images);
     survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(
         ctx, OXL_ERR_INPUT,
         "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
-        "fix: %s%s%s",
+        "fix: %s%s%s%s",
         scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images,
         first, 100 * fraction,
-        scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
-                               : "put them there, or take them out of the model: colmap image_deleter",
-        like[0] ? "; very like it is " : "", like);
+        scene->view_count == 0
+            ? "name by --images the folder that the names in the model start from"
+            : "put them there; or train without them: a larger --missing-images; or take them out: ",
+        scene->view_count == 0 ? "" : scene_removal(&scene->colmap), like[0] ? "; very like it is " : "",
+        like);
 }
 
 /* ---------------- views */
@@ -66,11 +82,15 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
 }
 
 /* Pixels of the image per pixel of its camera in cameras.txt. Unreadable images are reported later. */
-static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera)
+static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera,
+                                 int *turned)
 {
-    int w, h;
-    if (image_size(ctx, path, &w, &h) != OXL_OK) return 1;
-    return OXL_MAX((double)w / camera->width, (double)h / camera->height);
+    struct image_header h;
+    if (image_read_header(ctx, path, &h) != OXL_OK) return 1;
+    *turned = h.orientation >= 5 && !image_has_shape(h.width, h.height, camera->width, camera->height) &&
+              image_has_shape(h.width, h.height, camera->height, camera->width);
+    if (*turned) OXL_SWAP(int, h.width, h.height);
+    return OXL_MAX((double)h.width / camera->width, (double)h.height / camera->height);
 }
 
 OXL_INTERNAL int scene_compare_order(const void *a, const void *b)
@@ -84,7 +104,7 @@ struct scene_build { /* working data of scene construction */
     const oxl_scene_options *options;
     struct scene_order *order; /* (images) */
     oxl_camera *ideal;         /* (cameras) undistorted and reduced; width 0: not yet */
-    int headers;
+    int turned;                /* cameras whose images are turned as their EXIF orientation says */
 };
 
 /* Prefixes an error about a line of the survey's files with the folder. */
@@ -99,12 +119,13 @@ static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, s
                                      size_t camera, const char *path)
 {
     const struct colmap_camera *from = &scene->colmap.camera[camera];
+    int turned = 0;
     oxl_result rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
     if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
-    scene->on_disk[camera] =
-        b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
+    scene->on_disk[camera] = b->options->read_images ? scene_size_on_disk(ctx, path, from, &turned) : 1;
+    b->turned += turned;
     b->ideal[camera] = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
 }
@@ -156,9 +177,9 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
                             "%s/%s:%d: %s was there before, in line %d, expected each image once\n"
-                            "fix: export the model again, or take one of the two out: colmap image_deleter",
+                            "fix: export the model again, or take one of the two out: %s",
                             c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
-                            c->image[order[i - 1].image].line);
+                            c->image[order[i - 1].image].line, scene_removal(c));
     return OXL_OK;
 }
 
@@ -168,6 +189,8 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     const char *first = NULL;
     int missing = 0;
     oxl_result rc = OXL_OK;
+    for (size_t i = 0; i < c->image_count && b->options->read_images; i++)
+        scene_convert_backslashes(scene, c->names + c->image[i].name);
     for (size_t i = 0; i < c->image_count; i++)
         b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
     qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
@@ -206,6 +229,11 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
     if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
     for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
         scene->stats.distorted_cameras += b.ideal[i].width && camera_is_distorted(&c->camera[i]);
+    if (rc == OXL_OK && b.turned)
+        oxl_log(
+            ctx, OXL_LOG_INFO,
+            "images of %d of %zu cameras are turned as their EXIF orientation says: their cameras are upright",
+            b.turned, c->camera_count);
     OXL_FREE(ctx, b.order, b.ideal);
     return rc;
 }

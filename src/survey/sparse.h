@@ -26,6 +26,7 @@ struct colmap_image {
     double translation[3];
     int64_t camera_id;
     size_t name;        /* offset in colmap.names */
+    size_t mask;        /* the same of its mask, a path from colmap.folder; 0: the files name none */
     uint64_t points_at; /* offset of its 2D points in the file of images, text or binary; exports copy them */
     size_t points_size; /* bytes; 0: none */
     int line;

@@ -15,6 +15,9 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
                                    size_t size);
 
+/* The images in the image folder, and the folders in it, that the model does not have. */
+OXL_INTERNAL int survey_count_unregistered(oxl_context *ctx, const oxl_scene *scene);
+
 /* ---------------- robust_stats.c: robust measures of a survey */
 
 struct stats_view {     /* a training view */

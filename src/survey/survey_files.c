@@ -7,6 +7,7 @@
  * folder.
  */
 #include "json_survey.h"
+#include "scene.h"
 #include "survey.h"
 
 /* ---------------- which sub-model */
@@ -151,10 +152,13 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     *out = (struct colmap){0};
     if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK && !os_is_folder(requested))
-        rc =
-            oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", requested,
-                     sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
-                                   : "give the folder that holds images/ and sparse/");
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s%s", requested,
+            sparse_option && os_is_folder(PATH(path, "%s", sparse_option)) ? PATH(path, "%s", sparse_option)
+                                                                           : "",
+            sparse_option && os_is_folder(PATH(path, "%s", sparse_option)) ? " is one: name it by --sparse"
+            : sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
+                            : "give the folder that holds images/ and sparse/");
     for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
         rc = survey_find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
         if (rc == OXL_OK && models == 0 && !sparse_option)
@@ -221,4 +225,65 @@ OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const c
     struct survey_find_search search = {.ctx = ctx, .folder = folder, .wanted = path_base_name(name)};
     os_list_folder(ctx, folder, survey_find_visit_entry, &search);
     snprintf(out, size, "%s", search.found);
+}
+
+/* ---------------- images that the model does not have */
+
+struct survey_unregistered {
+    oxl_context *ctx;
+    const oxl_scene *scene;
+    char inside[PATH_LENGTH]; /* of the image folder: "", or "a/b/" */
+    int depth, count;
+    int has_views; /* 1: an image of the model is in this very folder */
+};
+
+static int survey_is_image_name(const char *name)
+{
+    static const char *const known[] = {".jpg", ".jpeg", ".png"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && dot > name && i < OXL_COUNT(known); i++) {
+        size_t k = 1;
+        while (known[i][k] && (dot[k] | 0x20) == known[i][k]) k++;
+        if (!known[i][k] && !dot[k]) return 1;
+    }
+    return 0;
+}
+
+static int survey_compare_view(const void *name, const void *view)
+{
+    return strcmp(name, ((const oxl_view *)view)->name);
+}
+
+static int survey_has_views_in(const oxl_scene *scene, const char *inside)
+{
+    const size_t length = strlen(inside);
+    for (int i = 0; i < scene->view_count; i++)
+        if (!strncmp(scene->view[i].name, inside, length) && !strchr(scene->view[i].name + length, '/'))
+            return 1;
+    return 0;
+}
+
+static void survey_visit_unregistered(void *user, const char *name)
+{
+    struct survey_unregistered *u = user;
+    char inside[PATH_LENGTH];
+    const int fits = snprintf(inside, sizeof inside, "%s%s", u->inside, name) < (int)sizeof inside;
+    const char *full = PATH(u->scene->images, "%s", inside);
+    if (!fits || name[0] == '.' || !strcmp(name, "masks")) return;
+    if (os_is_folder(full) && u->depth < 3) {
+        struct survey_unregistered deeper = {.ctx = u->ctx, .scene = u->scene, .depth = u->depth + 1};
+        if (snprintf(deeper.inside, sizeof deeper.inside, "%s/", inside) >= (int)sizeof deeper.inside) return;
+        deeper.has_views = survey_has_views_in(u->scene, deeper.inside);
+        os_list_folder(u->ctx, full, survey_visit_unregistered, &deeper);
+        u->count += deeper.count;
+    } else if (survey_is_image_name(name) && (u->has_views || !u->scene->colmap.images_beside))
+        u->count += bsearch(inside, u->scene->view, (size_t)u->scene->view_count, sizeof *u->scene->view,
+                            survey_compare_view) == NULL;
+}
+
+OXL_INTERNAL int survey_count_unregistered(oxl_context *ctx, const oxl_scene *scene)
+{
+    struct survey_unregistered u = {.ctx = ctx, .scene = scene, .has_views = survey_has_views_in(scene, "")};
+    if (!scene->colmap.states_split) os_list_folder(ctx, scene->images, survey_visit_unregistered, &u);
+    return u.count;
 }

@@ -6,10 +6,9 @@
  * warning, never an error:
  * the survey may be a part of the model's.
  */
-#include "cli.h"
-
-#include <math.h>
-#include <stdlib.h>
+#include "job.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
 
 /* Twelve trained models have 1.0 to 1.1 of the diagonal, 95 to 99 % of the points and no empty pixel. */
 #define OVERLAP_SMALL 0.75 /* of the diagonal of the survey's box, at least */
@@ -22,24 +21,33 @@ enum {
     OVERLAP_SIDE = 160   /* reduced to so many px on the longer side */
 };
 
-/* box: of nine tenths along each axis. */
-static double overlap_diagonal(const struct spread box[3])
+struct overlap_box { /* nine tenths along each axis */
+    double low[3], high[3];
+};
+
+static double overlap_diagonal(const struct overlap_box *box)
 {
     double sum = 0;
-    for (int a = 0; a < 3; a++) sum += pow((double)box[a].high - (double)box[a].low, 2);
+    for (int a = 0; a < 3; a++) sum += (box->high[a] - box->low[a]) * (box->high[a] - box->low[a]);
     return sqrt(sum);
 }
 
+static void overlap_bound(double *value, size_t count, int axis, struct overlap_box *box)
+{
+    box->low[axis] = stats_select(value, count, 0.05);
+    box->high[axis] = stats_select(value, count, 0.95);
+}
+
 /* Fraction of the points in the box, which is widened by a tenth of its diagonal. */
-static double overlap_inside(const struct spread box[3], const oxl_point *point, size_t count)
+static double overlap_inside(const struct overlap_box *box, const oxl_point *point, size_t count)
 {
     const double margin = 0.1 * overlap_diagonal(box);
     size_t inside = 0;
     for (size_t i = 0; i < count; i++) {
         int in = 1;
         for (int a = 0; a < 3; a++)
-            in &= point[i].position[a] >= (double)box[a].low - margin &&
-                  point[i].position[a] <= (double)box[a].high + margin;
+            in &=
+                point[i].position[a] >= box->low[a] - margin && point[i].position[a] <= box->high[a] + margin;
         inside += (size_t)in;
     }
     return (double)inside / (double)count;
@@ -57,50 +65,59 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const 
         const double factor = side > OVERLAP_SIDE ? (double)OVERLAP_SIDE / side : 1;
         const int width = (int)ceil(c.width * factor), height = (int)ceil(c.height * factor);
         oxl_image image = {0};
-        float *depth = malloc((size_t)width * (size_t)height * sizeof *depth);
-        oxl_result rc = depth ? OXL_OK : OXL_ERR_MEMORY;
+        float *depth = oxl_alloc(ctx, (size_t)width * (size_t)height, sizeof *depth);
+        oxl_result rc =
+            depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare a model with the survey");
         c.width = width, c.height = height;
         c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
         if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, NULL, &image, depth);
         for (int i = 0; rc == OXL_OK && i < width * height; i++) empty += depth[i] == 0;
         all += (size_t)width * (size_t)height;
         oxl_image_free(ctx, &image);
-        free(depth);
+        oxl_free(ctx, depth);
         if (rc != OXL_OK) return rc;
     }
     *fraction = all ? (double)empty / (double)all : 0;
     return OXL_OK;
 }
 
-oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name,
-                         char *warning, size_t size)
+/* Sizes of the boxes, and the points of the survey in the model's. */
+static oxl_result overlap_compare(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                  double *ratio, double *inside)
 {
     const size_t points = oxl_scene_point_count(scene);
     const oxl_point *point = oxl_scene_points(scene);
-    const int boxes = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
-    float *value = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
-    struct spread its[3] = {{0}}, own[3] = {{0}};
+    struct overlap_box its, own;
+    double *value = oxl_alloc(ctx, OXL_MAX(points, model->count) + 1, sizeof *value);
+    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare a model with the survey");
+    for (int a = 0; a < 3; a++) {
+        for (size_t i = 0; i < points; i++) value[i] = point[i].position[a];
+        overlap_bound(value, points, a, &its);
+        for (size_t i = 0; i < model->count; i++) value[i] = model->plane[OXL_MEAN + a][i];
+        overlap_bound(value, model->count, a, &own);
+    }
+    oxl_free(ctx, value);
+    if (!(overlap_diagonal(&its) > 0)) return OXL_OK;
+    *ratio = overlap_diagonal(&own) / overlap_diagonal(&its);
+    *inside = overlap_inside(&own, point, points);
+    return OXL_OK;
+}
+
+oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+                                   const char *name)
+{
     double ratio = 1, inside = 1, empty = 0;
-    oxl_result rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
-    warning[0] = 0;
-    for (int a = 0; a < 3 && rc == OXL_OK && boxes; a++) {
-        for (size_t i = 0; i < points; i++) value[i] = (float)point[i].position[a];
-        its[a] = info_spread(value, points, value);
-        own[a] = info_spread(model->plane[OXL_MEAN + a], model->count, value);
-    }
-    free(value);
-    if (rc != OXL_OK) return rc;
-    if (boxes && overlap_diagonal(its) > 0) {
-        ratio = overlap_diagonal(own) / overlap_diagonal(its);
-        inside = overlap_inside(own, point, points);
-    }
-    if (model->count > 0 &&
+    oxl_result rc = overlap_empty(ctx, model, scene, &empty);
+    if (rc == OXL_OK && oxl_scene_point_count(scene) >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS &&
+        !model->pages)
+        rc = overlap_compare(ctx, model, scene, &ratio, &inside);
+    if (rc == OXL_OK && model->count > 0 &&
         (ratio < OVERLAP_SMALL || ratio > OVERLAP_LARGE || inside < OVERLAP_INSIDE || empty > OVERLAP_EMPTY))
-        snprintf(
-            warning, size,
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
             "%s does not seem to cover the survey: it is %.2g times as large, %.0f %% of the survey's points lie in it, "
             "and %.0f %% of the pixels show nothing\n"
             "fix: compare it with the survey that it was trained on, from a file that keeps origin and scale (.ply, .spz)",
             name, ratio, 100 * inside, 100 * empty);
-    return OXL_OK;
+    return rc;
 }

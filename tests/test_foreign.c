@@ -1,0 +1,719 @@
+/* test_foreign.c - files that are well formed and belong to something else: images, poses, points, models. */
+#include "test.h"
+
+#include "../src/survey/image_header.h"
+#include "../src/survey/match.h"
+
+enum { FOREIGN_VIEWS = 10, FOREIGN_WIDTH = 160, FOREIGN_HEIGHT = 112, FOREIGN_POINTS = 360 };
+
+static char foreign_heard[8192];
+
+static void foreign_listen(void *user, oxl_log_level level, const char *text)
+{
+    const size_t used = strlen(foreign_heard);
+    (void)user;
+    if (level == OXL_LOG_WARNING) snprintf(foreign_heard + used, sizeof foreign_heard - used, "%s\n", text);
+}
+
+/* Brightness of a plane, in patches of half a unit, without a pattern that repeats. */
+static double foreign_brightness(double x, double y)
+{
+    const unsigned i = (unsigned)((int)floor(4 * x) + 1000), k = (unsigned)((int)floor(4 * y) + 1000);
+    unsigned h = i * 374761393u + k * 668265263u;
+    h = (h ^ h >> 13) * 1274126177u;
+    return 0.1 + 0.8 * ((h ^ h >> 16) & 255) / 255.0;
+}
+
+/* What the camera at (x, y, -4), looking along z, has at a place of its image, sides 0 to 1. */
+static double foreign_seen(double at, double u, double v)
+{
+    return foreign_brightness(at + 4 * (u - 0.5) * FOREIGN_WIDTH / 120.0,
+                              4 * (v - 0.5) * FOREIGN_HEIGHT / 120.0);
+}
+
+static double foreign_camera(int view)
+{
+    return 1.3 * view;
+}
+
+typedef void foreign_place(double u, double v, double out[2]);
+
+static void foreign_upright(double u, double v, double out[2])
+{
+    out[0] = u, out[1] = v;
+}
+static void foreign_turned(double u, double v, double out[2])
+{
+    out[0] = 1 - u, out[1] = 1 - v;
+}
+static void foreign_cropped(double u, double v, double out[2])
+{
+    out[0] = 0.05 + 0.9 * u, out[1] = 0.05 + 0.9 * v;
+}
+static void foreign_distorted(double u, double v, double out[2])
+{
+    const double x = (u - 0.5) * FOREIGN_WIDTH / 120.0, y = (v - 0.5) * FOREIGN_HEIGHT / 120.0,
+                 r = x * x + y * y;
+    out[0] = 0.5 + (u - 0.5) * (1 + 0.2 * r), out[1] = 0.5 + (v - 0.5) * (1 + 0.2 * r);
+}
+
+static void foreign_image(int view, int shows, foreign_place *place)
+{
+    char name[40];
+    oxl_image image;
+    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &image));
+    for (int i = 0; i < FOREIGN_WIDTH * FOREIGN_HEIGHT && image.rgb; i++) {
+        double p[2];
+        place((i % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH, (i / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT, p);
+        for (int c = 0; c < 3; c++)
+            image.rgb[c * FOREIGN_WIDTH * FOREIGN_HEIGHT + i] =
+                (float)foreign_seen(foreign_camera(shows), p[0], p[1]);
+    }
+    snprintf(name, sizeof name, "survey/images/%02d.png", view);
+    CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+    oxl_image_free(test_ctx, &image);
+}
+
+static void foreign_point(int i, double p[3])
+{
+    p[0] = -2 + 15.5 * ((i * 7919) % FOREIGN_POINTS) / FOREIGN_POINTS;
+    p[1] = -1.7 + 3.4 * ((i * 104729) % 331) / 331.0;
+    p[2] = 0;
+}
+
+static int foreign_sees(int view, const double p[3])
+{
+    return fabs(p[0] - foreign_camera(view)) < 2.55 && fabs(p[1]) < 1.75;
+}
+
+/* rotation: "1 0 0 0" for cameras that look along z. */
+static const char *foreign_survey(int tracks, const char *rotation, int flip)
+{
+    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    test_write("survey/images/.keep", "");
+    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 160 112 120 120 80 56\n");
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        foreign_image(i, i, foreign_upright);
+        text_add(&images, "%d %s %.3f 0 %d 1 %02d.png\n\n", i + 1, rotation, -foreign_camera(i),
+                 flip ? -4 : 4, i);
+    }
+    for (int i = 0; i < FOREIGN_POINTS; i++) {
+        double p[3];
+        int grey;
+        foreign_point(i, p);
+        grey = (int)(255 * foreign_brightness(p[0], p[1]));
+        text_add(&points, "%d %.4f %.4f %.4f %d %d %d 0.5", i + 1, p[0], p[1], p[2], grey, grey, grey);
+        for (int v = 0; v < FOREIGN_VIEWS && tracks; v++)
+            if (foreign_sees(v, p)) text_add(&points, " %d 0", v + 1);
+        text_add(&points, "\n");
+    }
+    test_write("survey/sparse/0/images.txt", images.data);
+    test_write("survey/sparse/0/points3D.txt", points.data);
+    text_free(&images);
+    text_free(&points);
+    foreign_heard[0] = 0;
+    test_ctx->options.log = foreign_listen;
+    return test_path("survey");
+}
+
+static int foreign_check(void)
+{
+    oxl_survey s;
+    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
+    return s.foreign;
+}
+
+/* ---------------- images */
+
+TEST(images_of_the_model_give_no_warning_with_and_without_tracks)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK(foreign_check() == 0 && foreign_heard[0] == 0);
+    foreign_survey(0, "1 0 0 0", 0);
+    CHECK(foreign_check() == 0 && foreign_heard[0] == 0);
+}
+
+TEST(images_that_are_shuffled_are_not_those_of_the_model)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, (i + 4) % FOREIGN_VIEWS, foreign_upright);
+    CHECK(foreign_check() == FOREIGN_VIEWS);
+    CHECK_TEXT(foreign_heard, "the images are not those of the model");
+    CHECK_TEXT(foreign_heard, "00.png (fits the place of 04.png)");
+}
+
+TEST(images_of_which_two_are_exchanged_are_named_with_their_places)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_image(2, 7, foreign_upright);
+    foreign_image(7, 2, foreign_upright);
+    CHECK(foreign_check() == 2);
+    CHECK_TEXT(foreign_heard, "2 of 10 images do not show");
+    CHECK_TEXT(foreign_heard, "02.png (fits the place of 07.png), 07.png (fits the place of 02.png)");
+}
+
+TEST(images_that_are_turned_are_said_to_be_turned)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, foreign_turned);
+    CHECK(foreign_check() == FOREIGN_VIEWS);
+    CHECK_TEXT(foreign_heard, "better turned by 180 degrees");
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_image(3, 3, foreign_turned);
+    CHECK(foreign_check() == 1);
+    CHECK_TEXT(foreign_heard, "03.png (fits turned by 180 degrees)");
+}
+
+TEST(images_that_are_cropped_or_distorted_are_said_to_be)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, foreign_cropped);
+    CHECK(foreign_check() == FOREIGN_VIEWS);
+    CHECK_TEXT(foreign_heard, "better cropped");
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, foreign_distorted);
+    CHECK(foreign_check() == FOREIGN_VIEWS);
+    CHECK_TEXT(foreign_heard, "better through a lens with distortion");
+}
+
+TEST(images_are_compared_before_training_too)
+{
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    options.train.iterations = 2;
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) foreign_image(i, i, foreign_turned);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_TEXT(foreign_heard, "better turned by 180 degrees");
+    CHECK(job_test_has(test_path("out/run.json"), "turned by 180 degrees"));
+}
+
+static void *foreign_refuse(void *user, void *old, size_t size)
+{
+    long *left = user;
+    if (size > 0 && (*left)-- <= 0) return NULL;
+    return counting_reallocate(NULL, old, size);
+}
+
+TEST(images_are_compared_without_memory_with_an_error_and_no_leak)
+{
+    long left;
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_image(3, 3, foreign_turned);
+    for (long allowed = 0; allowed < 400; allowed += 29) {
+        oxl_context_options options = oxl_context_options_default();
+        oxl_survey s;
+        oxl_result rc;
+        oxl_context *ctx;
+        options.reallocate = foreign_refuse, options.user = &left;
+        left = 1000000;
+        if (oxl_context_create(&options, &ctx) != OXL_OK) continue;
+        left = allowed;
+        rc = oxl_check(ctx, test_path("survey"), NULL, &s);
+        CHECK(rc == OXL_OK || rc == OXL_ERR_MEMORY);
+        oxl_context_free(ctx);
+    }
+}
+
+/* ---------------- poses */
+
+TEST(poses_without_tracks_in_another_convention_are_named)
+{
+    foreign_survey(0, "0 1 0 0", 1); /* y up, z back */
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "poses and points do not fit; they would as: camera axes as in OpenGL");
+    CHECK_TEXT(foreign_heard, "fix: write the poses world to camera");
+}
+
+TEST(poses_with_tracks_in_another_convention_are_named)
+{
+    oxl_survey s;
+    foreign_survey(1, "0 1 0 0", 1);
+    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
+    CHECK(s.missed == 1);
+    CHECK_TEXT(foreign_heard, "they would as: camera axes as in OpenGL");
+    CHECK(!strstr(foreign_heard, "the images are not those"));
+}
+
+TEST(points_far_from_all_cameras_are_said_not_to_fit)
+{
+    struct text points = {.ctx = test_ctx};
+    foreign_survey(0, "1 0 0 0", 0);
+    for (int i = 0; i < 200; i++) text_add(&points, "%d %d 500 3 %d 9 9 0\n", i + 1, 1000 + i, i);
+    test_write("survey/sparse/0/points3D.txt", points.data);
+    text_free(&points);
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "poses and points do not fit: 10 of 10 images have fewer than 8 points");
+    CHECK_TEXT(foreign_heard, "take points and poses of one model and one frame");
+}
+
+TEST(poses_without_points_start_from_points3D_ply_or_from_random_points)
+{
+    oxl_scene *scene = NULL;
+    foreign_survey(0, "1 0 0 0", 0);
+    CHECK(remove(test_path("survey/sparse/0/points3D.txt")) == 0);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK(oxl_scene_point_count(scene) == 0);
+    CHECK_TEXT(foreign_heard, "there is no points3D.txt or .bin");
+    CHECK_TEXT(foreign_heard, "colmap point_triangulator");
+    oxl_scene_free(test_ctx, scene);
+    test_write("survey/sparse/0/points3D.ply",
+               "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+               "property float z\nend_header\n0 0 1\n0 1 0\n");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK(oxl_scene_point_count(scene) == 2);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- values and headers */
+
+TEST(wide_images_of_twelve_bits_are_said_to_be_dark)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        uint16_t grey[FOREIGN_WIDTH * FOREIGN_HEIGHT];
+        char name[40];
+        for (int k = 0; k < FOREIGN_WIDTH * FOREIGN_HEIGHT; k++)
+            grey[k] =
+                (uint16_t)(4095 * foreign_seen(foreign_camera(i), (k % FOREIGN_WIDTH + 0.5) / FOREIGN_WIDTH,
+                                               (k / FOREIGN_WIDTH + 0.5) / FOREIGN_HEIGHT));
+        snprintf(name, sizeof name, "survey/images/%02d.png", i);
+        CHECK_OK(image_write_png16(test_ctx, test_path(name), grey, FOREIGN_WIDTH, FOREIGN_HEIGHT));
+    }
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "the brightest value of the 16-bit images is");
+    CHECK_TEXT(foreign_heard, "mogrify -evaluate multiply 16");
+}
+
+TEST(masks_without_a_black_pixel_ignore_nothing_and_that_is_said)
+{
+    char name[40];
+    oxl_image mask;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
+    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
+    for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++) mask.rgb[i] = i % 2 ? 1 : 3 / 255.0f;
+    for (int i = 0; i < FOREIGN_VIEWS; i++) {
+        snprintf(name, sizeof name, "survey/masks/%02d.png", i);
+        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &mask));
+    }
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "the masks have no black pixel (the darkest value is 3)");
+    mask.rgb[0] = mask.rgb[FOREIGN_WIDTH * FOREIGN_HEIGHT] = mask.rgb[2 * FOREIGN_WIDTH * FOREIGN_HEIGHT] = 0;
+    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/00.png"), &mask));
+    oxl_image_free(test_ctx, &mask);
+    foreign_heard[0] = 0;
+    foreign_check();
+    CHECK(!strstr(foreign_heard, "black pixel"));
+}
+
+TEST(pixels_are_turned_as_each_exif_orientation_says)
+{
+    static const uint8_t stored[6] = {1, 2, 3, 4, 5, 6}; /* 3 x 2 px */
+    static const uint8_t wanted[4][6] = {
+        {1, 4, 2, 5, 3, 6}, {4, 1, 5, 2, 6, 3}, {6, 3, 5, 2, 4, 1}, {3, 6, 2, 5, 1, 4}};
+    for (int o = 5; o <= 8; o++) {
+        uint8_t data[6];
+        struct pixels p = {.width = 3, .height = 2, .data = data};
+        memcpy(data, stored, sizeof data);
+        CHECK_OK(image_turn(test_ctx, &p, 1, o));
+        CHECK(p.width == 2 && p.height == 3 && !memcmp(data, wanted[o - 5], sizeof data));
+    }
+}
+
+static const unsigned char foreign_exif[] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 1, 0x12, 0,
+                                             3,   0,   0, 0,  1, 0, 6, 0, 0, 0, 0, 0,    0};
+
+/* A PNG with a chunk eXIf behind its head: orientation 6. */
+static void foreign_add_orientation(const char *path)
+{
+    enum { HEAD = 33 };
+    struct os_file_map map;
+    unsigned char *all, *chunk;
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    all = calloc(map.size + 12 + sizeof foreign_exif, 1);
+    chunk = all + HEAD;
+    memcpy(all, map.data, HEAD);
+    chunk[3] = sizeof foreign_exif;
+    memcpy(chunk + 4, "eXIf", 4);
+    memcpy(chunk + 8, foreign_exif, sizeof foreign_exif);
+    memcpy(chunk + 12 + sizeof foreign_exif, map.data + HEAD, map.size - HEAD);
+    CHECK_OK(os_write_file(test_ctx, path, all, map.size + 12 + sizeof foreign_exif));
+    os_release_file(test_ctx, &map);
+    free(all);
+}
+
+TEST(headers_of_jpeg_state_size_and_orientation)
+{
+    static const unsigned char frame[] = {0xff, 0xc2, 0,    11, 8,    1,    2, 3, 4,
+                                          1,    1,    0x11, 0,  0xff, 0xd9, 0, 0, 0};
+    unsigned char file[100] = {0xff, 0xd8, 0xff, 0xe1, 0, 8 + sizeof foreign_exif, 'E', 'x', 'i', 'f'};
+    struct image_header header;
+    memcpy(file + 12, foreign_exif, sizeof foreign_exif);
+    memcpy(file + 12 + sizeof foreign_exif, frame, sizeof frame);
+    test_write("head.jpg", "");
+    CHECK_OK(os_write_file(test_ctx, test_path("head.jpg"), file, 12 + sizeof foreign_exif + sizeof frame));
+    CHECK_OK(image_read_header(test_ctx, test_path("head.jpg"), &header));
+    CHECK(header.width == 0x304 && header.height == 0x102 && header.bits == 8 && header.orientation == 6);
+}
+
+TEST(images_are_turned_by_their_exif_orientation_where_the_camera_is_upright)
+{
+    const struct colmap_camera upright = {.model = camera_model_find("PINHOLE", 7),
+                                          .width = 24,
+                                          .height = 16,
+                                          .parameter_count = 4,
+                                          .parameter = {20, 20, 12, 8},
+                                          .file = "cameras.txt"};
+    const oxl_camera to = {.width = 24, .height = 16, .fx = 20, .fy = 20, .cx = 12, .cy = 8};
+    struct training_image image;
+    struct image_header header;
+    oxl_image stored;
+    CHECK_OK(oxl_image_create(test_ctx, 16, 24, &stored));
+    for (int i = 0; i < 3 * 16 * 24; i++)
+        stored.rgb[i] = i % (16 * 24) < 16 * 12 ? 1 : 0; /* the upper half is white */
+    test_write("turned/.keep", "");
+    CHECK_OK(oxl_image_write(test_ctx, test_path("turned/a.png"), &stored));
+    oxl_image_free(test_ctx, &stored);
+    CHECK(image_load_training(test_ctx, test_path("turned/a.png"), NULL, NULL, &upright, &to, &image) ==
+          OXL_ERR_INPUT);
+    foreign_add_orientation(test_path("turned/a.png"));
+    CHECK_OK(image_read_header(test_ctx, test_path("turned/a.png"), &header));
+    CHECK(header.width == 16 && header.height == 24 && header.bits == 8 && header.orientation == 6);
+    CHECK_OK(image_load_training(test_ctx, test_path("turned/a.png"), NULL, NULL, &upright, &to, &image));
+    CHECK(image.rgb && image.rgb[8 * 24 + 2] < 30 &&
+          image.rgb[8 * 24 + 21] > 225); /* now the right half is */
+    image_training_free(test_ctx, &image);
+}
+
+TEST(images_of_many_cameras_all_have_their_size_on_disk)
+{
+    struct text cameras = {.ctx = test_ctx}, images = {.ctx = test_ctx};
+    oxl_scene *scene = NULL;
+    oxl_image half;
+    enum { MANY = 24 };
+    test_write("survey/images/.keep", "");
+    CHECK_OK(oxl_image_create(test_ctx, 32, 24, &half));
+    for (int i = 0; i < MANY; i++) {
+        char name[40];
+        snprintf(name, sizeof name, "survey/images/%02d.png", i);
+        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &half));
+        text_add(&cameras, "%d PINHOLE 64 48 50 50 32 24\n", i + 1);
+        text_add(&images, "%d 1 0 0 0 %d 0 0 %d %02d.png\n\n", i + 1, i, i + 1, i);
+    }
+    oxl_image_free(test_ctx, &half);
+    test_write("survey/sparse/0/cameras.txt", cameras.data);
+    test_write("survey/sparse/0/images.txt", images.data);
+    test_write("survey/sparse/0/points3D.txt", "1 0 0 5 9 9 9 0 1 0 2 0\n");
+    text_free(&cameras);
+    text_free(&images);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    for (int i = 0; i < MANY; i++) CHECK(oxl_scene_view(scene, i)->camera.width == 32);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- files that are there, and not meant */
+
+TEST(images_that_the_model_does_not_have_are_counted)
+{
+    oxl_survey s;
+    foreign_survey(1, "1 0 0 0", 0);
+    foreign_image(80, 1, foreign_upright);
+    foreign_image(81, 2, foreign_upright);
+    test_write("survey/images/cam1/x.JPG", "");
+    test_write("survey/images/notes.txt", "");
+    test_write("survey/images/masks/00.png", "");
+    CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
+    CHECK(s.images_unregistered == 3);
+    CHECK_TEXT(s.text, "warning: 3 of the 13 images in the folder are not in the model");
+}
+
+TEST(folders_named_from_the_survey_are_found_and_said)
+{
+    oxl_scene_options o = oxl_scene_options_default();
+    oxl_scene *scene = NULL;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(os_make_folder(test_ctx, test_path("survey/images_2")));
+    o.images = "images_2";
+    CHECK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "images_2: there is no such folder\nfix: --images ");
+    CHECK_TEXT(oxl_error_text(test_ctx), "survey/images_2, which is one");
+    CHECK(foreign_heard[0] == 0);
+    CHECK(os_rename(test_path("survey/images"), test_path("survey/photos")) == 0);
+    CHECK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "the first image of the model may be in ");
+    CHECK_TEXT(oxl_error_text(test_ctx), "survey/photos");
+    o = oxl_scene_options_default();
+    o.images = test_path("survey/photos"), o.masks = "images_2";
+    CHECK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: --masks ");
+    CHECK_TEXT(oxl_error_text(test_ctx), "survey/images_2, which is one");
+}
+
+TEST(names_with_backslashes_are_those_with_slashes_where_these_are_there)
+{
+    oxl_scene *scene = NULL;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(os_make_folder(test_ctx, test_path("survey/images/cam")));
+    CHECK(os_rename(test_path("survey/images/04.png"), test_path("survey/images/cam/04.png")) == 0);
+    job_test_replace(test_path("survey/sparse/0/images.txt"), "04.png", "cam\\04.png");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK(oxl_scene_view_count(scene) == FOREIGN_VIEWS &&
+          !strcmp(oxl_scene_view(scene, 9)->name, "cam/04.png"));
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(images_that_are_missing_name_the_option_that_allows_it)
+{
+    oxl_scene *scene = NULL;
+    foreign_survey(1, "1 0 0 0", 0);
+    for (int i = 0; i < 4; i++) {
+        char name[40];
+        snprintf(name, sizeof name, "survey/images/%02d.png", i);
+        CHECK(remove(test_path(name)) == 0);
+    }
+    CHECK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "--missing-images");
+    CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_deleter");
+}
+
+/* ---------------- transforms.json */
+
+#define FOREIGN_FRAMES                                                                                                                                    \
+    "\"frames\": [{\"file_path\": \"images/00.png\", \"mask_path\": \"own/00.png\", \"transform_matrix\": [[1,0,0,0],[0,-1,0,0],[0,0,-1,-4],[0,0,0,1]]}," \
+    "{\"file_path\": \"images/01.png\", \"transform_matrix\": [[1,0,0,1.3],[0,-1,0,0],[0,0,-1,-4],[0,0,0,1]]}]"
+
+static const char *foreign_transforms(const char *members)
+{
+    struct text t = {.ctx = test_ctx};
+    test_write("survey/images/.keep", "");
+    for (int i = 0; i < 2; i++) foreign_image(i, i, foreign_upright);
+    text_add(&t,
+             "{\"w\": 160, \"h\": 112, \"fl_x\": 120, \"fl_y\": 120, \"k1\": 0.1, %s, " FOREIGN_FRAMES "}",
+             members);
+    test_write("survey/transforms.json", t.data);
+    text_free(&t);
+    foreign_heard[0] = 0;
+    test_ctx->options.log = foreign_listen;
+    return test_path("survey");
+}
+
+TEST(transforms_say_fisheye_in_the_words_of_instant_ngp)
+{
+    struct colmap c;
+    foreign_transforms("\"is_fisheye\": true");
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    CHECK(!strcmp(camera_model_at(c.camera->model)->name, "OPENCV_FISHEYE") && c.camera->parameter[4] == 0.1);
+    colmap_free(test_ctx, &c);
+    foreign_transforms("\"is_fisheye\": false");
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    CHECK(!strcmp(camera_model_at(c.camera->model)->name, "FULL_OPENCV"));
+    colmap_free(test_ctx, &c);
+}
+
+TEST(transforms_masks_are_used_and_missing_ones_counted)
+{
+    oxl_image mask;
+    oxl_scene *scene = NULL;
+    const struct training_image *image;
+    foreign_transforms("\"a\": 1");
+    CHECK_OK(os_make_folder(test_ctx, test_path("survey/own")));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK_TEXT(foreign_heard, "1 of the 1 masks that transforms.json names by mask_path are not there");
+    oxl_scene_free(test_ctx, scene);
+    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &mask));
+    for (int i = 0; i < 3 * FOREIGN_WIDTH * FOREIGN_HEIGHT; i++)
+        mask.rgb[i] = i / FOREIGN_WIDTH % FOREIGN_HEIGHT < 50;
+    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/own/00.png"), &mask));
+    oxl_image_free(test_ctx, &mask);
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    image = scene_image(test_ctx, scene, 0);
+    CHECK(image && image->mask && image->mask[image->width * (image->height - 3)] == 0);
+    image = scene_image(test_ctx, scene, 1);
+    CHECK(image != NULL);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(transforms_members_that_are_not_read_are_named_once)
+{
+    struct colmap c;
+    foreign_transforms("\"fisheye_crop_radius\": 5, \"aabb_scale\": 16");
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    CHECK_TEXT(foreign_heard, "not used, though it is there: fisheye_crop_radius\n");
+    colmap_free(test_ctx, &c);
+}
+
+static int foreign_first_red(const char *type, const char *rows)
+{
+    struct text t = {.ctx = test_ctx};
+    struct colmap c;
+    int red = -1;
+    foreign_transforms("\"ply_file_path\": \"p.ply\"");
+    text_add(
+        &t,
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty %s red\n"
+        "property %s green\nproperty %s blue\nend_header\n%s",
+        type, type, type, rows);
+    test_write("survey/p.ply", t.data);
+    text_free(&t);
+    CHECK_OK(json_survey_read(test_ctx, test_path("survey"), "transforms.json", NULL, &c));
+    if (c.point_count == 2) red = c.point[0].rgb[0];
+    colmap_free(test_ctx, &c);
+    return red;
+}
+
+TEST(points_have_their_colours_whatever_the_type)
+{
+    CHECK(foreign_first_red("uchar", "0 0 0 51 9 9\n0 0 1 1 1 1\n") == 51);
+    CHECK(foreign_first_red("float", "0 0 0 0.2 0.5 1\n0 0 1 1 1 1\n") == 51);
+    CHECK(foreign_first_red("double", "0 0 0 0.2 0.5 1\n0 0 1 1 1 1\n") == 51);
+    CHECK(foreign_first_red("float", "0 0 0 51 0.5 1\n0 0 1 1 1 200\n") == 51);
+    CHECK(foreign_first_red("ushort", "0 0 0 13107 0 0\n0 0 1 65535 1 1\n") == 51);
+    CHECK(foreign_first_red("ushort", "0 0 0 51 0 0\n0 0 1 255 1 1\n") == 51);
+}
+
+/* ---------------- models */
+
+#define FOREIGN_PLY(rgb, rows)                                                                                               \
+    "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n" rgb                    \
+    "property float opacity\nproperty float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\n" \
+    "property float rot_1\nproperty float rot_2\nproperty float rot_3\nend_header\n" rows
+#define FOREIGN_DC "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n"
+#define FOREIGN_RGB "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+
+TEST(models_keep_infinite_opacities_and_widths_of_zero)
+{
+    oxl_model m;
+    foreign_heard[0] = 0;
+    test_ctx->options.log = foreign_listen;
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write(
+            "m.ply",
+            FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 inf 0 0 -inf 1 0 0 0\n2 0 0 0 0 0 -inf 0 0 0 0 0 0 0\n")),
+        &m));
+    CHECK(m.count == 2 && m.not_finite == 0);
+    CHECK(m.count == 2 && m.plane[OXL_OPACITY][0] == 20 && m.plane[OXL_OPACITY][1] == -20);
+    CHECK(m.count == 2 && m.plane[OXL_LOG_SCALE + 2][0] == -87);
+    CHECK_TEXT(foreign_heard, "1 of 2 Gaussians have the rotation 0 0 0 0");
+    oxl_model_free(test_ctx, &m);
+    CHECK(oxl_model_read(
+              test_ctx,
+              test_write(
+                  "n.ply",
+                  FOREIGN_PLY(FOREIGN_DC, "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 inf 0 0 1 0 0 0\n")),
+              &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "all 2 Gaussians hold values that are not finite");
+}
+
+TEST(models_with_red_green_blue_have_these_colours)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write("m.ply",
+                   FOREIGN_PLY(FOREIGN_RGB, "1 0 0 255 0 51 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")),
+        &m));
+    CHECK(m.count == 2 && m.sh_degree == 0);
+    if (m.count == 2) {
+        CHECK_CLOSE(m.plane[OXL_SH][0], 0.5 / 0.28209479177387814, 1e-6);
+        CHECK_CLOSE(m.plane[OXL_SH + 2][0], (0.2 - 0.5) / 0.28209479177387814, 1e-6);
+    }
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(models_are_known_by_their_bytes_and_names_in_any_case)
+{
+    oxl_model m, again;
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write("M.PLY",
+                   FOREIGN_PLY(FOREIGN_DC, "1 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 0 0 0 1 0 0 0\n")),
+        &m));
+    CHECK_OK(oxl_model_write(test_ctx, test_path("A.SPZ"), &m));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("A.SPZ"), &again));
+    oxl_model_free(test_ctx, &again);
+    CHECK(os_rename(test_path("A.SPZ"), test_path("a.ply")) == 0);
+    CHECK_OK(oxl_model_read(test_ctx, test_path("a.ply"), &again));
+    CHECK(again.count == 2);
+    oxl_model_free(test_ctx, &again);
+    CHECK(oxl_model_write(test_ctx, test_path("a.compressed.ply"), &m) == OXL_ERR_USAGE);
+    oxl_model_free(test_ctx, &m);
+    CHECK(oxl_model_read(test_ctx, test_write("a.sog", "PK\3\4 and so on"), &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx),
+               "SOG (a zip file), which is not read\nfix: splat-transform IN.sog OUT.ply");
+    CHECK(oxl_model_read(test_ctx, test_write("a.KSPLAT", "...."), &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "splat-transform IN.ksplat OUT.ply");
+}
+
+TEST(spz_keeps_the_precision_of_the_scene_beside_a_far_gaussian)
+{
+    enum { ROWS = 200 };
+    oxl_model m, again;
+    foreign_heard[0] = 0;
+    test_ctx->options.log = foreign_listen;
+    CHECK_OK(oxl_model_create(test_ctx, ROWS, 0, &m));
+    for (int i = 0; i < ROWS; i++) m.plane[OXL_MEAN][i] = (float)(i / 97.0), m.plane[OXL_ROTATION][i] = 1;
+    m.plane[OXL_MEAN][ROWS - 1] = 3e7f;
+    m.plane[OXL_LOG_SCALE][ROWS - 1] = 10;
+    CHECK_OK(oxl_model_write(test_ctx, test_path("far.spz"), &m));
+    CHECK_TEXT(foreign_heard, "1 of 200 Gaussians lie beyond the format's range");
+    CHECK_OK(oxl_model_read(test_ctx, test_path("far.spz"), &again));
+    for (int i = 0; i + 1 < ROWS && again.count == ROWS; i++)
+        CHECK(fabs(again.plane[OXL_MEAN][i] - m.plane[OXL_MEAN][i]) < 1e-5);
+    if (again.count == ROWS) { /* drawn in, and as wide from the origin as it was */
+        CHECK(again.plane[OXL_MEAN][ROWS - 1] > 8);
+        CHECK_CLOSE(again.plane[OXL_LOG_SCALE][ROWS - 1] - log(again.plane[OXL_MEAN][ROWS - 1]),
+                    10 - log(3e7), 0.05);
+    }
+    oxl_model_free(test_ctx, &again);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(training_from_a_model_of_another_frame_is_said)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_model m;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(oxl_model_create(test_ctx, 100, 0, &m));
+    for (int i = 0; i < 100; i++) {
+        m.plane[OXL_MEAN][i] = 900 + (float)i / 100, m.plane[OXL_MEAN + 1][i] = (float)(i % 7) / 7;
+        m.plane[OXL_LOG_SCALE][i] = m.plane[OXL_LOG_SCALE + 1][i] = m.plane[OXL_LOG_SCALE + 2][i] = -3;
+        m.plane[OXL_ROTATION][i] = 1;
+    }
+    CHECK_OK(oxl_model_write(test_ctx, test_path("from.ply"), &m));
+    oxl_model_free(test_ctx, &m);
+    o.from = test_path("from.ply"), o.train.iterations = 1;
+    oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL);
+    CHECK_TEXT(foreign_heard, "from.ply does not seem to cover the survey");
+}
+
+/* ---------------- a finished result */
+
+TEST(a_finished_result_stays_when_its_survey_has_another_name)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    char named[600];
+    int64_t before;
+    o.train.iterations = 2;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL));
+    before = os_modified(test_path("out/scene.ply"));
+    snprintf(named, sizeof named, "%s/../survey/", test_path("survey"));
+    for (int i = 0; i < 2; i++) { /* then moved */
+        oxl_job_options resumed = oxl_job_options_default(OXL_PRESET_DRAFT);
+        oxl_manifest *run = NULL;
+        CHECK_OK(oxl_job_resume(test_ctx, i ? test_path("moved") : named, test_path("out"), &resumed, &run));
+        CHECK(resumed.train.iterations == 2);
+        CHECK_OK(oxl_job_run(test_ctx, i ? test_path("moved") : named, test_path("out"), &resumed, NULL));
+        CHECK(os_modified(test_path("out/scene.ply")) == before);
+        oxl_manifest_free(test_ctx, &run);
+        if (i == 0) CHECK(os_rename(test_path("survey"), test_path("moved")) == 0);
+    }
+    o.train.sh_degree = 0; /* other options: not without --restart */
+    CHECK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of a run with other options");
+    CHECK(os_modified(test_path("out/scene.ply")) == before);
+    o.restart = 1;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &o, NULL));
+    CHECK(os_modified(test_path("out/scene.ply")) != before);
+}
