@@ -124,18 +124,19 @@
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
 
 /* the parts of training: a file and a row of the table each */
-#include "src/parts/ucd.c"         /* depth weights of density control */
-#include "src/parts/free_space.c"  /* removes Gaussians between a camera and the points that it saw */
-#include "src/parts/dropout.c"     /* leaves out Gaussians at random */
-#include "src/parts/lobes.c"       /* which Gaussians get a second lobe */
-#include "src/parts/prune.c"       /* pruning: schedule and scores */
-#include "src/parts/transients.c"  /* masks pixels that disagree with all other images */
-#include "src/parts/exposure.c"    /* log gains per training image */
-#include "src/parts/medium.c"      /* the nine parameters of the medium */
-#include "src/parts/lamp.c"        /* a light that moves with the camera */
-#include "src/parts/track_depth.c" /* depths that the tracks give */
-#include "src/parts/sh_degree.c"   /* degree of the spherical harmonics */
-#include "src/parts/table.c"       /* the table */
+#include "src/parts/ucd.c"           /* depth weights of density control */
+#include "src/parts/free_space.c"    /* removes Gaussians between a camera and the points that it saw */
+#include "src/parts/dropout.c"       /* leaves out Gaussians at random */
+#include "src/parts/lobes.c"         /* which Gaussians get a second lobe */
+#include "src/parts/prune.c"         /* pruning: schedule and scores */
+#include "src/parts/transients.c"    /* masks pixels that disagree with all other images */
+#include "src/parts/exposure.c"      /* log gains per training image */
+#include "src/parts/medium.c"        /* the nine parameters of the medium */
+#include "src/parts/lamp.c"          /* a light that moves with the camera */
+#include "src/parts/track_depth.c"   /* depths that the tracks give */
+#include "src/parts/ssim_contrast.c" /* the contrast of the images, for SSIM in the loss */
+#include "src/parts/sh_degree.c"     /* degree of the spherical harmonics */
+#include "src/parts/table.c"         /* the table */
 
 #include "src/job/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
 #include "src/job/lpips.c"     /* LPIPS, for evaluations */

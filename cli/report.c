@@ -166,6 +166,7 @@ static void report_decisions(struct report *r)
                                              {"Medium (--medium)", "medium"},
                                              {"Free space (--carve)", "carve"},
                                              {"Dropout (--dropout)", "dropout"},
+                                             {"Contrast of SSIM (--ssim-contrast)", "ssim_contrast"},
                                              {"Second lobes (--dog)", "dog"}};
     struct output *t = &r->page;
     page_section(r, "Decisions and evidence");

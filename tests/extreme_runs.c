@@ -31,7 +31,7 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
     float *x = oxl_alloc(ctx, n, sizeof *x), *y = oxl_alloc(ctx, n, sizeof *y),
           *dx = oxl_alloc(ctx, n, sizeof *dx);
     double *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
-    const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx};
+    const struct loss_job job = {e->width, e->height, 0.2f, x, y, NULL, dx, 0};
     struct loss_scratch scratch = {0};
     struct loss_value narrow;
     struct extreme_sums sums = {.finite = 1};

@@ -52,6 +52,28 @@ static struct wide_loss loss_run(const struct loss_case *c, double ssim_weight)
     return kernels_loss(c->w, c->h, ssim_weight, c->x, c->y, c->weight, c->dx);
 }
 
+/* The constant of contrast of another survey: as if all values were ten times as far apart. */
+TEST(loss_of_dark_images_with_their_own_contrast_is_that_of_bright_ones)
+{
+    enum { W = 37, H = 29, N = 3 * W * H };
+    float x[N], y[N], dx[2][N];
+    struct loss_value value[2];
+    for (int i = 0; i < N; i++) {
+        x[i] = 2 * (float)loss_image(1, (size_t)i);
+        y[i] = 0.5f * (float)loss_image(2, (size_t)i) + 0.5f * x[i];
+    }
+    for (int k = 0; k < 2; k++) {
+        struct loss_scratch scratch = {0};
+        const struct loss_job job = {W, H, 1, x, y, NULL, dx[k], k ? 9e-6f : 0};
+        for (int i = 0; i < N && k; i++) x[i] *= 0.1f, y[i] *= 0.1f;
+        CHECK_OK(loss_forward_backward(test_ctx, &job, &scratch, &value[k]));
+        loss_free(test_ctx, &scratch);
+    }
+    /* 0.01^2, the constant of brightness, stays */
+    CHECK_CLOSE(value[1].ssim, value[0].ssim, 0.02);
+    for (int i = 0; i < N; i += 97) CHECK_CLOSE(dx[1][i] / 10, dx[0][i], 0.2 * fabs(dx[0][i]) + 2e-6);
+}
+
 TEST(loss_is_l1_and_ssim_as_defined)
 {
     struct loss_case c = loss_case(37, 29, 0);
@@ -177,7 +199,7 @@ static struct loss_value loss_run_float(const struct loss_case *c, int threads, 
 {
     const size_t n = 3 * (size_t)c->w * (size_t)c->h;
     float *x = malloc(n * sizeof *x), *y = malloc(n * sizeof *y), *weight = malloc(n * sizeof *weight);
-    struct loss_job job = {c->w, c->h, 0.2f, x, y, c->weight ? weight : NULL, dx};
+    struct loss_job job = {c->w, c->h, 0.2f, x, y, c->weight ? weight : NULL, dx, 0};
     struct loss_value value = {0};
     const int before = test_ctx->threads;
     if (!x || !y || !weight) abort();

@@ -503,7 +503,7 @@ static void reference_check_loss(int width, int height, double contrast, float w
     const size_t n = 3 * (size_t)width * (size_t)height;
     double *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), value, worst = 0, largest = 0;
     float *narrow = calloc(3 * n, sizeof *narrow);
-    struct loss_job job = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n};
+    struct loss_job job = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n, 0};
     struct loss_scratch scratch = {0};
     struct loss_value out;
     if (!narrow) abort();

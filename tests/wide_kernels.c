@@ -212,7 +212,7 @@ void kernels_score(struct wide *w, const double *drgb, double *score)
 struct wide_loss kernels_loss(int width, int height, double weight, const double *x, const double *y,
                               const double *mask, double *dx)
 {
-    const struct loss_job job = {width, height, weight, x, y, mask, dx};
+    const struct loss_job job = {width, height, weight, x, y, mask, dx, 0};
     struct loss_scratch scratch = {0};
     struct loss_value value = {0};
     loss_forward_backward(&kernels_context, &job, &scratch, &value);

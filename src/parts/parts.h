@@ -14,6 +14,7 @@
     ROW(medium)         \
     ROW(lamp)           \
     ROW(track_depth)    \
+    ROW(ssim_contrast)  \
     ROW(sh_degree)
 
 #endif

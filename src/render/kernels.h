@@ -228,6 +228,7 @@ struct loss_job {
     const real *x, *y;  /* (3,H,W) rendered, image */
     const real *weight; /* (H,W) 1 or 0, or NULL */
     real *dx;           /* (3,H,W) dL/dx, overwritten */
+    real c2;            /* SSIM's constant of contrast; 0: Wang's, 0.03^2 */
 };
 struct loss_value {
     double total, l1, ssim, mse; /* means over unmasked pixels and three channels */

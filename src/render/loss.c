@@ -34,7 +34,7 @@
 enum loss_sum { LOSS_SUM_L1, LOSS_SUM_SSIM, LOSS_SUM_SQUARE, LOSS_SUMS };
 
 #define LOSS_C1 ((real)1e-4) /* 0.01^2 */
-#define LOSS_C2 ((real)9e-4) /* 0.03^2 */
+#define LOSS_C2 ((real)9e-4) /* 0.03^2, unless the job has its own */
 
 static const real LOSS_WINDOW[LOSS_HALF + 1] = {/* exp(-i^2 / (2 x 1.5^2)) for i = 5..0, all 11 together 1 */
                                                 (real)0.00102838008447911, (real)0.00759875813523919,
@@ -43,9 +43,10 @@ static const real LOSS_WINDOW[LOSS_HALF + 1] = {/* exp(-i^2 / (2 x 1.5^2)) for i
 
 struct loss_strip {
     const struct loss_job *job;
-    const real *window_ok;     /* (H,W) 1 where the whole SSIM window counts, or NULL */
-    real l1_scale;             /* (1 - w) / number of unmasked values */
-    real ssim_scale;           /* w / number of unmasked windows */
+    const real *window_ok; /* (H,W) 1 where the whole SSIM window counts, or NULL */
+    real l1_scale;         /* (1 - w) / number of unmasked values */
+    real ssim_scale;       /* w / number of unmasked windows */
+    real c2;
     int channel, first, end;   /* rows */
     size_t one;                /* 1, see loss_blur_horizontal */
     real *scratch;             /* loss_scratch_size(width) */
@@ -298,6 +299,7 @@ SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s,
     const real *restrict counts = r->counts;
     real *restrict dx = r->derivative, *restrict dmsq = dx + r->stride, *restrict dmxy = dmsq + r->stride;
     real sum[PACK] = {0};
+    const real c2 = s->c2;
     const real scale = -2 * s->ssim_scale; /* of S in L, times the 2 of dS/dmx and dS/dP */
     for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
         for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
@@ -306,8 +308,8 @@ SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s,
                 const size_t j = j0 + l;
                 const real ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
                 /* S = a1 a2 / (b1 b2) = a1 q, the factors as in MATH 8 */
-                const real a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
-                const real b1 = uu + LOSS_C1, b2 = msq[j] - uu + LOSS_C2, inverse = 1 / (b1 * b2);
+                const real a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, c2);
+                const real b1 = uu + LOSS_C1, b2 = msq[j] - uu + c2, inverse = 1 / (b1 * b2);
                 /* t = S / (b1 b2) */
                 const real p = a1 * inverse, q = a2 * inverse, ssim = a1 * q, t = ssim * inverse;
                 const real c = scale * counts[j];
@@ -549,6 +551,7 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
         strip[i].window_ok = job->weight ? scratch->valid : NULL;
         strip[i].l1_scale = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
         strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
+        strip[i].c2 = job->c2 > 0 ? job->c2 : LOSS_C2;
         strip[i].one = 1;
         strip[i].scratch = (real *)scratch->rows + room * (size_t)i;
         strip[i].sums = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;

@@ -199,6 +199,8 @@ OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_poi
 OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step);
 /* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
 OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
+/* From the next loss on, SSIM's C2 is the square of this standard deviation; 0: of 0.03. CPU only. */
+OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast);
 
 /* ---------------- medium.c, exposure.c: medium and lamp; on the CPU */
 

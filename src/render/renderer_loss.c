@@ -40,6 +40,11 @@ OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
     if (gain) memcpy(r->gain, gain, sizeof r->gain);
 }
 
+OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast)
+{
+    r->contrast = contrast;
+}
+
 /* Something lies between the rendered image and the loss. */
 static int render_has_gains(const struct renderer *r)
 {
@@ -86,7 +91,8 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
     exposure_forward(ctx->isa, &exposure);
     rc = loss_forward_backward(ctx,
                                &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height,
-                                                  ssim_weight, r->exposed, rgb, weight, r->drgb},
+                                                  ssim_weight, r->exposed, rgb, weight, r->drgb,
+                                                  (real)(r->contrast * r->contrast)},
                                &r->loss, out);
     if (rc == OXL_OK) exposure_backward(ctx->isa, &exposure);
     return rc;
@@ -115,8 +121,14 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     if (rc == OXL_OK && render_has_gains(r))
         rc = render_loss_with_gains(ctx, r, rgb, weight, ssim_weight, out->dlog_gain, &value);
     else if (rc == OXL_OK) {
-        const struct loss_job job = {
-            r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
+        const struct loss_job job = {r->kernel_camera.width,
+                                     r->kernel_camera.height,
+                                     ssim_weight,
+                                     r->rgb,
+                                     rgb,
+                                     weight,
+                                     r->drgb,
+                                     (real)(r->contrast * r->contrast)};
         rc = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
     if (rc == OXL_OK)

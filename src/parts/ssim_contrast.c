@@ -1,0 +1,131 @@
+/* ssim_contrast.c - the contrast at which SSIM is half as sensitive as at its best, taken from the images.
+ *
+ * SSIM compares contrasts as (2 sxy + C2) / (sxx + syy + C2) (Wang 2004). Its C2 = 0.03^2 is that of bright
+ * images: detail of a smaller standard deviation hardly counts. On a dark seabed, whose detail has 0.009, the
+ * loss is then L1 alone, whose sign follows what gains and lamp do not explain, not the ground; its gradients
+ * stay below the threshold of density control, and whole views become a glow (docs/log/IMAGING.md). So C2 is
+ * the median variance of small cells of the images themselves, at most Wang's and at least that of one 8-bit
+ * level. Density control follows, since it adds up gradients of this loss.
+ *
+ * Invariant: a function of the scene's training images. Views and cells are taken in order.
+ */
+#include "ssim_contrast.h"
+#include "../train/part.h"
+#include "../core/option_rows.h"
+#include "../survey/image.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
+
+enum {
+    SSIM_CONTRAST_CELL = 5,     /* px: the side of a cell; its variance is that under SSIM's window */
+    SSIM_CONTRAST_VIEWS = 32,   /* limit of images, */
+    SSIM_CONTRAST_SAMPLE = 4096 /* and of cells of each, in each channel */
+};
+#define SSIM_CONTRAST_WANG 0.03         /* [Wang 2004] */
+#define SSIM_CONTRAST_LEAST (1.0 / 255) /* below is rounding to 8 bits */
+
+struct ssim_contrast {
+    double contrast; /* standard deviation, fraction of white: C2 = contrast^2 */
+    double measured; /* the images'; 0: not measured */
+    int views;       /* it was measured in */
+};
+
+/* Variance of a cell's values, in squared levels; -1: one of them is masked. */
+static double ssim_contrast_of_cell(const struct training_image *image, int channel, int x, int y)
+{
+    const size_t w = (size_t)image->width, plane = w * (size_t)image->height;
+    const double n = SSIM_CONTRAST_CELL * SSIM_CONTRAST_CELL;
+    double sum = 0, square = 0;
+    for (size_t k = 0; k < SSIM_CONTRAST_CELL * SSIM_CONTRAST_CELL; k++) {
+        const size_t at = ((size_t)y + k / SSIM_CONTRAST_CELL) * w + (size_t)x + k % SSIM_CONTRAST_CELL;
+        const double v = image->rgb[(size_t)channel * plane + at];
+        if (image->mask && !image->mask[at]) return -1;
+        sum += v, square += v * v;
+    }
+    return square / n - (sum / n) * (sum / n);
+}
+
+/* Adds the variances of at most SSIM_CONTRAST_SAMPLE cells of each channel; returns their number. */
+static size_t ssim_contrast_of_image(const struct training_image *image, double *out)
+{
+    const int across = image->width / SSIM_CONTRAST_CELL, down = image->height / SSIM_CONTRAST_CELL;
+    const size_t cells = (size_t)across * (size_t)down, step = cells / SSIM_CONTRAST_SAMPLE + 1;
+    size_t count = 0;
+    for (int c = 0; c < 3; c++)
+        for (size_t k = 0; k < cells; k += step) {
+            const int x = (int)(k % (size_t)across), y = (int)(k / (size_t)across);
+            out[count] = ssim_contrast_of_cell(image, c, SSIM_CONTRAST_CELL * x, SSIM_CONTRAST_CELL * y);
+            count += out[count] >= 0;
+        }
+    return count;
+}
+
+/* Takes training views evenly spaced; leaves out images that cannot be read. */
+OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, oxl_scene *scene, double *contrast,
+                                              int *views)
+{
+    const int train = schedule_training_views(scene), step = train / SSIM_CONTRAST_VIEWS + 1;
+    double *value = oxl_alloc(ctx, 3 * SSIM_CONTRAST_SAMPLE * SSIM_CONTRAST_VIEWS, sizeof *value);
+    oxl_result rc = OXL_OK;
+    size_t count = 0;
+    int seen = 0;
+    *contrast = *views = 0;
+    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the contrast of %d views", train);
+    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
+        const struct training_image *image;
+        if (oxl_scene_view(scene, i)->is_test || seen++ % step != 0) continue;
+        image = scene_image(ctx, scene, i);
+        if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed;
+        if (!image) continue;
+        count += ssim_contrast_of_image(image, value + count);
+        ++*views;
+    }
+    if (count > 0) *contrast = sqrt(stats_select(value, count, 0.5)) / 255;
+    oxl_free(ctx, value);
+    return rc;
+}
+
+/* A device has Wang's. */
+static oxl_result ssim_contrast_begin(struct train *t, void *state)
+{
+    struct ssim_contrast *s = state;
+    const float given = t->options->ssim_contrast;
+    const int device = renderer_has_device(t->renderer);
+    oxl_result rc = OXL_OK;
+    s->contrast = given >= 0 ? (double)given : SSIM_CONTRAST_WANG;
+    if (device && given >= 0 && given != (float)SSIM_CONTRAST_WANG)
+        return oxl_fail(t->ctx, OXL_ERR_USAGE,
+                        "a device has an SSIM of contrast %g\nfix: --ssim-contrast auto, or --backend cpu",
+                        SSIM_CONTRAST_WANG);
+    if (given < 0 && !device) rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
+    if (s->measured > 0) s->contrast = OXL_CLAMP(s->measured, SSIM_CONTRAST_LEAST, SSIM_CONTRAST_WANG);
+    renderer_set_contrast(t->renderer, s->contrast);
+    return rc;
+}
+
+static void ssim_contrast_record(struct train *t, void *state)
+{
+    const struct ssim_contrast *s = state;
+    char why[200];
+    snprintf(
+        why, sizeof why,
+        "detail of the images has a standard deviation of %.2g of white (median of %d views); SSIM's own "
+        "constant is %g, for bright images",
+        s->measured, s->views, SSIM_CONTRAST_WANG);
+    selection_record(t, "ssim_contrast", NUMBER(floor(s->contrast * 1e5 + 0.5) / 1e5),
+                     t->options->ssim_contrast >= 0     ? "as set"
+                     : renderer_has_device(t->renderer) ? TRAIN_ON_DEVICE
+                                                        : why);
+}
+
+/* clang-format off */
+static const oxl_option ssim_contrast_options[] = {
+{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, PRESETS("auto", "auto", "0.03"), OXL_TIER_EXPERT, TRAINING | RESULT | CPU_ONLY, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images, at most 0.03", NULL},
+{0}};
+/* clang-format on */
+
+OXL_INTERNAL const struct part part_ssim_contrast = {.name = "ssim_contrast",
+                                                     .size = sizeof(struct ssim_contrast),
+                                                     .option = ssim_contrast_options,
+                                                     .begin = ssim_contrast_begin,
+                                                     .record = ssim_contrast_record};

@@ -1,0 +1,43 @@
+/* test_ssim_contrast.c - the contrast of the images, by which SSIM in the loss is scaled. */
+#include "test.h"
+#include "../src/parts/ssim_contrast.h"
+
+enum { SSIM_CONTRAST_TEST_W = 60, SSIM_CONTRAST_TEST_H = 40, SSIM_CONTRAST_TEST_VIEWS = 3 };
+
+/* Stripes of 1 px, `level` above and below 0.4, on a slope of brightness over the image. */
+static oxl_scene *ssim_contrast_test_scene(float level)
+{
+    enum { W = SSIM_CONTRAST_TEST_W, H = SSIM_CONTRAST_TEST_H, N = SSIM_CONTRAST_TEST_VIEWS };
+    oxl_view view[N];
+    oxl_image image[N];
+    oxl_point point[1] = {{.position = {0, 0, 0}}};
+    oxl_scene *scene = NULL;
+    for (int v = 0; v < N; v++) {
+        view[v] = (oxl_view){v == 0   ? "a"
+                             : v == 1 ? "b"
+                                      : "c",
+                             {W, H, 50, 50, W / 2, H / 2, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {v, 0, 4}},
+                             0};
+        CHECK_OK(oxl_image_create(test_ctx, W, H, &image[v]));
+        for (int i = 0; i < 3 * W * H; i++)
+            image[v].rgb[i] = 0.4f + 0.001f * (float)(i % W) + (i / W % 2 ? level : -level);
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, N, point, 1, &scene));
+    for (int v = 0; v < N; v++) oxl_image_free(test_ctx, &image[v]);
+    return scene;
+}
+
+TEST(ssim_contrast_is_the_standard_deviation_of_detail_whatever_the_light)
+{
+    const float levels[] = {0, 0.01f, 0.1f};
+    for (int k = 0; k < 3; k++) {
+        oxl_scene *scene = ssim_contrast_test_scene(levels[k]);
+        double contrast;
+        int views;
+        CHECK_OK(ssim_contrast_measure(test_ctx, scene, &contrast, &views));
+        CHECK(views == SSIM_CONTRAST_TEST_VIEWS);
+        CHECK_CLOSE(contrast, 0.98 * (double)levels[k],
+                    0.003); /* of 5 rows: sqrt(24) / 5; levels of 8 bits */
+        oxl_scene_free(test_ctx, scene);
+    }
+}
