@@ -49,7 +49,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help unity without shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help unity without shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -154,6 +154,8 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
 floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/ROBUST.md)
+heights: $(BUILD)/heights ## build/heights MAX_SIDE MODEL SURVEY: rendered depths against points and truth (docs/log/HEIGHTS.md)
+$(BUILD)/heights: SOURCE = bench/heights.c
 borders: $(BUILD)/borders ## build/borders MAX_SIDE SURVEY PARTITION OUT...: PSNR near borders between blocks at the same pixels (docs/SCALE.md)
 $(BUILD)/borders: SOURCE = bench/borders.c
 $(BUILD)/floaters: SOURCE = bench/floaters.c
@@ -163,8 +165,8 @@ $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
 $(BUILD)/vulkan_compile: SOURCE = tests/vulkan_compile.c
 $(BUILD)/extremes: $(WIDE) $(LIBRARY)
-$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/borders $(BUILD)/vulkan_compile: \
-  bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c bench/borders.c tests/vulkan_compile.c $(BUILD)/flags
+$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/borders $(BUILD)/heights $(BUILD)/vulkan_compile: \
+  bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c bench/borders.c bench/heights.c tests/vulkan_compile.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) $(filter %.o,$^) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
@@ -179,11 +181,12 @@ shaders-check: ## fails when the committed SPIR-V does not match the shaders
 
 # ------------------------------------------------------------------------------------------------ other ways to build
 
-rooms: ## the layers of src/: includes go downwards only; line counts
+rooms: ## the layers of src/: includes go downwards only; line counts; where code outside src/parts names a part of training
 	scripts/rooms.sh
+	scripts/parts.sh
 
-without: ## PART=lamp: removes a part of training, its file and its row, in a copy of the tree, and tests the rest
-	scripts/without.sh $(PART)
+without: ## PART=lamp: removes a part of training, its file and its row, in a copy of the tree, and tests the rest; WORDS="train_ job_" of the tests
+	scripts/without.sh $(PART) $(WORDS)
 
 modules: $(LIBRARY) ## from the objects: no file calls a higher layer, and no files call each other in a cycle
 	scripts/rooms.sh links $(BUILD)

@@ -245,6 +245,19 @@ static void print_results(const char *out, int json)
     free(metrics);
 }
 
+static oxl_result run_control(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
+{
+    oxl_scene_options read = options->scene;
+    oxl_scene *scene = NULL;
+    oxl_result rc;
+    if (a->json) return oxl_fail(ctx, OXL_ERR_USAGE, "--control prints a table\nfix: without --json");
+    read.read_images = 0;
+    rc = oxl_scene_load(ctx, a->path[0], &read, &scene);
+    if (rc == OXL_OK) rc = control_check(ctx, scene, a->control, stdout);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
 static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
 {
     oxl_survey survey;
@@ -253,6 +266,7 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) print_text(stdout, json ? json : survey.text);
     oxl_text_free(ctx, json);
+    if (rc == OXL_OK && a->control) rc = run_control(ctx, a, options);
     return rc;
 }
 
@@ -396,16 +410,21 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
     const int lpips = m->lpips == m->lpips; /* not NaN */
-    printf("%8s %8s %8s %8s%s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM", lpips ? "    LPIPS" : "");
+    printf("%8s %8s %8s %8s %9s %9s%s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM", "structure",
+           "explained", lpips ? "    LPIPS" : "");
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
-        printf("%8.3f %8.3f %8.5f %8.5f", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim);
+        printf("%8.3f %8.3f %8.5f %8.5f %9.4f %9.3f", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->structure,
+               v->explained);
         if (lpips) printf(" %8.5f", v->lpips);
         print_format(stdout, "  %s\n", oxl_scene_view(scene, v->view)->name);
     }
-    printf("%8.3f %8.3f %8.5f %8.5f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim);
+    printf("%8.3f %8.3f %8.5f %8.5f %9.4f %9.3f", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->structure,
+           m->explained);
     if (lpips) printf(" %8.5f", m->lpips);
     printf("  mean of %d\n", m->count);
+    printf("%8.4f %d  least structure; views below %.1f\n", m->structure_least, m->no_structure,
+           OXL_STRUCTURE_NONE);
     if (m->depth[1] > 0)
         printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n",
                m->by_depth[0], m->by_depth[1], m->by_depth[2], m->depth[0], m->depth[1]);
@@ -413,6 +432,9 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
            m->plain_psnr, m->half_psnr);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
+    puts(
+        "structure: correlation of the detail of image and render, whatever the contrast: 0 is a veil. explained: dB of the\n"
+        "variance that gains and lamp alone leave of the image.");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)

@@ -45,6 +45,7 @@
 #include "src/survey/image_file.c"       /* decoded images in files */
 #include "src/survey/scene.c"            /* views, points, depths and rays of a scene */
 #include "src/survey/scene_alpha.c"      /* transparent pixels: composited or masked */
+#include "src/survey/scene_start.c"      /* points to start from where there are none */
 #include "src/survey/scene_images.c"     /* its images and masks */
 #include "src/survey/scene_views.c"      /* views of a survey */
 #include "src/survey/scene_load.c"       /* a scene from files or arrays: origin, points, extent */
@@ -136,10 +137,11 @@
 #include "src/parts/sh_degree.c"   /* degree of the spherical harmonics */
 #include "src/parts/table.c"       /* the table */
 
-#include "src/job/metrics.c"  /* two images compared: PSNR, SSIM, MS-SSIM */
-#include "src/job/lpips.c"    /* LPIPS, for evaluations */
-#include "src/job/evaluate.c" /* a model's images against those of a survey */
-#include "src/job/seam.c"     /* image error at the borders between blocks */
+#include "src/job/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/lpips.c"     /* LPIPS, for evaluations */
+#include "src/job/structure.c" /* the same whatever their contrast: correlation of their detail */
+#include "src/job/evaluate.c"  /* a model's images against those of a survey */
+#include "src/job/seam.c"      /* image error at the borders between blocks */
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */

@@ -329,12 +329,18 @@ typedef struct oxl_render_options {
     int sh_degree;       /* largest degree evaluated; -1: the model's */
     float near_plane;    /* Gaussians of smaller camera z are culled; the scene's unit (0.2) (see PAPER.md) */
     float alpha_min;     /* smaller alpha values are skipped; at least 1/255 (1/255) [Kerbl 2023] */
+    /* For maps: above 0, all rays are parallel to the camera's z axis, fx and fy are px per unit, and this is
+     * the distance from which the survey's cameras saw the ground, the scale of its depths. CPU only (0) */
+    float parallel;
 } oxl_render_options;
 
 OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the
- * expected camera z, sum(alpha T z) / sum(alpha T), in the scene's unit, 0 where no Gaussian contributes.
+ * camera z of the surface in the scene's unit: the mean of the Gaussians in the layer, 4 % of the depth thick,
+ * that has the most of the pixel's weight, sum(alpha T). It is negative, -z, where that layer has less than a
+ * third of the full weight, so that it may be another, and 0 where all Gaussians have less than half of it:
+ * the model is see-through there.
  * options may be NULL: the defaults, on the model's background. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                               const oxl_render_options *options, oxl_image *out, float *depth);
@@ -363,6 +369,15 @@ OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_i
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
+/* Normalised correlation of the detail of a and b, whatever their brightness and contrast: their grey values,
+ * less what a Gaussian of 1 px removes and one of 6 px keeps. 1: the same structure; 0: none, such as a veil.
+ * NaN: b has no more detail than the rounding to 8 bits.
+ * map: (H,W), or NULL: the same around each pixel, under a Gaussian of 6 px. */
+OXL_API oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out,
+                                 float *map);
+/* below it a view has no structure, in reports and messages */
+#define OXL_STRUCTURE_NONE 0.5
+
 /* A subset of the views. */
 typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } oxl_split;
 
@@ -372,12 +387,19 @@ typedef struct oxl_view_metrics {
     double plain_psnr; /* PSNR of the render at mean exposure: without the image's exposure gains and lamp */
     /* PSNR of the right half after each channel is multiplied by its least-squares factor on the left half */
     double half_psnr;
-    double lpips; /* NaN: not measured */
+    double lpips;     /* NaN: not measured */
+    double structure; /* of oxl_structure; NaN: the image has no detail */
+    /* dB: variance that is left of the image when gains and lamp are fitted to it as the light on an even
+     * surface, over the squared error; NaN: there is none */
+    double explained;
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double psnr, cc_psnr, ssim, ms_ssim, plain_psnr, half_psnr; /* means over the views; 0 without views */
     double lpips;                                               /* NaN: not measured */
+    /* means over the views that have them, and the least; NaN: no view has */
+    double structure, explained, structure_least;
+    int no_structure; /* views below OXL_STRUCTURE_NONE */
     int count;
     oxl_view_metrics *views; /* (count) */
     double depth[2];         /* terciles of the depths of all observations */

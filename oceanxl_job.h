@@ -149,6 +149,7 @@ typedef struct oxl_survey {
     int cameras, cameras_distorted;
     int width, height; /* size of the largest view as trained, px */
     size_t points, observations;
+    int outlined; /* 1: transparent images outline the scene (oxl_alpha), so a start without points is sound */
     double mean_track, mean_error;       /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
@@ -249,9 +250,8 @@ OXL_API void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 /* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.image.png, the image,
  * and, where a medium is fitted, NAME.clear.png, the render without lamp and medium; with `depth` also
  * NAME.depth.png (near is bright), NAME.depth.pfm
- * (float camera z, 0: no Gaussian) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or
- * of a metre with `unit`; 0: no
- * Gaussian, 65535: that or more). */
+ * (float camera z, 0: no surface) and NAME.depth16.png (16-bit grey, camera z in thousandths of a unit, or
+ * of a metre with `unit`; 0: no surface, 65535: that or more); depth is that of oxl_render. */
 typedef struct oxl_render_output {
     oxl_split split;
     int images, depth;

@@ -80,8 +80,12 @@ char *json_string(const char *value);
 struct frame {
     double centre[3], axis[3][3]; /* local coordinates; rows: right, up, above, of unit length */
     int is_world;                 /* they are the world's x, y and z */
+    double spread;                /* standard deviation of the points along the widest axis */
 };
-void frame_of(const oxl_scene *scene, struct frame *out);
+enum frame_kind { FRAME_AUTO, FRAME_WORLD_AXES, FRAME_SURVEY_AXES };
+void frame_of(const oxl_scene *scene, struct frame *out); /* of the kind auto */
+/* up (3): above, in the world's axes, for any kind; or NULL */
+void frame_choose(const oxl_scene *scene, enum frame_kind kind, const double *up, struct frame *out);
 double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
 void frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
@@ -93,12 +97,25 @@ void frame_cross(const double a[3], const double b[3], double out[3]);
 int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2],
                  double high[2]);
 
-/* ---------------- ortho.c: an orthomosaic */
+/* ---------------- geotiff.c: rasters with a place */
 
-/* Writes ortho.png, ortho.pgw and ortho.height.pfm (--depth) to -o, by --pixel (0: the longer side has 2048)
- * and --scale (0: not known). */
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                       const struct arguments *a, FILE *to);
+struct geotiff {
+    int width, height, is_height;
+    double pixel, corner[2]; /* size; x and y of the top-left pixel's outer corner */
+    int epsg;                /* code of a projected CRS; 0: none */
+    const double *reference; /* (2) latitude and longitude in degrees of (0, 0); NULL: not known */
+    const char *citation;    /* what x and y are, in words */
+};
+/* data (height,width,4): bytes of RGBA, alpha 0 or 255; is_height: (height,width) floats, NaN: no data. */
+oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
+
+/* ---------------- ortho.c: an orthomosaic and a height model */
+
+/* Writes ortho.tif, height.tif and frame.txt to -o, with --png ortho.png, ortho.pgw and ortho.height.pfm too,
+ * by --pixel (0: the median ground sampling distance), --scale (0: not known) and --min-views. Gaussians that
+ * no training view shows are made invisible in the model. */
+oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                       FILE *to);
 
 /* ---------------- flight.c: frames along a path */
 
@@ -109,8 +126,18 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
 
 /* ---------------- scale_bar.c: metres per unit */
 
-/* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
-oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to);
+/* Prints ends and lengths of bars, "ENDS=METRES;ENDS=METRES", metres a unit by those of known length, and what
+ * that leaves of each. length: of bars without METRES; 0: not known. */
+oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to);
+/* The place of "IMG,X,Y,IMG,X,Y..." or "X,Y,Z", in the scene's coordinates; by how much its rays miss it, and
+ * its distance from the nearest of the cameras, 0 without. */
+oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
+                       double out[3], double *miss, double *distance);
+
+/* ---------------- control.c: the accuracy of a georeferenced survey */
+
+/* Prints the residuals of the control points in a file. */
+oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *path, FILE *to);
 
 /* ---------------- report.c: one page about a run */
 
@@ -214,9 +241,12 @@ struct arguments { /* as given, or the default; NULL: not given */
     int split, backend;         /* enum oxl_split, enum oxl_backend */
     int device, threads, seeds; /* -1: the best, all */
     double budget;              /* s */
-    int ortho, frames;
+    int ortho, frames, png, min_views, epsg;
+    int frame;                   /* enum frame_kind */
+    double up[3];                /* 0 0 0: not given */
     double pixel, scale, length; /* of --ortho; metres a unit; metres. 0: not given */
     const char *flight, *bar;    /* --flight of render, --scale-bar */
+    const char *control;         /* file of check */
     const char *out, *rows;
     synth_options synth;
     oxl_job_options job;                /* the preset's defaults, and what was given */

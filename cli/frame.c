@@ -1,8 +1,9 @@
 /* frame.c - the axes right, up and above of a survey, for maps, orthomosaics and camera paths.
  *
- * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the
- * world's z to within 20 degrees, the survey is assumed to be georeferenced, and right, up and above are the
- * world's x, y and z. Otherwise right is the widest axis, in the direction that partition_axes.c gives it.
+ * A survey is assumed to be georeferenced, and right, up and above are the world's x, y and z, where the
+ * narrowest principal axis of the points on the side of the cameras, or the mean direction from which the
+ * cameras look, is the world's z to within 20 degrees, or where the world's origin is far away. Otherwise
+ * above is that narrowest axis, and right the widest, in the direction that partition_axes.c gives it.
  * Invariant: the frame is right-handed: no rendering is mirrored.
  */
 #include "cli.h"
@@ -15,6 +16,8 @@
 
 enum { FRAME_SAMPLE = 100000 };
 #define FRAME_WORLD 0.94 /* cos 20 degrees */
+#define FRAME_DISTANT \
+    200 /* standard deviations of the points: a model in its own units has its origin nearer */
 
 double frame_along(const struct frame *f, const double p[3], int axis)
 {
@@ -82,15 +85,49 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
     for (int k = 0; k < 3; k++) f->axis[0][k] = eigen_is_backward(v[wide]) ? -v[wide][k] : v[wide][k];
     memcpy(f->axis[2], v[narrow], sizeof v[0]);
     frame_cross(f->axis[2], f->axis[0], f->axis[1]);
+    f->spread = sqrt(fmax(a[wide][wide], 0) / (n > 0 ? n : 1));
+}
+
+/* Whether the world's z is up, by what the survey shows. */
+static int frame_is_world(const struct frame *f, const oxl_scene *scene)
+{
+    const double *origin = oxl_scene_origin(scene);
+    const int views = oxl_scene_view_count(scene);
+    double down = 0;
+    for (int i = 0; i < views; i++) down -= oxl_scene_view(scene, i)->camera.rotation[8] / views;
+    return f->axis[2][2] > FRAME_WORLD || down > FRAME_WORLD ||
+           sqrt(origin[0] * origin[0] + origin[1] * origin[1] + origin[2] * origin[2]) >
+               FRAME_DISTANT * f->spread;
+}
+
+/* Sets above, and right: of the two axes the one less along it, without what it has along it. */
+static void frame_turn_up(struct frame *f, const double up[3])
+{
+    double along[2] = {0, 0}, right[3], length[2] = {0, 0};
+    int k, from;
+    for (k = 0; k < 3; k++) length[0] += up[k] * up[k];
+    if (!(length[0] > 0)) return;
+    for (k = 0; k < 3; k++) f->axis[2][k] = up[k] / sqrt(length[0]);
+    for (k = 0; k < 6; k++) along[k / 3] += f->axis[k / 3][k % 3] * f->axis[2][k % 3];
+    from = fabs(along[0]) > 0.9;
+    for (k = 0; k < 3; k++) right[k] = f->axis[from][k] - along[from] * f->axis[2][k];
+    for (k = 0; k < 3; k++) length[1] += right[k] * right[k];
+    for (k = 0; k < 3; k++) f->axis[0][k] = right[k] / sqrt(length[1]);
 }
 
 void frame_of(const oxl_scene *scene, struct frame *out)
 {
-    *out = (struct frame){{0}, {{0}}, 0};
+    frame_choose(scene, FRAME_AUTO, NULL, out);
+}
+
+void frame_choose(const oxl_scene *scene, enum frame_kind kind, const double *up, struct frame *out)
+{
+    *out = (struct frame){{0}, {{0}}, 0, 0};
     frame_axes(out, scene);
     if (frame_camera_height(out, scene) < 0)
         for (int k = 0; k < 3; k++) out->axis[2][k] = -out->axis[2][k];
-    out->is_world = out->axis[2][2] > FRAME_WORLD;
+    out->is_world = up ? 0 : kind == FRAME_WORLD_AXES || (kind == FRAME_AUTO && frame_is_world(out, scene));
+    if (up) frame_turn_up(out, up);
     for (int i = 0; i < 3 && out->is_world; i++)
         for (int k = 0; k < 3; k++) out->axis[i][k] = i == k;
     frame_cross(out->axis[2], out->axis[0], out->axis[1]);

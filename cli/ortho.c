@@ -1,136 +1,417 @@
-/* ortho.c - an orthomosaic of a model, its world file, and a height model, all from straight above.
+/* ortho.c - a map of a model: the orthomosaic and the height of the ground, from straight above.
  *
- * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h
- * above the mean height is displaced by at most h / 2000, at the image's edge. Colours that change with the
- * view are those seen from straight above.
- * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left
- * pixel's centre.
- * Invariant: image to world coordinates is exact at the mean height.
+ * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at
+ * the highest camera: what floats above it is not seen. The map is rendered in patches, each a view of its
+ * own. A pixel is empty where the model is see-through, or where fewer than --min-views training views have
+ * the place in their image; it has a colour but no height where no layer of the model is the surface.
+ *
+ * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres with
+ * --scale. World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the
+ * top-left pixel's centre.
+ *
+ * Invariant: pixel corners lie at multiples of the pixel size in map coordinates, so maps of one frame and
+ * pixel size fit each other.
  */
-
 #include "cli.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { ORTHO_SIDE = 2048, ORTHO_SIDE_MAX = 16384 };
-#define ORTHO_FAR 1000.0
+enum {
+    ORTHO_PATCH = 1024,     /* px: side of a patch */
+    ORTHO_SIDE_MAX = 32768, /* px */
+    ORTHO_SAMPLE = 500,     /* points that a view's ground is measured by */
+    ORTHO_CHECKED = 100000  /* points that the heights are compared with */
+};
+#define ORTHO_RIM 0.1 /* of an image's sides: a Gaussian whose centre is this near beside it may show in it */
 
 struct ortho {
+    oxl_context *ctx;
+    const oxl_scene *scene;
     struct frame frame;
-    oxl_camera camera;
-    double low[2], high[2], pixel, distance; /* scene's units */
-    /* of the top-left pixel's centre: world, or along the frame's axes */
-    double corner[2];
+    double unit;   /* metres a unit, or 1 */
+    double pixel;  /* units */
+    double ground; /* units: median distance of the ground from the cameras */
+    double top;    /* above the frame's centre: the highest camera, units */
+    double low[2], high[2];
+    int width, height;
+    double corner[2]; /* of the top-left pixel, outer: along right and up from the frame's centre, units */
+    double shift[3];  /* of map coordinates: the centre's, units */
+    int *order;       /* training views, those that saw the last place first */
+    int views;
+    unsigned char *rgba; /* (height,width,4) */
+    float *level;        /* (height,width) heights in map units, NaN: none */
 };
 
-static void ortho_camera(struct ortho *o, const oxl_scene *scene)
+/* ---------------- what the views see */
+
+/* Where the view sees p, in px; camera z, at most 0 behind it. */
+static double ortho_see(const oxl_camera *c, const double p[3], double at[2])
 {
-    const double *origin = oxl_scene_origin(scene);
-    double middle[2], eye[3];
-    oxl_camera *c = &o->camera;
-    for (int d = 0; d < 2; d++) middle[d] = 0.5 * (o->low[d] + o->high[d]);
-    o->distance = ORTHO_FAR * fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
-    c->width = (int)ceil((o->high[0] - o->low[0]) / o->pixel);
-    c->height = (int)ceil((o->high[1] - o->low[1]) / o->pixel);
-    c->fx = c->fy = o->distance / o->pixel;
-    c->cx = 0.5 * c->width, c->cy = 0.5 * c->height;
-    for (int k = 0; k < 3; k++) {
-        eye[k] = o->frame.centre[k] + middle[0] * o->frame.axis[0][k] + middle[1] * o->frame.axis[1][k] +
-                 o->distance * o->frame.axis[2][k];
-        c->rotation[k] = o->frame.axis[0][k];
-        c->rotation[3 + k] = -o->frame.axis[1][k];
-        c->rotation[6 + k] = -o->frame.axis[2][k];
+    double x[3];
+    for (int i = 0; i < 3; i++)
+        x[i] = c->rotation[3 * i] * p[0] + c->rotation[3 * i + 1] * p[1] + c->rotation[3 * i + 2] * p[2] +
+               c->translation[i];
+    at[0] = c->fx * x[0] / x[2] + c->cx;
+    at[1] = c->fy * x[1] / x[2] + c->cy;
+    return x[2];
+}
+
+static int ortho_is_seen(const oxl_camera *c, const double p[3], double rim)
+{
+    double at[2];
+    return ortho_see(c, p, at) > 0 && at[0] >= -rim * c->width && at[0] <= (1 + rim) * c->width &&
+           at[1] >= -rim * c->height && at[1] <= (1 + rim) * c->height;
+}
+
+static int ortho_compare(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* The median distance of the ground from a view, by a sample of the points in its image; 0: none. */
+static double ortho_distance(const oxl_scene *scene, const oxl_camera *c)
+{
+    const size_t count = oxl_scene_point_count(scene), stride = 1 + count / (20 * ORTHO_SAMPLE);
+    double z[ORTHO_SAMPLE], at[2];
+    int n = 0;
+    for (size_t i = 0; i < count && n < ORTHO_SAMPLE; i += stride) {
+        const double *p = oxl_scene_points(scene)[i].position;
+        if (ortho_is_seen(c, p, 0)) z[n++] = ortho_see(c, p, at);
     }
-    frame_place(c, eye);
-    o->corner[0] = middle[0] - 0.5 * (c->width - 1) * o->pixel;
-    o->corner[1] = middle[1] + 0.5 * (c->height - 1) * o->pixel;
-    for (int d = 0; d < 2 && o->frame.is_world; d++) o->corner[d] += o->frame.centre[d] + origin[d];
+    qsort(z, (size_t)n, sizeof *z, ortho_compare);
+    return n ? z[n / 2] : 0;
 }
 
-static int ortho_world_file(const struct ortho *o, const char *folder, double unit)
+/* Sets the training views, their height and the ground's distance; *pixel: the median ground sampling
+ * distance. 0: no memory. */
+static int ortho_measure(struct ortho *o, double *pixel)
 {
-    const double pixel = o->pixel * unit;
-    struct output t = {0};
-    char path[4200];
-    snprintf(path, sizeof path, "%s/ortho.pgw", folder);
-    output_add(&t, "%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n", pixel, 0.0, 0.0, -pixel, o->corner[0] * unit,
-               o->corner[1] * unit);
-    return output_save(&t, path);
+    const int all = oxl_scene_view_count(o->scene);
+    double *distance = malloc(2 * sizeof *distance * ((size_t)all + 1));
+    int n = 0;
+    o->order = malloc(sizeof *o->order * ((size_t)all + 1));
+    o->top = -HUGE_VAL;
+    for (int i = 0; distance && o->order && i < all; i++) {
+        const oxl_view *view = oxl_scene_view(o->scene, i);
+        double eye[3], z;
+        frame_eye(view, eye);
+        o->top = fmax(o->top, frame_along(&o->frame, eye, 2));
+        if (view->is_test) continue;
+        o->order[o->views++] = i;
+        z = ortho_distance(o->scene, &view->camera);
+        if (z > 0) distance[n] = z, distance[all + n++] = z / view->camera.fx;
+    }
+    if (distance) {
+        qsort(distance, (size_t)n, sizeof *distance, ortho_compare);
+        qsort(distance + all, (size_t)n, sizeof *distance, ortho_compare);
+        o->ground = n ? distance[n / 2] : 0;
+        *pixel = n ? distance[all + n / 2] : 0;
+    }
+    free(distance);
+    return distance && o->order;
 }
 
-/* Camera z to height above the frame's centre, in metres or units; NaN where nothing is rendered. In the
- * world's frame: the world's z. */
-static oxl_result ortho_heights(oxl_context *ctx, const struct ortho *o, const oxl_scene *scene,
-                                const char *folder, double unit, float *depth)
+/* 1: `least` training views have the place in their image. Views that did come first the next time. */
+static int ortho_views_see(struct ortho *o, const double p[3], int least)
 {
-    const size_t pixels = (size_t)o->camera.width * (size_t)o->camera.height;
-    const double base = o->frame.is_world ? o->frame.centre[2] + oxl_scene_origin(scene)[2] : 0;
-    char path[4200];
-    for (size_t i = 0; i < pixels; i++)
-        depth[i] = depth[i] > 0 ? (float)((o->distance - (double)depth[i] + base) * unit) : NAN;
-    snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
-    return oxl_write_pfm(ctx, path, depth, o->camera.width, o->camera.height);
+    int seen = 0;
+    for (int i = 0; i < o->views; i++) {
+        const int view = o->order[i];
+        if (!ortho_is_seen(&oxl_scene_view(o->scene, view)->camera, p, 0)) continue;
+        memmove(o->order + seen + 1, o->order + seen, sizeof *o->order * (size_t)(i - seen));
+        o->order[seen++] = view;
+        if (seen >= least) return 1;
+    }
+    return 0;
 }
 
-static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                             const struct arguments *a, const struct ortho *o)
+/* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
+static size_t ortho_hide_unseen(const struct ortho *o, oxl_model *model)
 {
+    size_t hidden = 0;
+    for (size_t i = 0; !model->pages && i < model->count; i++) {
+        const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i],
+                             model->plane[OXL_MEAN + 2][i]};
+        int seen = 0;
+        for (int v = 0; v < o->views && !seen; v++)
+            seen = ortho_is_seen(&oxl_scene_view(o->scene, o->order[v])->camera, p, ORTHO_RIM);
+        if (!seen) model->plane[OXL_OPACITY][i] = -100, hidden++;
+    }
+    return hidden;
+}
+
+/* ---------------- the map's place */
+
+/* Sets size and corner, with pixel corners at multiples of the pixel size. */
+static void ortho_lay_out(struct ortho *o)
+{
+    const double *origin = oxl_scene_origin(o->scene);
+    long long first[2], last[2];
+    for (int d = 0; d < 3; d++) o->shift[d] = o->frame.is_world ? o->frame.centre[d] + origin[d] : 0;
+    for (int d = 0; d < 2; d++) {
+        first[d] = (long long)floor((o->low[d] + o->shift[d]) / o->pixel);
+        last[d] = (long long)ceil((o->high[d] + o->shift[d]) / o->pixel);
+    }
+    o->width = (int)(last[0] - first[0]);
+    o->height = (int)(last[1] - first[1]);
+    o->corner[0] = (double)first[0] * o->pixel - o->shift[0];
+    o->corner[1] = (double)last[1] * o->pixel - o->shift[1];
+}
+
+/* The place that a pixel shows, in the scene's coordinates; height: above the frame's centre. */
+static void ortho_place(const struct ortho *o, double x, double y, double height, double out[3])
+{
+    const double along[3] = {o->corner[0] + x * o->pixel, o->corner[1] - y * o->pixel, height};
+    for (int k = 0; k < 3; k++) {
+        out[k] = o->frame.centre[k];
+        for (int d = 0; d < 3; d++) out[k] += along[d] * o->frame.axis[d][k];
+    }
+}
+
+static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
+{
+    const int rest_x = o->width - x, rest_y = o->height - y;
+    oxl_camera c = {.width = rest_x < ORTHO_PATCH ? rest_x : ORTHO_PATCH,
+                    .height = rest_y < ORTHO_PATCH ? rest_y : ORTHO_PATCH,
+                    .fx = 1 / o->pixel,
+                    .fy = 1 / o->pixel};
+    double eye[3];
+    c.cx = 0.5 * c.width, c.cy = 0.5 * c.height;
+    for (int k = 0; k < 3; k++) {
+        c.rotation[k] = o->frame.axis[0][k];
+        c.rotation[3 + k] = -o->frame.axis[1][k];
+        c.rotation[6 + k] = -o->frame.axis[2][k];
+    }
+    ortho_place(o, x + c.cx, y + c.cy, o->top, eye);
+    frame_place(&c, eye);
+    return c;
+}
+
+/* ---------------- rendering */
+
+static unsigned char ortho_byte(float value)
+{
+    return (unsigned char)(255 * fminf(fmaxf(value, 0), 1) + 0.5f);
+}
+
+/* Copies a patch; pixels without depth or views stay empty. */
+static void ortho_take(struct ortho *o, const oxl_image *image, const float *depth, int left, int top,
+                       int min_views)
+{
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    for (size_t i = 0; i < plane; i++) {
+        const int x = left + (int)(i % (size_t)image->width), y = top + (int)(i / (size_t)image->width);
+        const size_t to = (size_t)y * (size_t)o->width + (size_t)x;
+        const double height = o->top - (double)fabsf(depth[i]);
+        double place[3];
+        o->level[to] = NAN;
+        memset(o->rgba + 4 * to, 0, 4);
+        if (!(fabsf(depth[i]) > 0)) continue;
+        ortho_place(o, x + 0.5, y + 0.5, height, place);
+        if (!ortho_views_see(o, place, min_views)) continue;
+        if (depth[i] > 0) o->level[to] = (float)((height + o->shift[2]) * o->unit);
+        for (size_t k = 0; k < 3; k++) o->rgba[4 * to + k] = ortho_byte(image->rgb[k * plane + i]);
+        o->rgba[4 * to + 3] = 255;
+    }
+}
+
+static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_views)
+{
+    float *depth = malloc(sizeof *depth * ORTHO_PATCH * ORTHO_PATCH);
+    const size_t pixels = (size_t)o->width * (size_t)o->height;
     oxl_render_options render = oxl_render_options_default();
-    oxl_image image = {0};
-    const double unit = a->scale > 0 ? a->scale : 1;
-    char path[4200];
-    float *depth =
-        a->depth ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
     oxl_result rc = OXL_OK;
-    render.near_plane = (float)(0.5 * o->distance);
+    render.near_plane = 0;
+    render.parallel = (float)o->ground;
     memcpy(render.background, model->background, sizeof render.background);
-    if (a->depth && !depth)
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory for the heights\nfix: a larger --pixel");
-    if (rc == OXL_OK) rc = oxl_render(ctx, model, &o->camera, &render, &image, depth);
-    snprintf(path, sizeof path, "%s/ortho.png", a->out);
-    if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
-    if (rc == OXL_OK && !ortho_world_file(o, a->out, unit))
-        rc = oxl_fail(ctx, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
-    if (rc == OXL_OK && depth) rc = ortho_heights(ctx, o, scene, a->out, unit, depth);
-    oxl_image_free(ctx, &image);
+    o->rgba = malloc(4 * pixels);
+    o->level = malloc(sizeof *o->level * pixels);
+    if (!depth || !o->rgba || !o->level)
+        rc = oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px\nfix: a larger --pixel",
+                      o->width, o->height);
+    for (int y = 0; y < o->height && rc == OXL_OK; y += ORTHO_PATCH)
+        for (int x = 0; x < o->width && rc == OXL_OK; x += ORTHO_PATCH) {
+            const oxl_camera camera = ortho_camera(o, x, y);
+            oxl_image image = {0};
+            rc = oxl_render(o->ctx, model, &camera, &render, &image, depth);
+            if (rc == OXL_OK) ortho_take(o, &image, depth, x, y, min_views);
+            oxl_image_free(o->ctx, &image);
+        }
     free(depth);
     return rc;
 }
 
-oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
-                       const struct arguments *a, FILE *to)
+/* ---------------- files */
+
+static oxl_result ortho_write_tiffs(const struct ortho *o, const struct arguments *a)
 {
-    const double unit = a->scale > 0 ? a->scale : 1;
-    struct ortho o = {.pixel = a->pixel / unit};
-    double side;
-    oxl_result rc = oxl_make_folder(ctx, a->out);
-    if (rc != OXL_OK) return rc;
+    const char *words = a->scale > 0 || a->epsg || o->frame.is_world
+                            ? "oceanxl: coordinates of the survey's world, height along its z"
+                            : "oceanxl: along the axes in frame.txt, in the survey's unit";
+    struct geotiff g = {.width = o->width,
+                        .height = o->height,
+                        .pixel = o->pixel * o->unit,
+                        .epsg = a->epsg,
+                        .citation = words};
+    char path[4200];
+    oxl_result rc;
+    if (!o->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt";
+    for (int d = 0; d < 2; d++) g.corner[d] = (o->corner[d] + o->shift[d]) * o->unit;
+    snprintf(path, sizeof path, "%s/ortho.tif", a->out);
+    rc = geotiff_write(o->ctx, path, &g, o->rgba);
+    g.is_height = 1;
+    snprintf(path, sizeof path, "%s/height.tif", a->out);
+    return rc == OXL_OK ? geotiff_write(o->ctx, path, &g, o->level) : rc;
+}
+
+/* The 3 x 4 matrix from the world's coordinates to the map's x, y and height. */
+static oxl_result ortho_write_frame(const struct ortho *o, const char *folder)
+{
+    const double *origin = oxl_scene_origin(o->scene);
+    struct output t = {0};
+    char path[4200];
+    snprintf(path, sizeof path, "%s/frame.txt", folder);
+    output_add(&t, "# map x, y and height = this matrix times the survey's X, Y, Z, 1\n");
+    for (int d = 0; d < 3; d++) {
+        double offset = o->shift[d];
+        for (int k = 0; k < 3; k++) {
+            offset -= o->frame.axis[d][k] * (o->frame.centre[k] + origin[k]);
+            output_add(&t, "%s ", oxl_json_number_text((char[48]){0}, o->frame.axis[d][k] * o->unit));
+        }
+        output_add(&t, "%s\n", oxl_json_number_text((char[48]){0}, o->frame.is_world ? 0 : offset * o->unit));
+    }
+    return output_save(&t, path)
+               ? OXL_OK
+               : oxl_fail(o->ctx, OXL_ERR_IO, "%s cannot be written\nfix: free space on the disk", path);
+}
+
+static int ortho_write_world_file(const struct ortho *o, const char *folder)
+{
+    const double pixel = o->pixel * o->unit;
+    struct output t = {0};
+    char path[4200];
+    snprintf(path, sizeof path, "%s/ortho.pgw", folder);
+    output_add(&t, "%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n%.9f\n", pixel, 0.0, 0.0, -pixel,
+               (o->corner[0] + 0.5 * o->pixel + o->shift[0]) * o->unit,
+               (o->corner[1] - 0.5 * o->pixel + o->shift[1]) * o->unit);
+    return output_save(&t, path);
+}
+
+/* Empty pixels are black in the PNG, NaN in the float map. */
+static oxl_result ortho_write_png(const struct ortho *o, const char *folder)
+{
+    const size_t plane = (size_t)o->width * (size_t)o->height;
+    oxl_image image = {0};
+    char path[4200];
+    oxl_result rc = oxl_image_create(o->ctx, o->width, o->height, &image);
+    for (size_t i = 0; i < 3 * plane && rc == OXL_OK; i++)
+        image.rgb[i] = (float)o->rgba[4 * (i % plane) + i / plane] / 255;
+    snprintf(path, sizeof path, "%s/ortho.png", folder);
+    if (rc == OXL_OK) rc = oxl_image_write(o->ctx, path, &image);
+    oxl_image_free(o->ctx, &image);
+    if (rc == OXL_OK && !ortho_write_world_file(o, folder))
+        rc = oxl_fail(o->ctx, OXL_ERR_IO, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
+    snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
+    return rc == OXL_OK ? oxl_write_pfm(o->ctx, path, o->level, o->width, o->height) : rc;
+}
+
+/* ---------------- what it says */
+
+/* The heights against the survey's points: the median difference, and how many have none. */
+static void ortho_compare_points(const struct ortho *o, FILE *to)
+{
+    const size_t count = oxl_scene_point_count(o->scene), stride = 1 + count / ORTHO_CHECKED;
+    double *error = malloc(sizeof *error * (count / stride + 1));
+    size_t n = 0, inside = 0;
+    for (size_t i = 0; error && i < count; i += stride) {
+        const double *p = oxl_scene_points(o->scene)[i].position;
+        const double x = floor((frame_along(&o->frame, p, 0) - o->corner[0]) / o->pixel),
+                     y = floor((o->corner[1] - frame_along(&o->frame, p, 1)) / o->pixel);
+        float level;
+        if (!(x >= 0 && y >= 0 && x < o->width && y < o->height)) continue;
+        inside++;
+        level = o->level[(size_t)y * (size_t)o->width + (size_t)x];
+        if (!isnan(level))
+            error[n++] = fabs((double)level / o->unit - o->shift[2] - frame_along(&o->frame, p, 2));
+    }
+    if (n > 0) {
+        qsort(error, n, sizeof *error, ortho_compare);
+        print_format(to, "heights   median difference from %zu of the survey's points %.3g %s", n,
+                error[n / 2] * o->unit, o->unit > 0 && fabs(o->unit - 1) > 0 ? "m" : "units");
+        if (o->ground > 0) print_format(to, ", %.2f %% of the cameras' distance", 100 * error[n / 2] / o->ground);
+        print_format(to, "; none at %.1f %% of them\n", 100 * (double)(inside - n) / (double)inside);
+    }
+    free(error);
+}
+
+static void ortho_say(const struct ortho *o, const struct arguments *a, size_t hidden, FILE *to)
+{
+    const char *axes =
+        o->frame.is_world ? "in the world's x and y"
+        : a->up[0] * a->up[0] + a->up[1] * a->up[1] + a->up[2] * a->up[2] > 0
+            ? "seen along --up, by the axes in frame.txt"
+            : "along the survey's principal axes, which frame.txt has (--frame world: the world's)";
+    print_format(to, "map       %s/ortho.tif and height.tif, %d x %d px of %.6g %s, %s\n", a->out, o->width,
+            o->height, o->pixel * o->unit, a->scale > 0 ? "metres" : "units", axes);
+    if (hidden) print_format(to, "hidden    %zu Gaussians that no training view shows\n", hidden);
+    ortho_compare_points(o, to);
+}
+
+/* ---------------- */
+
+static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
+{
+    double pixel = 0, side;
     if (strlen(a->out) > 4000)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
+        return oxl_fail(o->ctx, OXL_ERR_USAGE,
                         "ortho: the folder's name is too long\nfix: -o with a shorter one");
-    if (oxl_scene_point_count(scene) < 3)
+    if (oxl_scene_point_count(o->scene) < 3)
         return oxl_fail(
-            ctx, OXL_ERR_INPUT,
+            o->ctx, OXL_ERR_INPUT,
             "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
-    frame_of(scene, &o.frame);
-    if (!frame_bounds(&o.frame, scene, 0, o.low, o.high))
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "ortho: no memory");
-    side = fmax(o.high[0] - o.low[0], o.high[1] - o.low[1]);
+    frame_choose(o->scene, (enum frame_kind)a->frame,
+                 fabs(a->up[0]) + fabs(a->up[1]) + fabs(a->up[2]) > 0 ? a->up : NULL, &o->frame);
+    if (a->epsg && !o->frame.is_world)
+        return oxl_fail(o->ctx, OXL_ERR_USAGE,
+                        "ortho: --epsg names the system of the world's coordinates, but the map is along the "
+                        "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
+                        "georeference it first (docs/TUTORIAL.md, 5)");
+    if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_measure(o, &pixel))
+        return oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory");
+    side = fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
     if (!(side > 0))
-        return oxl_fail(ctx, OXL_ERR_INPUT,
+        return oxl_fail(o->ctx, OXL_ERR_INPUT,
                         "ortho: all points lie in one place\nfix: export the survey again");
-    if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
-    if (side / o.pixel > ORTHO_SIDE_MAX)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
-    ortho_camera(&o, scene);
-    rc = ortho_draw(ctx, model, scene, a, &o);
-    if (rc != OXL_OK) return rc;
-    print_format(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", a->out, o.camera.width,
-                 o.camera.height, o.pixel * unit, a->scale > 0 ? "metres" : "units",
-                 o.frame.is_world ? "in the world's x and y"
-                                  : "along the survey's principal axes: its world's z is not up");
+    if (!(o->pixel > 0)) o->pixel = pixel > 0 ? pixel : side / 2048;
+    if (side / o->pixel > ORTHO_SIDE_MAX)
+        return oxl_fail(o->ctx, OXL_ERR_USAGE,
+                        "ortho: the map would have more than %d px a side\nfix: a larger --pixel",
+                        ORTHO_SIDE_MAX);
+    ortho_lay_out(o);
     return OXL_OK;
+}
+
+oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
+                       FILE *to)
+{
+    struct ortho o = {.ctx = ctx, .scene = scene, .unit = a->scale > 0 ? a->scale : 1};
+    size_t hidden = 0;
+    oxl_result rc = oxl_make_folder(ctx, a->out);
+    o.pixel = a->pixel / o.unit;
+    if (rc == OXL_OK) rc = ortho_open(&o, a);
+    if (rc == OXL_OK) {
+        hidden = ortho_hide_unseen(&o, model);
+        rc = ortho_draw(&o, model, a->min_views);
+    }
+    if (rc == OXL_OK) rc = ortho_write_tiffs(&o, a);
+    if (rc == OXL_OK) rc = ortho_write_frame(&o, a->out);
+    if (rc == OXL_OK && a->png) rc = ortho_write_png(&o, a->out);
+    if (rc == OXL_OK) ortho_say(&o, a, hidden, to);
+    free(o.order);
+    free(o.rgba);
+    free(o.level);
+    return rc;
 }

@@ -30,6 +30,8 @@ static void report_tiles(struct report *r)
         report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "ssim"), 3), "mean SSIM");
         if (oxl_json_member(r->metrics, "lpips"))
             report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "lpips"), 3), "mean LPIPS (AlexNet)");
+        if (!isnan(oxl_json_number(r->metrics, "structure")))
+            report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "structure"), 3), "mean structure");
         report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
         report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");

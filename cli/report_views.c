@@ -1,4 +1,5 @@
-/* report_views.c - every evaluated view by PSNR; the worst beside their images, with an error map.
+/* report_views.c - every evaluated view by PSNR; the worst beside their images, with an error map, and those
+ * without structure, brightened, with a map of it.
  *
  * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered
  * - image|.
@@ -14,8 +15,8 @@ enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen 
 
 struct views_row {
     char *name;
-    double psnr, ssim;
-    char *flag; /* of a training view: "pose", "exposure", "blur"; NULL: none */
+    double psnr, ssim, structure; /* structure: NaN: not known */
+    char *flag; /* of a training view: "pose", "exposure", "blur", "no structure"; NULL: none */
 };
 
 struct views {
@@ -42,7 +43,8 @@ static struct views views_read(struct report *r, const char *list)
     if (!v.row) r->page.failed = 1;
     for (const char *e = oxl_json_first(list); v.row && e; e = oxl_json_next(e)) {
         struct views_row row = {json_string(oxl_json_member(e, "name")), oxl_json_number(e, "psnr"),
-                                oxl_json_number(e, "ssim"), json_string(oxl_json_member(e, "flag"))};
+                                oxl_json_number(e, "ssim"), oxl_json_number(e, "structure"),
+                                json_string(oxl_json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
         else free(row.name), free(row.flag);
     }
@@ -121,6 +123,56 @@ static oxl_result views_error(struct report *r, const oxl_image *a, const oxl_im
     return rc;
 }
 
+/* ---------------- views without structure */
+
+static int views_is_fog(const struct views_row *row)
+{
+    return row->structure < OXL_STRUCTURE_NONE;
+}
+
+static int views_compare_floats(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Stretches both to the range of the image, without its darkest and brightest hundredth: a dark image of low
+ * contrast hides what its render lacks. */
+static void views_brighten(struct report *r, oxl_image *image, oxl_image *rendered)
+{
+    const size_t values = 3 * (size_t)image->width * (size_t)image->height;
+    float *sorted = malloc(values * sizeof *sorted), low, range;
+    if (!sorted) {
+        r->page.failed = 1;
+        return;
+    }
+    memcpy(sorted, image->rgb, values * sizeof *sorted);
+    qsort(sorted, values, sizeof *sorted, views_compare_floats);
+    low = sorted[values / 100];
+    range = fmaxf(sorted[values - 1 - values / 100] - low, 1.0f / 255);
+    free(sorted);
+    for (size_t i = 0; i < values; i++) {
+        image->rgb[i] = (image->rgb[i] - low) / range;
+        rendered->rgb[i] = (rendered->rgb[i] - low) / range;
+    }
+}
+
+/* Black: nothing of the image's structure, white: all of it; grey where the image has none. */
+static oxl_result views_structure(struct report *r, const oxl_image *rendered, const oxl_image *image,
+                                  oxl_image *out)
+{
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    float *map = malloc(pixels * sizeof *map);
+    double value;
+    oxl_result rc = map ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = oxl_structure(r->ctx, rendered, image, &value, map);
+    if (rc == OXL_OK) rc = oxl_image_create(r->ctx, image->width, image->height, out);
+    for (size_t i = 0; rc == OXL_OK && i < 3 * pixels; i++)
+        out->rgb[i] = isnan(map[i % pixels]) ? 0.5f : fmaxf(map[i % pixels], 0);
+    free(map);
+    return rc;
+}
+
 static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *name)
 {
     output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of %S\" src=\"", image->width,
@@ -132,27 +184,33 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
     struct output *t = &r->page;
-    oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0};
-    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f</span></h3>\n", row->name, row->psnr,
-               row->ssim);
+    oxl_image rendered = {0}, image = {0}, error = {0}, clear = {0}, structure = {0};
+    const int fog = views_is_fog(row);
+    output_add(t, "<h3>%S <span class=\"pale\">%.2f dB, SSIM %.3f%s%s</span>%s</h3>\n", row->name, row->psnr,
+               row->ssim, isnan(row->structure) ? "" : ", structure ", OUTPUT_FIXED(row->structure, 2),
+               fog ? " <span class=\"mark warn\">no structure</span>" : "");
     if (!views_image(r, folder, row->name, ".png", &rendered) ||
         !views_image(r, folder, row->name, ".image.png", &image) || rendered.width != image.width ||
         rendered.height != image.height)
         output_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
-             views_error(r, &rendered, &image, &error) == OXL_OK) {
+             views_error(r, &rendered, &image, &error) == OXL_OK &&
+             (!fog || views_structure(r, &rendered, &image, &structure) == OXL_OK)) {
+        if (fog) views_brighten(r, &image, &rendered);
         output_add(t, "<div class=\"three\">\n");
-        views_figure(r, &image, "Image", row->name);
-        views_figure(r, &rendered, "Rendered", row->name);
+        views_figure(r, &image, fog ? "Image, brightened" : "Image", row->name);
+        views_figure(r, &rendered, fog ? "Rendered, brightened" : "Rendered", row->name);
         if (views_image(r, folder, row->name, ".clear.png", &clear) && views_reduce(r, &clear) == OXL_OK)
             views_figure(r, &clear, "Without medium and lamp", row->name);
         views_figure(r, &error, "Error", row->name);
+        if (fog) views_figure(r, &structure, "Structure", row->name);
         output_add(t, "</div>\n");
     } else t->failed = 1;
     oxl_image_free(r->ctx, &rendered);
     oxl_image_free(r->ctx, &image);
     oxl_image_free(r->ctx, &error);
     oxl_image_free(r->ctx, &clear);
+    oxl_image_free(r->ctx, &structure);
 }
 
 /* ---------------- the section */
@@ -161,12 +219,44 @@ static void views_show(struct report *r, const char *folder, const struct views_
 static void views_rows(struct output *t, const struct views *v, int from, int to, int flags)
 {
     output_add(
-        t, "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM%s</tr>\n",
+        t,
+        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th class=\"n\">structure%s</tr>\n",
         flags ? "<th>look at" : "");
     for (int i = from; i < to; i++)
-        output_add(t, "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f%s%S</tr>\n",
-                   v->row[i].name, v->row[i].psnr, v->row[i].ssim, flags ? "<td>" : "", v->row[i].flag);
+        output_add(
+            t,
+            "<tr><td class=\"name\">%S<td class=\"n\">%.2f<td class=\"n\">%.3f<td class=\"n\">%s%s%S</tr>\n",
+            v->row[i].name, v->row[i].psnr, v->row[i].ssim, OUTPUT_FIXED(v->row[i].structure, 2),
+            flags ? "<td>" : "", v->row[i].flag);
     output_add(t, "</table></div>\n");
+}
+
+static int views_compare_structure(const void *a, const void *b)
+{
+    const struct views_row *x = a, *y = b;
+    if (x->structure != y->structure && !isnan(x->structure) && !isnan(y->structure))
+        return x->structure < y->structure ? -1 : 1;
+    if (isnan(x->structure) != isnan(y->structure)) return isnan(x->structure) ? 1 : -1;
+    return strcmp(x->name, y->name);
+}
+
+/* Those below OXL_STRUCTURE_NONE, and pictures of the least; sorts the rows. what: "held-out". */
+static void views_fog(struct report *r, const char *folder, const char *what, struct views *v)
+{
+    struct output *t = &r->page;
+    int fog = 0;
+    qsort(v->row, (size_t)v->count, sizeof *v->row, views_compare_structure);
+    while (fog < v->count && views_is_fog(&v->row[fog])) fog++;
+    if (fog == 0) return;
+    output_add(
+        t,
+        "<h3>No structure</h3>\n<p><b class=\"warn\">%d of %d %s views are rendered without the structure of their "
+        "images</b>: the detail of the two correlates by less than %.1f (1: the same, 0: none, as behind a "
+        "veil). PSNR and SSIM do not show this where images are dark or of low contrast. Train longer, or "
+        "look for a wrong pose.</p>\n",
+        fog, v->count, what, OXL_STRUCTURE_NONE);
+    views_rows(t, v, 0, fog < VIEWS_OPEN ? fog : VIEWS_OPEN, 0);
+    for (int i = 0; i < fog && i < VIEWS_SHOWN; i++) views_show(r, folder, &v->row[i]);
 }
 
 void views_section(struct report *r)
@@ -186,7 +276,8 @@ void views_section(struct report *r)
                 : "<p><b class=\"warn\">These are training views, because none is held out: expect lower quality on new views.</b>");
         output_add(
             t,
-            " PSNR is the error in decibels: 3 dB more is half the squared error. SSIM compares structure: 1 is identical. Worst first.</p>\n");
+            " PSNR is the error in decibels: 3 dB more is half the squared error. SSIM compares structure: 1 is identical. "
+            "Structure is the correlation of detail, whatever the contrast: 0 is none. Worst first.</p>\n");
         views_rows(t, &v, 0, v.count < VIEWS_OPEN ? v.count : VIEWS_OPEN, 0);
         if (v.count > VIEWS_OPEN) {
             output_add(t, "<details><summary>%d more views</summary>\n", v.count - VIEWS_OPEN);
@@ -200,6 +291,7 @@ void views_section(struct report *r)
             "<p><small>Error: mean absolute difference of the three channels, from black (none) over blue and green to pale "
             "yellow (%.0f %% of full white and above).</small></p>\n",
             100 * VIEWS_ERROR_FULL);
+        views_fog(r, "renders", held ? "held-out" : "training", &v);
     }
     views_free(&v);
 }
@@ -217,12 +309,13 @@ void views_training_section(struct report *r)
         page_section(r, "Training images that fit worst");
         output_add(
             t,
-            "<p>%d of %d fit far worse than neighbouring images. The cause is a wrong pose, another exposure or blur: leave "
-            "such an image out, or correct it, and train again.</p>\n",
+            "<p>%d of %d fit far worse than neighbouring images, or are rendered without structure. The cause of the former is "
+            "a wrong pose, another exposure or blur: leave such an image out, or correct it, and train again.</p>\n",
             flagged > 0 ? (int)flagged : 0, v.count);
         while (shown < v.count && (v.row[shown].flag || shown < VIEWS_OPEN)) shown++;
         views_rows(t, &v, 0, shown, 1);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
+        views_fog(r, "training_views", "training", &v);
     }
     views_free(&v);
 }

@@ -1,8 +1,9 @@
-/* scale_bar.c - the scale of a survey in metres per unit: from a scale bar in two images or more, or from a
- * known distance.
+/* scale_bar.c - the scale of a survey in metres per unit: from scale bars in two images or more, or from known
+ * distances.
  *
- * Each end of the bar is seen along a ray in each image; the point nearest to the rays in the least-squares
- * sense is the end. The length in metres over the length in units is the scale.
+ * Each end of a bar is seen along a ray in each image; the point nearest to the rays in the least-squares
+ * sense is the end. The scale is the one by which the lengths in units fit those in metres best; what is left
+ * of each bar tells a wrong click, or a bent model.
  */
 #include "cli.h"
 
@@ -10,7 +11,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCALE_MISS 0.03 /* of the bar's length, by which a ray may miss its end */
+#define SCALE_MISS \
+    0.03 /* of the bar's length, and of the camera's distance, by which a ray may miss its end */
+#define SCALE_LEFT 0.03 /* of a bar's length: a larger residual is a warning */
+
+enum { SCALE_BARS = 100 };
+
+struct scale_bar {
+    double end[2][3], miss[2];
+    double distance[2];   /* of each end from the nearest camera that marks it; 0: none does */
+    double units, metres; /* metres: 0: not known */
+};
 
 struct scale_end {
     /* of the normal equations: sum of (I - d d^T), and of it times the ray's origin */
@@ -65,9 +76,8 @@ static int scale_comma(const char **at, const char *end)
     return 1;
 }
 
-/* One end: "IMG,X,Y,IMG,X,Y..." or "X,Y,Z". */
-static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
-                                 double out[3], double *miss)
+oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
+                       double out[3], double *miss, double *distance)
 {
     struct scale_end e = {{{0}}, {0}, 0};
     const char *end = text + length, *at = text;
@@ -77,7 +87,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         if (isnan(out[k]) || (k < 2 && !scale_comma(&at, end))) break;
         if (k == 2 && at == end) {
             for (int i = 0; i < 3; i++) out[i] -= oxl_scene_origin(scene)[i];
-            *miss = 0;
+            *miss = *distance = 0;
             return OXL_OK;
         }
     }
@@ -102,43 +112,124 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         return scale_fail(ctx, "an end must be visible in two images from different positions in", text,
                           length);
     *miss = 0;
+    *distance = HUGE_VAL;
     for (int i = 0; i < e.rays; i++) {
         double from[3], across[3];
         for (int k = 0; k < 3; k++) from[k] = out[k] - ray[i][k];
+        *distance = fmin(*distance, sqrt(from[0] * from[0] + from[1] * from[1] + from[2] * from[2]));
         frame_cross(from, ray[i] + 3, across);
         *miss = fmax(*miss, sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]));
     }
     return OXL_OK;
 }
 
-oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to)
+/* A bar of `size` bytes, its length in metres behind '='. */
+static oxl_result scale_read_bar(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t size,
+                                 struct scale_bar *out)
 {
-    const char *colon = strchr(bar, ':');
-    const double *origin = oxl_scene_origin(scene);
-    double end[2][3], miss[2], units = 0;
+    const char *colon = memchr(text, ':', size), *equals = memchr(text, '=', size), *end = text + size;
     oxl_result rc;
-    if (!colon) return scale_fail(ctx, "expected two ends with a colon between, found", bar, strlen(bar));
-    rc = scale_read_end(ctx, scene, bar, (size_t)(colon - bar), end[0], &miss[0]);
-    if (rc == OXL_OK) rc = scale_read_end(ctx, scene, colon + 1, strlen(colon + 1), end[1], &miss[1]);
-    if (rc != OXL_OK) return rc;
-    for (int k = 0; k < 3; k++) units += (end[1][k] - end[0][k]) * (end[1][k] - end[0][k]);
-    units = sqrt(units);
-    if (length > 0 && !(units > 0))
+    if (!colon) return scale_fail(ctx, "expected two ends with a colon between, found", text, size);
+    if (equals && equals > colon) {
+        const char *at = equals + 1;
+        out->metres = oxl_json_number_at(&at);
+        if (!(out->metres > 0) || at != end)
+            return scale_fail(ctx, "expected metres behind '=' in", text, size);
+        end = equals;
+    }
+    rc = scale_place(ctx, scene, text, (size_t)(colon - text), out->end[0], &out->miss[0], &out->distance[0]);
+    if (rc == OXL_OK)
+        rc = scale_place(ctx, scene, colon + 1, (size_t)(end - colon - 1), out->end[1], &out->miss[1],
+                         &out->distance[1]);
+    for (int k = 0; k < 3 && rc == OXL_OK; k++)
+        out->units += (out->end[1][k] - out->end[0][k]) * (out->end[1][k] - out->end[0][k]);
+    out->units = sqrt(out->units);
+    return rc;
+}
+
+/* Refuses rays that do not meet, measured by the bar, and by the distance from which they were seen: a wrong
+ * click far away makes a long bar, of which the miss is a small part. */
+static oxl_result scale_check(oxl_context *ctx, const struct scale_bar *b)
+{
+    if (b->metres > 0 && !(b->units > 0))
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
             "--scale-bar: both ends are at the same place, so --length %g has no scale\nfix: give two different ends",
-            length);
-    for (int i = 0; i < 2; i++)
-        if (miss[i] > SCALE_MISS * units)
+            b->metres);
+    for (int i = 0; i < 2; i++) {
+        const int by_bar = b->miss[i] > SCALE_MISS * b->units;
+        const double of = by_bar ? b->units : b->distance[i];
+        if (b->miss[i] > SCALE_MISS * of)
             return oxl_fail(
                 ctx, OXL_ERR_INPUT,
-                "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most "
+                "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the %s %.3g; at most "
                 "%.0f %% are expected\nfix: mark the same point in all of its images, and check their poses",
-                i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);
+                i + 1, b->miss[i], of > 0 ? 100 * b->miss[i] / of : 100.0,
+                by_bar ? "bar's" : "camera's distance of", of, 100 * SCALE_MISS);
+    }
+    return OXL_OK;
+}
+
+/* The diagonal of the box of the points, without the outermost on each side. */
+static double scale_survey_size(const oxl_scene *scene)
+{
+    struct frame f;
+    double low[2], high[2];
+    if (oxl_scene_point_count(scene) < 3) return 0;
+    frame_of(scene, &f);
+    if (!frame_bounds(&f, scene, 1, low, high)) return 0;
+    return sqrt((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]));
+}
+
+static void scale_print(const oxl_scene *scene, const struct scale_bar *b, double survey, FILE *to)
+{
+    const double *origin = oxl_scene_origin(scene);
     for (int i = 0; i < 2; i++)
         fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1,
-                end[i][0] + origin[0], end[i][1] + origin[1], end[i][2] + origin[2], miss[i]);
-    fprintf(to, "distance  %.9g units\n", units);
-    if (length > 0 && units > 0) fprintf(to, "scale     %.9g metres a unit\n", length / units);
+                b->end[i][0] + origin[0], b->end[i][1] + origin[1], b->end[i][2] + origin[2], b->miss[i]);
+    fprintf(to, "distance  %.9g units\n", b->units);
+    if (survey > 0 && b->units > survey)
+        fprintf(to, "warning   the survey is only %.3g units long: an end may be marked wrongly\n", survey);
+}
+
+/* The least-squares scale of all bars of known length, and what it leaves of each. */
+static void scale_print_fit(const struct scale_bar *bar, int count, FILE *to)
+{
+    double products = 0, squares = 0, scale;
+    int known = 0;
+    for (int i = 0; i < count; i++)
+        if (bar[i].metres > 0) {
+            products += bar[i].metres * bar[i].units, squares += bar[i].units * bar[i].units;
+            known++;
+        }
+    if (!(squares > 0)) return;
+    scale = products / squares;
+    for (int i = 0; i < count && known > 1; i++) {
+        const double left = bar[i].metres - scale * bar[i].units;
+        if (!(bar[i].metres > 0)) continue;
+        fprintf(to, "bar %-5d %.6g m, measured %.6g m, residual %.3g m%s\n", i + 1, bar[i].metres,
+                scale * bar[i].units, left,
+                fabs(left) > SCALE_LEFT * bar[i].metres ? ": warning, more than 3 %" : "");
+    }
+    fprintf(to, "scale     %.9g metres a unit\n", scale);
+}
+
+oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to)
+{
+    struct scale_bar bar[SCALE_BARS];
+    const double survey = scale_survey_size(scene);
+    oxl_result rc = OXL_OK;
+    int count = 0;
+    for (const char *at = bars; rc == OXL_OK && *at; at += *at == ';') {
+        const size_t size = strcspn(at, ";");
+        if (count == SCALE_BARS) return scale_fail(ctx, "more than 100 bars:", at, size);
+        bar[count] = (struct scale_bar){.metres = length};
+        rc = scale_read_bar(ctx, scene, at, size, &bar[count]);
+        if (rc == OXL_OK) rc = scale_check(ctx, &bar[count++]);
+        at += size;
+    }
+    if (rc != OXL_OK) return rc;
+    for (int i = 0; i < count; i++) scale_print(scene, &bar[i], survey, to);
+    scale_print_fit(bar, count, to);
     return OXL_OK;
 }

@@ -1,39 +1,123 @@
 #!/bin/sh
-# from_images.sh IMAGES SURVEY [OUT] - from a folder of images to a model: COLMAP finds the cameras, OceanXL trains.
+# from_images.sh PHOTOS SURVEY [OUT] - from a folder of photos, or a video, to a model: COLMAP finds the cameras, OceanXL trains.
 #
-# Needs COLMAP (Debian: apt-get install colmap) and oceanxl (in the path, in build/, or OCEANXL=...). SURVEY gets images/ (a link), the database
-# and sparse/0/ as text; OUT gets what `oceanxl train` leaves (SURVEY/out). What is there already is not done again.
-#   CAMERA=OPENCV          the lens model; dome ports: OPENCV, very wide ones: OPENCV_FISHEYE
-#   MATCHER=sequential     for video frames and long transects in the order of their names; exhaustive compares all pairs (up to 300 images)
-#   PRESET=standard        draft, standard or paper
+# Needs COLMAP (Debian: apt-get install colmap; ffmpeg for a video) and oceanxl (in the path, in build/, or OCEANXL=...). SURVEY gets images/,
+# COLMAP's database and log, and sparse/0/; OUT (SURVEY/out) what `oceanxl train` leaves. What is there already is not done again.
+#   CAMERA=OPENCV       the lens model; SIMPLE_RADIAL for few photos, OPENCV_FISHEYE for very wide lenses
+#   SINGLE_CAMERA=1     0: photos of several cameras or zoom settings
+#   MATCHER=exhaustive  all pairs: up to 80 photos; sequential: a video, or photos in the order of their names: beyond 80; spatial: by their
+#                       GPS tags; vocab_tree: any order, with VOCAB=FILE, a vocabulary tree from COLMAP's page
+#   MASKS=FOLDER        NAME.png beside each photo's NAME, black is ignored, by COLMAP and in training; SURVEY/masks if it is there
+#   FPS=2               frames a second that are taken of a video: of each two candidates the one with more detail
+#   PRESET=standard     draft, standard or paper
 set -eu
 [ $# -ge 2 ] || { sed -n '2,$ { /^#/!q; s/^# \{0,1\}//p }' "$0" >&2; exit 2; }
 here=$(realpath "$(dirname "$0")")
-images=$(realpath "$1") survey=$2 out=${3:-$2/out}
+photos=$(realpath "$1") survey=$2 out=${3:-$2/out}
 oceanxl=${OCEANXL:-$(command -v oceanxl || echo "$here/../build/oceanxl")}
-command -v colmap >/dev/null || { echo 'from_images.sh: colmap is not there. fix: apt-get install colmap' >&2; exit 1; }
-count=$(find "$images" -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \) | wc -l)
-[ "$count" -ge 3 ] || { echo "from_images.sh: $images holds $count images (JPG or PNG), at least 3 are wanted" >&2; exit 3; }
-matcher=${MATCHER:-$([ "$count" -le 300 ] && echo exhaustive || echo sequential)}
+say() { echo "from_images.sh: $*" >&2; }
+fix() { echo "     fix: $*" >&2; }
+command -v colmap >/dev/null || { say 'colmap is not there'; fix 'apt-get install colmap'; exit 1; }
+command -v "$oceanxl" >/dev/null || { say "$oceanxl is not there"; fix 'make, in the folder of OceanXL'; exit 1; }
 export QT_QPA_PLATFORM=offscreen # no screen is needed
-
 mkdir -p "$survey/sparse"
-[ -e "$survey/images" ] || ln -s "$images" "$survey/images"
-if [ ! -f "$survey/sparse/0/points3D.bin" ]; then
-    echo "COLMAP: $count images, lens model ${CAMERA:-OPENCV}, $matcher matching; its words go to $survey/colmap.log" >&2
-    {
-        colmap feature_extractor --database_path "$survey/database.db" --image_path "$images" --ImageReader.single_camera 1 \
-            --ImageReader.camera_model "${CAMERA:-OPENCV}" --SiftExtraction.use_gpu 0
-        colmap "${matcher}_matcher" --database_path "$survey/database.db" --SiftMatching.use_gpu 0
-        colmap mapper --database_path "$survey/database.db" --image_path "$images" --output_path "$survey/sparse"
-    } >"$survey/colmap.log" 2>&1 || { tail -n 5 "$survey/colmap.log" >&2; echo "from_images.sh: COLMAP failed, see $survey/colmap.log" >&2; exit 1; }
-fi
-[ -f "$survey/sparse/0/points3D.bin" ] || {
-    echo "from_images.sh: COLMAP found no two images that belong together, see $survey/colmap.log" >&2
-    echo "     fix: more overlap (60 % and more), sharper images, or MATCHER=exhaustive" >&2
+log=$survey/colmap.log cores=$(getconf _NPROCESSORS_ONLN)
+: >>"$log"
+
+# run STAGE PATTERN COMMAND...: into the log; meanwhile the last line of it that has the pattern is shown.
+run() {
+    stage=$1 pattern=$2 begin=$(date +%s)
+    shift 2
+    from=$(wc -l <"$log")
+    echo "== $*" >>"$log"
+    "$@" >>"$log" 2>&1 &
+    process=$!
+    while kill -0 $process 2>/dev/null; do
+        sleep 1
+        line=$(tail -n "+$((from + 1))" "$log" | grep -aEo "$pattern" | tail -n 1 || true)
+        [ ! -t 2 ] || printf '\r\033[K%s: %s, %s s' "$stage" "${line:-...}" $(($(date +%s) - begin)) >&2
+    done
+    [ ! -t 2 ] || printf '\r\033[K' >&2
+    if wait $process; then echo "$stage: $(($(date +%s) - begin)) s${line:+, $line}" >&2; else return 1; fi
+}
+
+failed() { # STAGE
+    tail -n 5 "$log" >&2
+    say "COLMAP failed: $1, see $log"
+    fix "sharper photos, more overlap (60 % and more), MATCHER=exhaustive, or CAMERA=SIMPLE_RADIAL; remove $survey/database.db to begin anew"
     exit 1
 }
-[ -f "$survey/sparse/0/points3D.txt" ] ||
-    colmap model_converter --input_path "$survey/sparse/0" --output_path "$survey/sparse/0" --output_type TXT >>"$survey/colmap.log" 2>&1
+
+# ---- a video: candidates at twice the rate, of which the larger JPEG of each two is kept: blur compresses better
+if [ -f "$photos" ]; then
+    command -v ffmpeg >/dev/null || { say 'ffmpeg is not there'; fix 'apt-get install ffmpeg'; exit 1; }
+    if [ ! -d "$survey/images" ]; then
+        rm -rf "$survey/frames"
+        mkdir -p "$survey/frames"
+        run 'video' 'frame= *[0-9]+' ffmpeg -nostdin -i "$photos" -vf "fps=$(awk "BEGIN { print 2 * ${FPS:-2} }")" -q:v 2 "$survey/frames/%06d.jpg" ||
+            { tail -n 3 "$log" >&2; exit 1; }
+        # shellcheck disable=SC2012
+        ls -l "$survey/frames" | awk 'NR > 1 { n++; size[n] = $5; name[n] = $NF }
+            END { for (i = 1; i < n; i += 2) print size[i] >= size[i + 1] ? name[i + 1] : name[i] }' |
+            while read -r blurred; do rm -f "$survey/frames/$blurred"; done
+        mv "$survey/frames" "$survey/images"
+    fi
+    photos=$(realpath "$survey/images")
+    MATCHER=${MATCHER:-sequential}
+fi
+[ -e "$survey/images" ] || ln -s "$photos" "$survey/images"
+masks=${MASKS:-$survey/masks}
+[ ! -d "$masks" ] || [ -e "$survey/masks" ] || ln -s "$(realpath "$masks")" "$survey/masks"
+
+count=$(find "$photos/" -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \) | wc -l)
+[ "$count" -ge 3 ] || { say "$photos holds $count photos (JPG or PNG), at least 3 are wanted"; exit 3; }
+matcher=${MATCHER:-$([ "$count" -le 80 ] && echo exhaustive || echo sequential)}
+
+# ---- COLMAP
+if ! ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1; then
+    case $matcher in
+    exhaustive) pairs=$((count * (count - 1) / 2)) ;;
+    vocab_tree) pairs=$((count * 100)) ;;
+    *) pairs=$((count * 10)) ;;
+    esac
+    say "$count photos, lens model ${CAMERA:-OPENCV}, $matcher matching: $pairs pairs, at about 1 s a pair and core up to $((pairs / cores / 60 + 1)) min"
+    [ "$matcher" != sequential ] || [ "${MATCHER:-}" ] || say 'sequential matching takes photos in the order of their names; MATCHER=exhaustive compares all'
+    set -- --database_path "$survey/database.db" --image_path "$photos" --ImageReader.single_camera "${SINGLE_CAMERA:-1}" \
+        --ImageReader.camera_model "${CAMERA:-OPENCV}" --SiftExtraction.use_gpu 0
+    [ ! -d "$masks" ] || set -- "$@" --ImageReader.mask_path "$masks"
+    run '1/4 features' 'Processed file \[[0-9]+/[0-9]+\]' colmap feature_extractor "$@" || failed features
+    set -- --database_path "$survey/database.db" --SiftMatching.use_gpu 0
+    [ "$matcher" != vocab_tree ] || set -- "$@" --VocabTreeMatching.vocab_tree_path "${VOCAB:?a vocabulary tree is wanted: VOCAB=FILE}"
+    run '2/4 matches' 'Matching (block|image) \[[0-9/, ]+\]' colmap "${matcher}_matcher" "$@" || failed matches
+    run '3/4 cameras' 'Registering image #[0-9]+ \([0-9]+\)' colmap mapper --database_path "$survey/database.db" --image_path "$photos" \
+        --output_path "$survey/sparse" || [ -f "$survey/sparse/0/points3D.bin" ] || failed 'no two photos fit together'
+fi
+ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1 || failed 'no two photos fit together'
+
+# ---- the sub-model with most photos, in sparse/0; its text tells which photos they are
+if [ ! -f "$survey/text/points3D.txt" ]; then
+    best='' most=0
+    for model in "$survey"/sparse/*/; do
+        n=$(colmap model_analyzer --path "$model" 2>&1 | sed -n 's/.*Registered images: *//p')
+        [ "${n:-0}" -le "$most" ] || { most=$n best=${model%/}; }
+    done
+    if [ "$best" != "$survey/sparse/0" ]; then
+        mv "$survey/sparse/0" "$survey/sparse/0.smaller"
+        mv "$best" "$survey/sparse/0"
+    fi
+    mkdir -p "$survey/text"
+    colmap model_converter --input_path "$survey/sparse/0" --output_path "$survey/text" --output_type TXT >>"$log" 2>&1
+fi
+grep -v '^#' "$survey/text/images.txt" | awk 'NR % 2' | cut -d ' ' -f 10- | sort >"$survey/registered.txt"
+(cd "$photos/" && find . -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \)) | sed 's,^\./,,' | sort >"$survey/photos.txt"
+comm -13 "$survey/registered.txt" "$survey/photos.txt" >"$survey/unregistered.txt"
+say "$(wc -l <"$survey/registered.txt") of $count photos have a camera"
+if [ -s "$survey/unregistered.txt" ]; then
+    say "without one: $(head -n 10 "$survey/unregistered.txt" | paste -sd ' '); all are in $survey/unregistered.txt"
+    fix 'they overlap too little with the others, or are blurred; MATCHER=exhaustive may find more'
+fi
+
+# ---- OceanXL
+echo '4/4 training' >&2
 "$oceanxl" check "$survey"
 "$oceanxl" train "$survey" -o "$out" --preset "${PRESET:-standard}"

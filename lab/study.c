@@ -225,10 +225,25 @@ static oxl_result study_write_all(struct study *s, FILE *to)
     return rc;
 }
 
+/* Refuses rows that set an option of a part of training which this build does not have. */
+static oxl_result study_check_options(const struct study *s)
+{
+    for (int r = 0; r < s->rows; r++)
+        for (int i = 0; i < STUDY_OPTIONS && s->row[r]->option[i][0]; i++)
+            if (!oxl_option_find(s->row[r]->option[i][0]))
+                return oxl_fail(
+                    s->meter.ctx, OXL_ERR_USAGE,
+                    "row %s sets --%s, which this build does not have\nfix: --rows without %s, or a build with the "
+                    "part of training that the option belongs to",
+                    s->row[r]->name, s->row[r]->option[i][0], s->row[r]->name);
+    return OXL_OK;
+}
+
 static oxl_result study_train_rows(struct study *s, FILE *to)
 {
     const time_t started = time(NULL);
     oxl_result rc = study_choose_rows(s);
+    if (rc == OXL_OK) rc = study_check_options(s);
     if (rc == OXL_OK && strlen(s->options->out) > 900)
         rc = oxl_fail(s->meter.ctx, OXL_ERR_USAGE,
                       "the name of the folder is too long\nfix: a shorter one than -o %s", s->options->out);

@@ -21,7 +21,9 @@ enum { STUDY_SEEDS = CLI_SEEDS, STUDY_ROWS = 20, STUDY_OPTIONS = 4, STUDY_AGAINS
 enum study_measure {
     STUDY_PSNR, /* dB */
     STUDY_SSIM,
-    STUDY_NEAR, /* PSNR of each third of depth, dB: oxl_metrics.by_depth */
+    STUDY_STRUCTURE, /* mean over the evaluated views: oxl_metrics.structure */
+    STUDY_LEAST,     /* its least value over evaluated and training views */
+    STUDY_NEAR,      /* PSNR of each third of depth, dB: oxl_metrics.by_depth */
     STUDY_MIDDLE,
     STUDY_FAR,
     STUDY_GAUSSIANS,

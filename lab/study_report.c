@@ -19,6 +19,7 @@ static const struct table_column {
     int difference; /* compared by subtraction; 0: by division */
 } TABLE_COLUMNS[STUDY_MEASURES] = {
     {"PSNR dB", "psnr_db", 1, 2, 6, 1},      {"SSIM", "ssim", 1, 4, 8, 1},
+    {"structure", "structure", 1, 3, 6, 1},  {"least", "structure_least", 1, 3, 6, 1},
     {"near dB", "near_psnr_db", 1, 2, 6, 1}, {"middle dB", "mid_psnr_db", 1, 2, 6, 1},
     {"far dB", "far_psnr_db", 1, 2, 6, 1},   {"Gaussians", "gaussians", 1, 0, 0, 0},
     {"MB", "bytes", 1e-6, 2, 0, 0},          {"seconds", "seconds", 1, 1, 3, 0},
@@ -237,7 +238,8 @@ void study_page(struct output *t, const struct study *s)
     table_untrained(t, s);
     output_add(
         t,
-        "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. near, middle, far: PSNR of the thirds of\n"
+        "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. structure: correlation of detail, 0 is a veil; least: over\n"
+        "the training views, too. near, middle, far: PSNR of the thirds of\n"
         "depth, over the pixels around points that the survey has there. MB: the model's file. seconds: training. CPU s: all threads\n"
         "together. memory: what the library held at its peak.\n%s",
         s->kind->notes);

@@ -66,12 +66,12 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
     static const struct {
         enum study_measure measure;
         const char *name;
-        int missing; /* it may be: no point lies in that third of depth (1), no --lpips (2) */
-    } fields[] = {{STUDY_PSNR, "psnr", 0},       {STUDY_SSIM, "ssim", 0},
-                  {STUDY_MS_SSIM, "ms_ssim", 0}, {STUDY_NEAR, "near_psnr", 1},
-                  {STUDY_MIDDLE, "mid_psnr", 1}, {STUDY_FAR, "far_psnr", 1},
-                  {STUDY_BYTES, "bytes", 0},     {STUDY_GAUSSIANS, "gaussians", 0},
-                  {STUDY_SECONDS, "seconds", 0}, {STUDY_LPIPS, "lpips", 2}};
+        int missing; /* it may be: no point lies in that third of depth (1), no --lpips or images without detail (2) */
+    } fields[] = {
+        {STUDY_PSNR, "psnr", 0},      {STUDY_SSIM, "ssim", 0},           {STUDY_MS_SSIM, "ms_ssim", 0},
+        {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
+        {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0},
+        {STUDY_LPIPS, "lpips", 2},    {STUDY_STRUCTURE, "structure", 2}};
     char *text = output_read(folder, "metrics.json", NULL);
     const double blocks = oxl_json_number(text, "blocks");
     int whole = !isnan(blocks);
@@ -81,6 +81,8 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
         r->value[fields[i].measure] = value;
         whole = whole && (fields[i].missing || !isnan(value));
     }
+    r->value[STUDY_LEAST] = fmin(oxl_json_number(text, "structure_least"),
+                                 oxl_json_number(oxl_json_member(text, "training"), "structure_least"));
     r->blocks = whole ? (int)blocks : 0;
     r->held_out = text && strstr(text, "\"split\": \"test\"") != NULL;
     free(text);

@@ -101,6 +101,7 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
  * decided. */
 TEST(job_log_holds_no_iteration_twice_and_no_trial)
 {
+    NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     struct os_file_map map = {0};
     int last = 0, tried = 0, gaps = 0;
@@ -291,6 +292,7 @@ TEST(job_in_blocks_lets_the_merged_model_grow_to_what_its_blocks_have_left_of_th
 
 TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
 {
+    NEEDS_PART(lobes);
     oxl_job_options options = job_test_blocks();
     oxl_model model = {0}, standard = {0};
     options.train.iterations = 60;
@@ -504,6 +506,7 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
  * run's. */
 TEST(job_with_lobes_leaves_no_checkpoint_behind)
 {
+    NEEDS_PART(lobes);
     oxl_job_options options = job_test_options();
     const char *survey;
     options.train.dog = OXL_DOG_ALL;
@@ -803,6 +806,8 @@ TEST(job_completes_when_a_held_out_image_cannot_be_read)
  * two resumes there. */
 TEST(job_writes_a_standard_model_beside_one_with_lobes)
 {
+    NEEDS_PART(lobes);
+    NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     oxl_model model, standard;
     struct os_file_map first, again;
@@ -852,6 +857,8 @@ oxl_metrics job_test_evaluate(const char *model, int imaging)
  * imaging.txt. */
 TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
 {
+    NEEDS_PART(medium);
+    NEEDS_PART(lamp);
     oxl_job_options options = job_test_options();
     struct os_file_map json = {0}, clear = {0};
     oxl_metrics full, plain, gains;
@@ -878,6 +885,8 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
  * mean exposure. */
 TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_nothing)
 {
+    NEEDS_PART(sh_degree);
+    NEEDS_PART(lamp);
     oxl_job_options options = job_test_options();
     struct os_file_map json = {0};
     oxl_metrics full, plain;
@@ -898,6 +907,8 @@ TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_not
 
 TEST(job_says_in_run_json_what_was_decided_and_why)
 {
+    NEEDS_PART(ucd);
+    NEEDS_PART(sh_degree);
     oxl_job_options options = job_test_options();
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
@@ -1064,6 +1075,7 @@ TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fal
     options.train.sh_degree = 2;
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK_OK(model_set_degree(test_ctx, &model, 2));
     for (size_t i = 0; i < model.count; i++) /* harmonics that a wrong order would show */
         for (int k = 3; k < 27; k++) model.plane[OXL_SH + k][i] += 0.02f * (float)(k % 5 - 2);
     CHECK_OK(oxl_model_write(test_ctx, test_path("ours.ply"), &model));

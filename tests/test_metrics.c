@@ -311,3 +311,78 @@ TEST(metrics_by_depth_are_of_the_same_pixels_for_every_model)
     oxl_scene_free(test_ctx, scene);
     oxl_model_free(test_ctx, &model);
 }
+
+/* Values of tests/structure.py. */
+TEST(structure_agrees_with_an_independent_implementation)
+{
+    float map[METRICS_TEST_W * METRICS_TEST_H];
+    oxl_image a, b;
+    double value;
+    metrics_pair(&a, &b);
+    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value, map));
+    CHECK_CLOSE(value, 0.940001026129779, 1e-9);
+    CHECK_CLOSE(map[10 * METRICS_TEST_W + 20], 0.925891991, 1e-6);
+    metrics_mask_corner(&b);
+    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value, map));
+    CHECK_CLOSE(value, 0.936837425080829, 1e-9);
+    a.rgb[2] = b.rgb[3] = 0.5f; /* both are masked */
+    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value, NULL));
+    CHECK_CLOSE(value, 0.936837425080829, 1e-9);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+/* What PSNR takes for 34 dB: the light of a lamp, and no ground in it. */
+TEST(structure_does_not_depend_on_brightness_and_is_none_of_a_glow)
+{
+    oxl_image a, b;
+    double psnr, value;
+    metrics_pair(&a, &b);
+    for (int i = 0; i < METRICS_TEST_N; i++) b.rgb[i] = 0.1f + 0.06f * a.rgb[i];
+    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value, NULL));
+    CHECK_CLOSE(value, 1, 1e-6);
+    for (int i = 0; i < METRICS_TEST_N; i++) a.rgb[i] = 0.13f;
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
+    CHECK_OK(oxl_structure(test_ctx, &a, &b, &value, NULL));
+    CHECK(psnr > 34 && fabs(value) < 1e-3);
+    CHECK_OK(oxl_structure(test_ctx, &b, &a, &value, NULL)); /* an image without detail */
+    CHECK(isnan(value));
+    a.width--;
+    CHECK(oxl_structure(test_ctx, &b, &a, &value, NULL) == OXL_ERR_USAGE);
+    a.width++;
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+TEST(explained_is_zero_of_the_light_alone_and_counts_what_it_leaves)
+{
+    oxl_image a, b, light;
+    double left = 0, error = 0;
+    metrics_pair(&a, &b);
+    CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, &light));
+    for (int i = 0; i < METRICS_TEST_N; i++) {
+        light.rgb[i] = 1 + (float)(i % METRICS_TEST_W) / METRICS_TEST_W;
+        b.rgb[i] = 0.2f * light.rgb[i] * (i % 2 ? 1.05f : 0.95f);
+        a.rgb[i] = 0.2f * light.rgb[i];
+    }
+    CHECK_CLOSE(structure_explained(&a, &b, &light), 0, 0.02);
+    for (int i = 0; i < METRICS_TEST_N; i++) a.rgb[i] = 0.2f * light.rgb[i] * (i % 2 ? 1.045f : 0.955f);
+    CHECK_CLOSE(structure_explained(&a, &b, &light), 20, 0.02);
+    memcpy(a.rgb, b.rgb, METRICS_TEST_N * sizeof(float));
+    CHECK(structure_explained(&a, &b, &light) == 100);
+    for (int i = 0; i < METRICS_TEST_N; i++) light.rgb[i] = 1; /* without a lamp: the variance */
+    for (int c = 0; c < 3; c++) {
+        const int n = METRICS_TEST_W * METRICS_TEST_H;
+        double mean = 0;
+        for (int i = 0; i < n; i++) mean += b.rgb[c * n + i] / n;
+        for (int i = 0; i < n; i++) {
+            left += (b.rgb[c * n + i] - mean) * (b.rgb[c * n + i] - mean);
+            error += 0.01 * 0.01;
+        }
+    }
+    for (int i = 0; i < METRICS_TEST_N; i++) a.rgb[i] = b.rgb[i] + 0.01f;
+    CHECK_CLOSE(structure_explained(&a, &b, &light), 10 * log10(left / error), 1e-3);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+    oxl_image_free(test_ctx, &light);
+}

@@ -34,14 +34,23 @@ TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
     }
 }
 
-/* The values that the paper states (sec. 4: iterations, UCD, keep) and Kerbl 2023's code (degree, rates,
- * alpha_min, gradient). */
+/* The values that the paper states (sec. 4: iterations) and Kerbl 2023's code (rates, alpha_min, gradient). */
 TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.lr_position == 1.6e-4f &&
-          o.lr_position_final == 1.6e-6f);
+    CHECK(o.iterations == 40000 && o.lr_position == 1.6e-4f && o.lr_position_final == 1.6e-6f);
     CHECK(o.lr_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.densify_gradient == 2e-4f);
+}
+
+/* The paper's UCD, keep and second lobes (sec. 4), and Kerbl's degree. */
+TEST(options_of_parts_in_preset_paper_are_those_of_the_paper)
+{
+    const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
+    NEEDS_PART(ucd);
+    NEEDS_PART(prune);
+    NEEDS_PART(lobes);
+    NEEDS_PART(sh_degree);
+    CHECK(o.sh_degree == 3);
     CHECK(o.ucd.mode == OXL_UCD_ON && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1);
     CHECK(o.keep.kind == OXL_KEEP_FRACTION && o.keep.value == 0.5 && o.dog == OXL_DOG_SELECTIVE);
 }
@@ -49,16 +58,27 @@ TEST(options_of_preset_paper_are_those_of_the_paper_and_of_kerbl)
 TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
-    const oxl_option *row = oxl_option_find("cooldown"), *limit = oxl_option_find("dog-threshold");
+    const oxl_option *row = oxl_option_find("cooldown");
     char text[64];
     a.train.cooldown = 0.1f;
     CHECK(strcmp(oxl_option_get(row, &a, text, sizeof text), "0.1") == 0);
     for (uint64_t i = 0; i < 3000; i++) {
         const float v = (float)((double)(random_bits(3, i, 0) >> 11) * 0x1p-53) * (i % 3 ? 1 : 1e-6f);
         a.train.cooldown = v;
-        a.train.dog_threshold = i % 2 ? -v : v + 1e-8f;
         CHECK(oxl_option_set(row, &b, oxl_option_get(row, &a, text, sizeof text), NULL, 0) == OXL_OK &&
               b.train.cooldown == v);
+    }
+}
+
+TEST(options_of_limits_are_the_shortest_text_of_the_same_bits_or_a_percentage)
+{
+    oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
+    const oxl_option *limit = oxl_option_find("dog-threshold");
+    char text[64];
+    NEEDS_PART(lobes);
+    for (uint64_t i = 0; i < 3000; i++) {
+        const float v = (float)((double)(random_bits(3, i, 0) >> 11) * 0x1p-53) * (i % 3 ? 1 : 1e-6f);
+        a.train.dog_threshold = i % 2 ? -v : v + 1e-8f;
         CHECK(oxl_option_set(limit, &b, oxl_option_get(limit, &a, text, sizeof text), NULL, 0) == OXL_OK);
         CHECK(b.train.dog_threshold == a.train.dog_threshold);
     }
@@ -79,24 +99,32 @@ static void options_test_refusal(const char *name, const char *text, const char 
     CHECK_TEXT(error, "\nfix: --");
 }
 
+/* Of an option of a part of training, where this build has the part. */
+static void options_test_refusal_of(const char *part, const char *name, const char *text, const char *words)
+{
+    if (test_has_part(part)) options_test_refusal(name, text, words);
+    else CHECK(!oxl_option_find(name));
+}
+
 TEST(options_that_cannot_be_are_refused_with_value_found_value_expected_and_a_fix)
 {
     options_test_refusal("iterations", "0", "a whole number from 1 to 2147483647\nfix: --iterations 2000");
     options_test_refusal("iterations", "-3", "from 1");
     options_test_refusal("iterations", "2e3", "whole");
-    options_test_refusal("sh-degree", "4", "expected auto or a whole number from 0 to 3");
+    options_test_refusal_of("sh_degree", "sh-degree", "4", "expected auto or a whole number from 0 to 3");
     options_test_refusal("cooldown", "1.5", "expected a number from 0 to 1");
     options_test_refusal("cooldown", "nan", "a number");
     options_test_refusal("alpha-min", "0.06", "0.05");
     options_test_refusal("alpha-min", "1/0", "0.05");
     options_test_refusal("ram", "4Q", "a size, e.g. 512M or 4G");
     options_test_refusal("max-time", "20q", "a time, e.g. 90s");
-    options_test_refusal("dog", "some", "expected off|selective|all|auto");
-    options_test_refusal("dog-threshold", "101%", "T|PERCENT%");
-    options_test_refusal("dog-threshold", "9#0%", "T|PERCENT%"); /* 1.#IND is not a number in files */
-    options_test_refusal("ucd", "3,2", "MID,FAR");
-    options_test_refusal("keep", "0", "FRACTION");
-    options_test_refusal("keep", "97350650T", "FRACTION"); /* more bytes than any option takes */
+    options_test_refusal_of("lobes", "dog", "some", "expected off|selective|all|auto");
+    options_test_refusal_of("lobes", "dog-threshold", "101%", "T|PERCENT%");
+    options_test_refusal_of("lobes", "dog-threshold", "9#0%",
+                            "T|PERCENT%"); /* 1.#IND is not a number in files */
+    options_test_refusal_of("ucd", "ucd", "3,2", "MID,FAR");
+    options_test_refusal_of("prune", "keep", "0", "FRACTION");
+    options_test_refusal_of("prune", "keep", "97350650T", "FRACTION"); /* more bytes than any option takes */
     options_test_refusal("background", "0,0,2", "auto|R,G,B");
     options_test_refusal("seed", "99999999999999999999", "2^64");
 }
@@ -176,8 +204,8 @@ TEST(options_in_run_json_are_read_back_every_one)
     manifest_options(&run, &read);
     manifest_describe(&again, "a survey, \"quoted\"", &read);
     CHECK(strcmp(again.data, line.data) == 0);
-    CHECK_TEXT(line.data, "\"keep\": \"12345678B\"");
-    CHECK_TEXT(line.data, "\"ucd\": \"1.25,3,fixed\"");
+    if (test_has_part("prune")) CHECK_TEXT(line.data, "\"keep\": \"12345678B\"");
+    if (test_has_part("ucd")) CHECK_TEXT(line.data, "\"ucd\": \"1.25,3,fixed\"");
     manifest_free(test_ctx, &run);
     text_free(&line);
     text_free(&again);
@@ -188,15 +216,14 @@ TEST(options_that_differ_between_two_runs_are_named_with_both_values)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
     struct text there = {.ctx = test_ctx}, here = there, t = there;
-    b.train.keep = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     b.scene.images = "here";
-    a.train.mask_transients = 1;
+    b.partition.cut = OXL_CUT_MIDPOINT;
+    a.train.cooldown = 0.5f;
     manifest_describe(&there, "one", &a);
     manifest_describe(&here, "two", &b);
     CHECK_OK(manifest_differences(&t, there.data, here.data));
-    CHECK(strcmp(t.data,
-                 "  --images: not given there, here here\n  --keep: all there, 0.5 here\n"
-                 "  --mask-transients: true there, false here\n  survey: one there, two here\n") == 0);
+    CHECK(strcmp(t.data, "  --images: not given there, here here\n  --cut: balanced there, midpoint here\n"
+                         "  --cooldown: 0.5 there, 0.2 here\n  survey: one there, two here\n") == 0);
     text_free(&there);
     text_free(&here);
     text_free(&t);

@@ -1,7 +1,9 @@
 /* test_ortho.c - what is rendered from above, along a path or measured in images lies where it says. */
 #include "test.h"
+#include "../cli/control.c"
 #include "../cli/flight.c"
 #include "../cli/frame.c"
+#include "../cli/geotiff.c"
 #include "../cli/ortho.c"
 #include "../cli/scale_bar.c"
 #include "../cli/report_state.h"
@@ -47,7 +49,7 @@ TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
     frame_of(scene, &f);
     frame_eye(oxl_scene_view(scene, 0), eye);
     CHECK(f.is_world && frame_along(&f, eye, 2) > 4.9);
-    f = (struct frame){{0}, {{0}}, 0};
+    f = (struct frame){.is_world = 0};
     frame_axes(&f, scene);
     CHECK(f.axis[0][0] > 0.99 && fabs(f.axis[1][1]) > 0.99); /* the widest first */
     frame_of(scene, &f);
@@ -68,7 +70,7 @@ TEST(frame_right_has_a_direction_of_its_own)
         const double a = 0.4 * turn, b = 1.3 * turn;
         oxl_scene *scene = ortho_test_scene();
         oxl_point *point = (oxl_point *)oxl_scene_points(scene);
-        struct frame f = {{0}, {{0}}, 0};
+        struct frame f = {.is_world = 0};
         double least, most;
         for (int i = 0; i < 30; i++) {
             double *p = point[i].position;
@@ -93,7 +95,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     oxl_scene *scene = ortho_test_scene();
     oxl_model model = {0};
     oxl_image image = {0};
-    struct arguments options = {.out = test_path("ortho"), .pixel = 0.05, .depth = 1};
+    struct arguments options = {.out = test_path("ortho"), .pixel = 0.05, .png = 1, .min_views = 1};
     double line[6] = {0};
     const double at[3] = {103.3, -48.8, 7.5};
     size_t brightest = 0, pixels;
@@ -143,6 +145,206 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     fclose(to);
     oxl_image_free(test_ctx, &image);
     oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------- maps */
+
+static unsigned char *ortho_test_file(const char *path, size_t *size)
+{
+    const struct report r = {.out = test_folder()};
+    return (unsigned char *)output_read(r.out, path, size);
+}
+
+static uint32_t ortho_test_integer(const unsigned char *at, int size)
+{
+    uint32_t value = 0;
+    for (int i = 0; i < size; i++) value |= (uint32_t)at[i] << 8 * i;
+    return value;
+}
+
+static double ortho_test_double(const unsigned char *at)
+{
+    const uint64_t bits = ortho_test_integer(at, 4) | (uint64_t)ortho_test_integer(at + 4, 4) << 32;
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* The entry of a tag in the k-th directory of a TIFF, or NULL. */
+static const unsigned char *ortho_test_tag(const unsigned char *tiff, int k, uint32_t tag)
+{
+    uint32_t at = ortho_test_integer(tiff + 4, 4);
+    for (; k > 0 && at; k--)
+        at = ortho_test_integer(tiff + at + 2 + 12 * ortho_test_integer(tiff + at, 2), 4);
+    for (uint32_t i = 0; at && i < ortho_test_integer(tiff + at, 2); i++)
+        if (ortho_test_integer(tiff + at + 2 + 12 * i, 2) == tag) return tiff + at + 2 + 12 * i;
+    return NULL;
+}
+
+static uint32_t ortho_test_value(const unsigned char *tiff, int k, uint32_t tag)
+{
+    const unsigned char *entry = ortho_test_tag(tiff, k, tag);
+    return entry ? ortho_test_integer(entry + 8, ortho_test_integer(entry + 2, 2) == 3 ? 2 : 4) : 0;
+}
+
+/* The value of a GeoKey that has it in the directory; 0: no such key. */
+static uint32_t ortho_test_key(const unsigned char *tiff, uint32_t id)
+{
+    const unsigned char *keys = tiff + ortho_test_integer(ortho_test_tag(tiff, 0, 34735) + 8, 4);
+    for (uint32_t i = 1; i <= ortho_test_integer(keys + 6, 2); i++)
+        if (ortho_test_integer(keys + 8 * i, 2) == id) return ortho_test_integer(keys + 8 * i + 6, 2);
+    return 0;
+}
+
+TEST(geotiff_has_its_place_its_system_and_every_pixel)
+{
+    enum { W = 300, H = 260 };
+    static float height[W * H];
+    const struct geotiff g = {W, H, 1, 0.25, {500000.5, 6700001.25}, 32632, NULL, "words"};
+    unsigned char *t;
+    uint32_t tiles;
+    for (int i = 0; i < W * H; i++) height[i] = i % 7 == 0 ? NAN : (float)i;
+    CHECK_OK(geotiff_write(test_ctx, test_path("h.tif"), &g, height));
+    t = ortho_test_file("h.tif", NULL);
+    if (!t) return;
+    CHECK(ortho_test_value(t, 0, 256) == W && ortho_test_value(t, 0, 257) == H);
+    CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 33550)), 0.25, 0);
+    CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 33922) + 24), 500000.5, 0);
+    CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 33922) + 32), 6700001.25, 0);
+    CHECK(ortho_test_key(t, 1024) == 1 && ortho_test_key(t, 3072) == 32632 && ortho_test_key(t, 1025) == 1);
+    CHECK(memcmp(ortho_test_tag(t, 0, 42113) + 8, "nan", 4) == 0);
+    tiles = ortho_test_value(t, 0, 324);
+    for (int i = 0, wrong = 0; i <= W * H; i++) {
+        const int x = i % W, y = i / W;
+        uint32_t bits;
+        float value;
+        if (i == W * H) {
+            CHECK(wrong == 0);
+            break;
+        }
+        bits = ortho_test_integer(t + ortho_test_integer(t + tiles + 4 * (y / 256 * 2 + x / 256), 4) +
+                                      4 * (y % 256 * 256 + x % 256),
+                                  4);
+        memcpy(&value, &bits, 4);
+        wrong += i % 7 == 0 ? !isnan(value) : fabsf(value - height[i]) > 0;
+    }
+    /* an overview of half the size, and none beyond */
+    CHECK(ortho_test_value(t, 1, 254) == 1 && ortho_test_value(t, 1, 256) == W / 2);
+    CHECK(ortho_test_tag(t, 2, 256) == NULL);
+    free(t);
+}
+
+TEST(geotiff_names_a_transverse_mercator_around_a_reference)
+{
+    const double reference[2] = {47.5, -8.25};
+    const struct geotiff g = {2, 2, 0, 1, {0, 0}, 0, reference, "words"};
+    const unsigned char rgba[16] = {1, 2, 3, 255};
+    unsigned char *t;
+    CHECK_OK(geotiff_write(test_ctx, test_path("o.tif"), &g, rgba));
+    t = ortho_test_file("o.tif", NULL);
+    if (!t) return;
+    CHECK(ortho_test_key(t, 3075) == 1 && ortho_test_key(t, 2048) == 4326);
+    CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 34736)), -8.25, 0);
+    CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 34736) + 8), 47.5, 0);
+    CHECK(ortho_test_value(t, 0, 338) == 2 && memcmp(t + ortho_test_value(t, 0, 324), rgba, 4) == 0);
+    free(t);
+}
+
+/* Of a map of the scene above, with a Gaussian at p: alpha and height at its place. */
+static void ortho_test_pixel(const double p[3], int min_views, int *alpha, float *height, int *red)
+{
+    oxl_scene *scene = ortho_test_scene();
+    oxl_model model = {0};
+    struct arguments a = {.out = test_path("map"), .pixel = 0.05, .min_views = min_views};
+    FILE *to = fopen(test_path("said"), "wb");
+    unsigned char *t;
+    const double *origin = oxl_scene_origin(scene);
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
+    for (int i = 0; i < 2; i++) { /* the ground, grey, and the Gaussian, red */
+        for (int k = 0; k < 3; k++) {
+            model.plane[OXL_MEAN + k][i] = (float)((i || k < 2 ? p[k] : fmin(p[2], 0)) - origin[k]);
+            model.plane[OXL_LOG_SCALE + k][i] = logf(i ? 0.1f : k < 2 ? 1 : 0.01f);
+        }
+        model.plane[OXL_SH][i] = i ? 1.7f : 0;
+        model.plane[OXL_OPACITY][i] = 6;
+    }
+    CHECK_OK(ortho_write(test_ctx, &model, scene, &a, to));
+    fclose(to);
+    t = ortho_test_file("map/ortho.tif", NULL);
+    if (t) {
+        const unsigned char *tie = t + ortho_test_value(t, 0, 33922);
+        const uint32_t x = (uint32_t)((p[0] - ortho_test_double(tie + 24)) / 0.05),
+                       y = (uint32_t)((ortho_test_double(tie + 32) - p[1]) / 0.05);
+        const unsigned char *pixel =
+            t + ortho_test_value(t, 0, 324) + 4 * (y % 256 * 256 + x % 256); /* a map of one tile */
+        unsigned char *h = ortho_test_file("map/height.tif", NULL);
+        uint32_t bits = h ? ortho_test_integer(h + ortho_test_value(h, 0, 324) + 4 * (y * 256 + x), 4) : 0;
+        memcpy(height, &bits, 4);
+        *alpha = pixel[3], *red = pixel[0];
+        free(h);
+    }
+    free(t);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(ortho_does_not_see_what_floats_above_the_cameras)
+{
+    int alpha = 0, red = 0;
+    float height = 0;
+    ortho_test_pixel((double[]){3.12, 2.02, 5.5}, 1, &alpha, &height, &red);
+    CHECK(alpha == 255 && red < 200);
+    CHECK_CLOSE(height, 0, 0.01);
+    ortho_test_pixel((double[]){3.12, 2.02, 4.5}, 1, &alpha, &height, &red);
+    CHECK(alpha == 255 && red > 200);
+    CHECK_CLOSE(height, 4.5, 0.02);
+}
+
+/* At x = 2 only the camera at 3 has the place in its image, which is 4 wide; at 5, and a unit deeper,
+ * both have. */
+TEST(ortho_is_transparent_where_too_few_views_saw_the_ground)
+{
+    int alpha = 0, red = 0;
+    float height = 0;
+    ortho_test_pixel((double[]){2.02, 2.02, 0.02}, 2, &alpha, &height, &red);
+    CHECK(alpha == 0 && isnan(height));
+    ortho_test_pixel((double[]){2.02, 2.02, 0.02}, 1, &alpha, &height, &red);
+    CHECK(alpha == 255 && !isnan(height));
+    ortho_test_pixel((double[]){5.02, 2.02, -1}, 2, &alpha, &height, &red);
+    CHECK(alpha == 255 && !isnan(height));
+}
+
+/* Ground that falls by 25 degrees below cameras that look straight down. */
+TEST(frame_of_a_georeferenced_slope_is_the_world)
+{
+    oxl_scene *scene = ortho_test_scene();
+    oxl_point *point = (oxl_point *)oxl_scene_points(scene);
+    struct frame f;
+    for (int i = 0; i < 30; i++) point[i].position[2] += tan(0.436) * point[i].position[0];
+    frame_of(scene, &f);
+    CHECK(f.is_world);
+    frame_choose(scene, FRAME_SURVEY_AXES, NULL, &f);
+    CHECK(!f.is_world && f.axis[2][2] < 0.93);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(frame_of_a_given_up_is_right_handed)
+{
+    oxl_scene *scene = ortho_test_scene();
+    for (int i = 0; i < 3; i++) {
+        const double up[3] = {i == 0 ? 3. : 0.1, i == 1 ? 2. : 0, i == 2 ? -4. : 0.2};
+        struct frame f;
+        double cross[3], along = 0;
+        frame_choose(scene, FRAME_WORLD_AXES, up, &f);
+        frame_cross(f.axis[0], f.axis[1], cross);
+        for (int k = 0; k < 3; k++) {
+            CHECK_CLOSE(cross[k], f.axis[2][k], 1e-12);
+            along += f.axis[2][k] * up[k] / sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]);
+        }
+        CHECK(!f.is_world);
+        CHECK_CLOSE(along, 1, 1e-12);
+    }
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -239,6 +441,71 @@ TEST(scale_bar_has_its_true_length)
     CHECK_TEXT(oxl_error_text(test_ctx), "visible in two images");
     CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "no image is called 'c.png'");
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Two bars of 1 and 2 units, said to be of 0.5 and 1.1 m: the scale of the least squares leaves both something. */
+TEST(scale_of_several_bars_is_their_least_squares)
+{
+    oxl_scene *scene = ortho_test_scene();
+    FILE *to = fopen(test_path("said"), "wb+");
+    const struct report r = {.out = test_folder()};
+    char *text;
+    CHECK_OK(scale_measure(test_ctx, scene, "1,2,0:2,2,0=0.5;1,2,0:3,2,0=1.1", 0, to));
+    CHECK_OK(scale_measure(test_ctx, scene, "0,0,0:94,0,0", 0, to));
+    fclose(to);
+    text = output_read(r.out, "said", NULL);
+    CHECK_TEXT(text ? text : "", "scale     0.54 metres");
+    CHECK_TEXT(text ? text : "", "bar 1     0.5 m, measured 0.54 m, residual -0.04 m: warning");
+    CHECK_TEXT(text ? text : "", "bar 2     1.1 m, measured 1.08 m, residual 0.02 m\n");
+    CHECK_TEXT(text ? text : "", "warning   the survey is only");
+    free(text);
+    CHECK(scale_measure(test_ctx, scene, "1,2,0:2,2,0=x", 0, stderr) == OXL_ERR_USAGE);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Rays that miss each other by a tenth of the cameras' distance, at the ends of a bar that is so long that
+ * this is a small part of it. */
+TEST(scale_bar_refuses_rays_that_miss_by_the_cameras_distance)
+{
+    oxl_scene *scene = ortho_test_scene();
+    const double true_end[3] = {5, 2, 0};
+    char pixels[200], bar[420];
+    double x[2], y[2];
+    ortho_test_pixels(scene, true_end, pixels);
+    CHECK(sscanf(pixels, "a.png,%lf,%lf,b.png,%lf,%lf", &x[0], &y[0], &x[1], &y[1]) == 4);
+    snprintf(bar, sizeof bar, "a.png,%.6f,%.6f,b.png,%.6f,%.6f:900,2,0", x[0], y[0] - 5, x[1], y[1] + 5);
+    CHECK(scale_measure(test_ctx, scene, bar, 1, stderr) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "of the camera's distance of 5");
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* A point 2 cm beside where the cameras see it, another 1 cm above; the world's origin is far. */
+TEST(control_points_have_their_residuals)
+{
+    oxl_scene *scene = ortho_test_scene();
+    FILE *to = fopen(test_path("said"), "wb+");
+    const struct report r = {.out = test_folder()};
+    char pixels[200], line[600], *text;
+    size_t used = (size_t)snprintf(line, sizeof line, "name,x,y,z,image,x,y\n# a comment\n");
+    for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, 7}[k];
+    for (int i = 0; i < 2; i++) {
+        const double at[3] = {500005, 6700002 + 0.3 * i, 7};
+        ortho_test_pixels(scene, at, pixels);
+        used += (size_t)snprintf(line + used, sizeof line - used, "p%d,%.3f,%.3f,%.3f,%s\n", i,
+                                 at[0] - 0.02 * (i == 0), at[1], at[2] - 0.01 * (i == 1), pixels);
+    }
+    test_write("control.csv", line);
+    CHECK_OK(control_check(test_ctx, scene, test_path("control.csv"), to));
+    fclose(to);
+    text = output_read(r.out, "said", NULL);
+    CHECK_TEXT(text ? text : "", "p0                   0.0200     0.0000     0.0000     0.0200");
+    CHECK_TEXT(text ? text : "", "p1                   0.0000     0.0000     0.0100     0.0100");
+    CHECK_TEXT(text ? text : "", "0.0141     0.0000     0.0071     0.0158  rms of 2");
+    free(text);
+    test_write("control.csv", "p,1,2,3,5,2,0\nq,1,2\n");
+    CHECK(control_check(test_ctx, scene, test_path("control.csv"), stderr) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "control.csv:2: found 'q,1,2'");
     oxl_scene_free(test_ctx, scene);
 }
 

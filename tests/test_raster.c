@@ -348,24 +348,6 @@ TEST(raster_shows_the_background_where_there_is_nothing)
     oxl_model_free(test_ctx, &m);
 }
 
-TEST(raster_depth_is_that_of_the_surface)
-{
-    const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
-    oxl_model m;
-    oxl_image image;
-    float depth[32 * 32];
-    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
-    for (int i = 0; i < 2; i++) {
-        m.plane[OXL_MEAN + 2][i] = i == 0 ? 2.5f : 9;
-        m.plane[OXL_OPACITY][i] = i == 0 ? 9 : 0;
-        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = 1;
-    }
-    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, depth));
-    CHECK_CLOSE(depth[16 * 32 + 16], 2.5 * 0.99 / 0.995 + 9 * 0.005 / 0.995, 0.01);
-    oxl_image_free(test_ctx, &image);
-    oxl_model_free(test_ctx, &m);
-}
-
 /* ---------------- independent of threads and vector width */
 
 struct raster_result {

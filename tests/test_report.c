@@ -52,7 +52,7 @@ static void report_test_run(void)
         "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
         "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
         "\"psnr\": 28.5, \"ssim\": 0.82, \"views\": [{\"name\": \"fine.png\", \"psnr\": 31, \"ssim\": 0.9}, "
-        "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8}]}");
+        "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8, \"structure\": 0.25}]}");
     for (int k = 0; k < 2; k++) {
         char name[64];
         snprintf(name, sizeof name, "out/blocks/%03d/block.json", k);
@@ -79,9 +79,42 @@ TEST(report_escapes_every_name)
     CHECK(!strstr(page, "<b>&\""));
     CHECK(!strstr(page, "<warning>"));
     CHECK(!strstr(page, "<where>"));
-    CHECK_TEXT(page, "alt=\"Image of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
+    CHECK_TEXT(page,
+               "alt=\"Image, brightened of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
     CHECK_TEXT(page, "<li>a &lt;warning&gt; &amp; more</li>");
     free(page);
+}
+
+TEST(report_shows_views_without_structure_brightened_and_where)
+{
+    char *page;
+    report_test_run();
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
+    report_test_picture("out/renders/<b>&\".jpg.png", 0.5f);
+    report_test_picture("out/renders/<b>&\".jpg.image.png", 0.75f);
+    page = report_test_page();
+    CHECK_TEXT(page, "1 of 2 held-out views are rendered without the structure of their images");
+    CHECK_TEXT(page, "26.00<td class=\"n\">0.800<td class=\"n\">0.25</tr>");
+    CHECK_TEXT(page, "31.00<td class=\"n\">0.900<td class=\"n\"></tr>"); /* of a run before it was measured */
+    CHECK_TEXT(page, "<figcaption>Rendered, brightened</figcaption>");
+    CHECK_TEXT(page, "<figcaption>Structure</figcaption>");
+    free(page);
+}
+
+/* The page's command has the options of REPORT_TEST_JOB that this build has. */
+static void report_test_command(const char *page)
+{
+    static const char *const words[][2] = {
+        {NULL, " --preset draft --iterations 12"},
+        {NULL, " --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint"},
+        {NULL, " --coarse 0.125 --cooldown 0.5 --alpha-min 0.04 --lr-sh 0.001"},
+        {"sh_degree", " --sh-degree 3"},
+        {"ucd", " --ucd 1.5,3,fixed"},
+        {"prune", " --keep 0.5"},
+        {"transients", " --mask-transients"},
+        {"lobes", " --dog selective --dog-threshold 90%"}};
+    for (size_t i = 0; i < OXL_COUNT(words); i++)
+        if (!words[i][0] || test_has_part(words[i][0])) CHECK_TEXT(page, words[i][1]);
 }
 
 TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
@@ -103,10 +136,7 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
     CHECK_TEXT(page,
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
-    CHECK_TEXT(
-        page,
-        " --preset draft --iterations 12 --sh-degree 3 --seed 3 --masks &#39;m &amp; n&#39; --partition 2d --cut midpoint --ucd 1.5,3,fixed "
-        "--keep 0.5 --mask-transients --dog selective --dog-threshold 90% --coarse 0.125 --cooldown 0.5 --alpha-min 0.04 --lr-sh 0.001\n");
+    report_test_command(page);
     worst = strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00");
     CHECK(worst && strstr(worst, "<td class=\"name\">fine.png<td class=\"n\">31.00")); /* the worst first */
     free(page);

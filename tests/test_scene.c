@@ -201,6 +201,7 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 {
     oxl_scene *scene;
     oxl_point *points, *again;
+    size_t found;
     int seen = 0;
     const char *path = scene_survey("s", 9, 100, 1);
     test_write("s/sparse/0/points3D.txt", "# none\n");
@@ -210,8 +211,9 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
     CHECK(oxl_scene_point_count(scene) == 0 && scene_near_plane(scene) > 0);
     CHECK_CLOSE(oxl_scene_origin(scene)[0], 104, 1e-9);  /* the median camera */
     CHECK_CLOSE(oxl_scene_extent(scene), 1.1 * 3, 1e-9); /* training views stand at 101..107 */
-    CHECK_OK(scene_random_points(test_ctx, scene, 500, &points));
-    CHECK_OK(scene_random_points(test_ctx, scene, 500, &again));
+    CHECK_OK(scene_start_points(test_ctx, scene, 500, &points, &found));
+    CHECK_OK(scene_start_points(test_ctx, scene, 500, &again, &found));
+    CHECK(found == 500 && points[0].rgb[0] == SCENE_GREY);
     CHECK(memcmp(points, again, 500 * sizeof *points) == 0);
     for (int i = 0; i < 500; i++)
         for (int v = 0, any = 0; v < 9 && !any; v++)
@@ -692,6 +694,57 @@ TEST(scene_alpha_is_what_the_option_says)
         CHECK(rgb[0] == !scene->alpha.masks && rgb[2] == rgb[0]);
         scene_background(scene, grey, rgb); /* of a composited image's 8 bits */
         CHECK(rgb[1] == (scene->alpha.masks ? 0.5f : 128 / 255.0f));
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+/* Cameras on a circle look at a red ball of radius 1 in the middle; transparent elsewhere. */
+static const char *scene_ball(int transparent)
+{
+    struct text images = {.ctx = test_ctx};
+    test_write("ball/sparse/0/cameras.txt", "1 PINHOLE 32 32 32 32 16 16\n");
+    test_write("ball/sparse/0/points3D.txt", "# none\n");
+    CHECK_OK(os_make_folder(test_ctx, test_path("ball/images")));
+    for (int i = 0; i < 12; i++) {
+        const double half = i * 3.14159265358979 / 12;
+        char path[64];
+        oxl_image image;
+        text_add(&images, "%d %.17g 0 %.17g 0 0 0 5 1 %02d.png\n\n", i + 1, cos(half), sin(half), i);
+        CHECK_OK(oxl_image_create(test_ctx, 32, 32, &image));
+        image.weight = oxl_calloc(test_ctx, 32 * 32, sizeof *image.weight);
+        for (int k = 0; k < 32 * 32; k++) {
+            const double x = k % 32 - 15.5, y = k / 32 - 15.5;
+            image.weight[k] = !transparent && x * x + y * y < 6.5 * 6.5; /* 32 px x tan(asin(1/5)) */
+            image.rgb[k] = image.weight[k];
+        }
+        snprintf(path, sizeof path, "ball/images/%02d.png", i);
+        CHECK_OK(oxl_image_write_alpha(test_ctx, test_path(path), &image));
+        oxl_image_free(test_ctx, &image);
+    }
+    test_write("ball/sparse/0/images.txt", images.data);
+    text_free(&images);
+    return test_path("ball");
+}
+
+TEST(scene_without_points_starts_within_the_outlines_of_its_images)
+{
+    for (int transparent = 0; transparent < 2; transparent++) { /* all of it: the outlines are of no use */
+        oxl_scene *scene = NULL;
+        oxl_point *points = NULL;
+        size_t found = 0;
+        int outside = 0;
+        CHECK_OK(oxl_scene_load(test_ctx, scene_ball(transparent), NULL, &scene));
+        CHECK_OK(scene_start_points(test_ctx, scene, 300, &points, &found));
+        CHECK(found == 300);
+        for (size_t i = 0; i < found && !transparent; i++) {
+            const double *x = points[i].position, *o = oxl_scene_origin(scene);
+            /* the hull of views around the y axis, with a pixel's margin; cones of few views reach farther */
+            outside += !(hypot(x[0] + o[0], x[2] + o[2]) < 1.3 && fabs(x[1] + o[1]) < 1.3);
+            CHECK(points[i].rgb[0] > 200 && points[i].rgb[1] < 100);
+        }
+        CHECK(outside <= 6);
+        CHECK(!transparent || points[0].rgb[1] == SCENE_GREY);
+        oxl_free(test_ctx, points);
         oxl_scene_free(test_ctx, scene);
     }
 }

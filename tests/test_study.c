@@ -204,10 +204,10 @@ TEST(study_csv_holds_every_run_means_spreads_and_comparisons_in_whole_lines)
     int commas = 0, lines = 0;
     CHECK_TEXT(
         t.data,
-        "row,against,seed,blocks,psnr_db,ssim,near_psnr_db,mid_psnr_db,far_psnr_db,gaussians,bytes,seconds,cpu_seconds,"
+        "row,against,seed,blocks,psnr_db,ssim,structure,structure_least,near_psnr_db,mid_psnr_db,far_psnr_db,gaussians,bytes,seconds,cpu_seconds,"
         "memory_bytes,ms_ssim,lpips,front\n");
-    CHECK_TEXT(t.data, "\nv1,,2,3,25.000000,0.83000000,,,,2700,2000000,160.000,150.00,,,,1\n");
-    CHECK_TEXT(t.data, "\n3dgs,,mean,2,23.000000,0.75000000,,,,2000,3000000,150.000,140.00,60000000,,,0\n");
+    CHECK_TEXT(t.data, "\nv1,,2,3,25.000000,0.83000000,,,,,,2700,2000000,160.000,150.00,,,,1\n");
+    CHECK_TEXT(t.data, "\n3dgs,,mean,2,23.000000,0.75000000,,,,,,2000,3000000,150.000,140.00,60000000,,,0\n");
     CHECK_TEXT(t.data, "\nv1,3dgs,mean,3,0.750000,");
     CHECK_TEXT(t.data, "\nv1,3dgs,paper,3,0.650000,");
     CHECK_TEXT(t.data, "\nv2,v1-count,sd,4,0.212132,");
@@ -271,6 +271,9 @@ TEST(study_digits_do_not_follow_the_locale)
 
 TEST(ablate_rows_differ_by_what_the_paper_switches_and_nothing_else)
 {
+    NEEDS_PART(ucd);
+    NEEDS_PART(prune);
+    NEEDS_PART(lobes);
     static const char *const names[] = {"3dgs", "v2", "v3-315", "oceanxl", "v3-bytes"};
     struct study *s = study_test_of(&ABLATE_KIND, &study_test_two_seeds, 5, names);
     oxl_job_options job[5];
@@ -329,13 +332,16 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
 TEST(tradeoff_options_are_off_in_the_papers_preset)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.sh_degree == 3 && o.iterations == 40000 &&
-          o.short_run_exponent == 0);
+    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.iterations == 40000 && o.short_run_exponent == 0);
 }
 
 /* Rows that others are compared with, or made equal to, exist and precede the controls. */
 TEST(study_rows_name_options_and_rows_of_their_study)
 {
+    NEEDS_PART(ucd);
+    NEEDS_PART(prune);
+    NEEDS_PART(lobes);
+    NEEDS_PART(sh_degree);
     const struct study_kind *const kinds[] = {&ABLATE_KIND, &TRADEOFF_KIND};
     oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
     for (int k = 0; k < 2; k++) {
@@ -376,6 +382,19 @@ TEST(study_refuses_invalid_rows)
     CHECK(study_test_run(tradeoff_run, "coarse-0.5,coarse-0.5", 1) == OXL_ERR_USAGE);
 }
 
+/* As where a build has not the part of training that an option belongs to. */
+TEST(study_refuses_rows_whose_options_the_build_does_not_have)
+{
+    static const struct study_row plain = {.name = "plain", .option = {{"cooldown", "0"}}},
+                                  odd = {.name = "odd", .option = {{"cooldown", "0"}, {"no-such", "1"}}};
+    struct study s = {.rows = 2, .row = {&plain, &plain}};
+    s.meter.ctx = test_ctx;
+    CHECK_OK(study_check_options(&s));
+    s.row[1] = &odd;
+    CHECK(study_check_options(&s) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "row odd sets --no-such");
+}
+
 TEST(study_finds_the_threshold_of_an_equal_count_in_a_few_trials)
 {
     for (double power = -2; power < -0.4; power += 0.5) /* of the count over the threshold */
@@ -403,12 +422,14 @@ TEST(study_reads_what_a_training_left_and_says_when_it_is_not_whole)
     snprintf(folder, sizeof folder, "%s", test_folder());
     test_write(
         "metrics.json",
-        "{\n  \"split\": \"test\",\n  \"psnr\": 25.5, \"ssim\": 0.75, \"ms_ssim\": 0.875, \"gaussians\": 1000, "
+        "{\n  \"split\": \"test\",\n  \"psnr\": 25.5, \"ssim\": 0.75, \"structure\": 0.875, \"structure_least\": 0.5, \"training\": "
+        "{\"structure_least\": 0.25}, \"ms_ssim\": 0.875, \"gaussians\": 1000, "
         "\"bytes\": 5e4, \"seconds\": 12, \"blocks\": 3,\n  \"by_depth\": {\"near_psnr\": 20, \"mid_psnr\": 21, "
         "\"far_psnr\": null}\n}\n");
     CHECK_OK(study_read_metrics(&s, folder, &r));
     CHECK(r.value[STUDY_PSNR] == 25.5 && r.value[STUDY_BYTES] == 5e4 && r.value[STUDY_MIDDLE] == 21 &&
           isnan(r.value[STUDY_FAR]));
+    CHECK(r.value[STUDY_STRUCTURE] == 0.875 && r.value[STUDY_LEAST] == 0.25);
     CHECK(r.blocks == 3 && r.held_out == 1);
     test_write("metrics.json", "{\"psnr\": 25.5}\n");
     CHECK(study_read_metrics(&s, folder, &r) == OXL_ERR_INPUT);

@@ -14,6 +14,8 @@ TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 /* Three ways of four with bands, one of two with lobes, each a fortieth of the run. */
 TEST(selection_predicts_the_steps_of_its_trials)
 {
+    NEEDS_PART(sh_degree);
+    NEEDS_PART(lobes);
     oxl_train_options o = train_options(2000);
     o.ucd.mode = OXL_UCD_OFF;
     o.lamp = o.medium = OXL_OFF;
@@ -73,6 +75,7 @@ static void selection_test_case_free(struct selection_test_case *c)
 
 TEST(selection_keeps_degree_0_where_colours_do_not_depend_on_the_view)
 {
+    NEEDS_PART(sh_degree);
     struct selection_test_case c = selection_test_case(selection_test_grey(train_scene(14)), -1, OXL_DOG_OFF);
     if (c.model.sh_degree) printf("%s\n", c.decisions.data);
     CHECK(c.model.sh_degree == 0);
@@ -82,6 +85,7 @@ TEST(selection_keeps_degree_0_where_colours_do_not_depend_on_the_view)
 
 TEST(selection_keeps_sh_bands_where_colours_depend_on_the_view)
 {
+    NEEDS_PART(sh_degree);
     struct selection_test_case c = selection_test_case(train_scene_of(14, 4), -1, OXL_DOG_OFF);
     CHECK(c.model.sh_degree >= 1);
     selection_test_case_free(&c);
@@ -89,6 +93,10 @@ TEST(selection_keeps_sh_bands_where_colours_depend_on_the_view)
 
 TEST(selection_follows_explicit_options)
 {
+    NEEDS_PART(ucd);
+    NEEDS_PART(lobes);
+    NEEDS_PART(prune);
+    NEEDS_PART(sh_degree);
     struct selection_test_case c = selection_test_case(train_scene(14), 2, OXL_DOG_SELECTIVE);
     CHECK(c.model.sh_degree == 2);
     CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"2\", \"evidence\": \"as set\"}") != NULL);
@@ -117,6 +125,7 @@ static void selection_test_check_stops(struct checkpoint_case *c, const int *sto
  * the same. */
 TEST(selection_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
 {
+    NEEDS_PART(lobes);
     static const int stops[] = {119, 120, 121, 126, 131, 132, 133, 137, 138, 139};
     struct checkpoint_case c = checkpoint_of(train_scene(14), train_options(240));
     c.options.dog = OXL_DOG_AUTO;
@@ -129,6 +138,7 @@ TEST(selection_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
 
 TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_the_same_bytes)
 {
+    NEEDS_PART(ucd);
     static const int stops[] = {60, 62, 64, 90, 119, 200};
     struct checkpoint_case c = checkpoint_of(train_scene(14), train_options(240));
     c.options.sh_degree = 0;

@@ -36,7 +36,8 @@ static void tviews_draw(const oxl_model *m, const oxl_camera *camera, int in_med
     renderer_free(test_ctx, r);
 }
 
-/* The views that `broken` names: two with a displaced pose, one darkened, one out of focus. */
+/* The views that `broken` names: two with a displaced pose, one darkened, one out of focus; 2: and one of
+ * ground that the model does not have. */
 static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
 {
     oxl_view view[TVIEWS];
@@ -54,6 +55,9 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken, int in_medium)
         for (size_t i = 0; i < 3 * TVIEWS_W * TVIEWS_H; i++)
             image[v].rgb[i] += 0.02f * (float)(random_unit(random_bits(8, i, (uint64_t)v)) - 0.5);
         if (broken && v == 8) view[v].camera.translation[0] += 0.2;
+        for (size_t i = 0; broken == 2 && v == 10 && i < 3 * TVIEWS_W * TVIEWS_H; i++) /* other ground */
+            image[v].rgb[i] =
+                0.3f + 0.1f * (float)random_unit(random_bits(9, i % (TVIEWS_W * TVIEWS_H) / 2, 0));
         if (broken && v == 15) view[v].camera.translation[1] -= 0.25;
         for (size_t i = 0; broken && v == 20 && i < 3 * TVIEWS_W * TVIEWS_H; i++) image[v].rgb[i] *= 0.6f;
         for (int pass = 0; broken && v == 3 && pass < 2; pass++) /* a running mean of 5 px along the rows */
@@ -103,6 +107,28 @@ TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_reported_and_
 TEST(training_views_behind_a_medium_are_compared_with_what_the_model_shows_through_it)
 {
     tviews_check_flags(1);
+}
+
+TEST(training_views_without_the_structure_of_their_images_are_reported_once_and_shown)
+{
+    oxl_model m = tviews_model();
+    oxl_scene *scene = tviews_scene(&m, 2, 0);
+    struct text t = {.ctx = test_ctx};
+    const char *row;
+    colmap_listen();
+    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("fog")));
+    CHECK(colmap_warned.count == 5);
+    CHECK_TEXT(t.data, "\"flagged\": 5, \"structure\": 0.");
+    CHECK_TEXT(t.data, "\"no_structure\": ");
+    row = strstr(t.data, "{\"name\": \"v10\"");
+    CHECK(row && oxl_json_number(row, "structure") < 0.3);
+    CHECK(row && strstr(row, "\"flag\": \"no structure\"}"));
+    row = strstr(t.data, "{\"name\": \"v11\"");
+    CHECK(row && oxl_json_number(row, "structure") > 0.9);
+    CHECK(os_is_file(test_path("fog/v10.png")) && !os_is_file(test_path("fog/v11.png")));
+    text_free(&t);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &m);
 }
 
 TEST(training_views_of_a_valid_survey_are_not_flagged)

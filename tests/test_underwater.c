@@ -181,6 +181,7 @@ static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 
 TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 {
+    NEEDS_PART(exposure);
     oxl_scene *scene = exposure_scene(14, 0.2f, 0.4);
     oxl_train_options options = train_options(600);
     oxl_model model;
@@ -250,6 +251,7 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
 
 TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 {
+    NEEDS_PART(exposure);
     static const int stops[] = {5, 99, 100, 101, 320};
     struct checkpoint_case c = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
     oxl_model model;
@@ -601,6 +603,7 @@ static void photometry_test_clear(const char *survey, double mean[3])
 /* The survey's points keep their colours, as where images are corrected after COLMAP. */
 TEST(tinted_images_in_water_give_the_same_clear_scene_times_the_tint)
 {
+    NEEDS_PART(medium);
     static const double factor[3] = {0.4, 0.5, 0.6};
     const synth_options o = photometry_test_make("gauge", SYNTH_3C);
     double mean[3] = {0, 0, 0}, tinted[3] = {0, 0, 0};
@@ -957,6 +960,7 @@ TEST(depth_loss_is_that_of_one_step_alone)
 
 TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
+    NEEDS_PART(medium);
     static const int stops[] = {37, 39, 40, 80};
     struct checkpoint_case c = checkpoint_of(train_scene(7), train_options(130));
     oxl_model model;
@@ -1136,6 +1140,7 @@ static oxl_scene *lamp_scene(int views, const struct lamp *lamp, int lamps)
 
 TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
 {
+    NEEDS_PART(lamp);
     const struct lamp lamp = {-1, {0, -0.25f, 0, 0, 0.1f, 0, 0, 0, -0.2f}};
     oxl_scene *scene = lamp_scene(14, &lamp, 1);
     oxl_train_options options = train_options(500);
@@ -1164,6 +1169,7 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
  * others, as the held-out view. */
 TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
 {
+    NEEDS_PART(lamp);
     const struct lamp lamp[2] = {{-1, {0.4f, 0, 0, 0, 0.1f}}, {-1, {-0.4f, 0, 0, 0, 0, 0.1f}}};
     oxl_scene *scene = lamp_scene(16, lamp, 2);
     oxl_train_options options = train_options(500);
@@ -1185,6 +1191,7 @@ TEST(lamp_of_each_camera_is_trained_on_its_own_views_and_shown_in_them)
 
 TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
 {
+    NEEDS_PART(lamp);
     static const int stops[] = {9, 10, 11, 60};
     const struct lamp lamp = lamp_of(-1);
     struct checkpoint_case c = checkpoint_of(lamp_scene(7, &lamp, 1), train_options(130));
@@ -1275,6 +1282,8 @@ static void blocks_test_shows_the_images(double viewer)
 
 TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
 {
+    NEEDS_PART(medium);
+    NEEDS_PART(lamp);
     const oxl_job_options o = blocks_test_options();
     const char *word[2] = {"bD 0.3", "lamp all "};
     char line[2][300];
@@ -1292,6 +1301,7 @@ TEST(medium_and_lamp_of_blocks_are_the_coarse_model_s_and_show_the_images)
 
 TEST(medium_of_blocks_that_memory_does_not_hold_together_is_baked_into_scene_ply)
 {
+    NEEDS_PART(medium);
     oxl_job_options o = blocks_test_options();
     char line[2][300];
     for (o.block = 0; o.block < 2; o.block++)

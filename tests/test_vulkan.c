@@ -5,10 +5,10 @@
  * on. The validation layer listens to every test where it is installed.
  */
 #include "test.h"
+#ifdef OXL_VULKAN /* the tests see into the backend's files, which are part of this object instead */
 #include "../src/parts/dropout.h"
 #include "../src/parts/prune.h"
 #include "../src/parts/transients.h"
-#ifdef OXL_VULKAN /* the tests see into the backend's files, which are part of this object instead */
 #include "../backends/vulkan/passes.c"
 #include "../backends/vulkan/memory.c"
 #include "../backends/vulkan/device.c"

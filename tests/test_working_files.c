@@ -201,3 +201,73 @@ TEST(checksum_of_text_is_its_last_line)
     CHECK(checksum_of_text(t.data, t.size - 1) == CHECKSUM_NONE);
     text_free(&t);
 }
+
+/* ---------------- images that vanish */
+
+static int working_vanish(void *user, const oxl_progress *p)
+{
+    if (p->iteration == 3 && !*(int *)user) {
+        *(int *)user = 1;
+        CHECK(rename(test_path("survey/images"), test_path("gone")) == 0);
+    }
+    return 0;
+}
+
+TEST(a_run_whose_images_vanish_stops_and_continues_when_they_are_back)
+{
+    oxl_job_options options = job_test_options();
+    int gone = 0;
+    oxl_callback callback = {working_vanish, &gone};
+    options.scene.image_cache_bytes = 1;
+    options.keep_decoded = 0;
+    options.train.iterations = 60;
+    CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "training images cannot be read");
+    CHECK(!job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK(rename(test_path("gone"), test_path("survey/images")) == 0);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"images_left_out\": 0"));
+}
+
+/* ---------------- rates, views, cameras, presets */
+
+TEST(rates_of_0_train_without_a_number_that_is_not_finite)
+{
+    oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    options.renders = 0, options.restart = 1;
+    for (int k = 1; k < 4; k++) {
+        if (k & 1) options.train.lr_position = 0;
+        if (k & 2) options.train.lr_position_final = 0;
+        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+        CHECK(job_test_has(test_path("out/metrics.json"), "\"gaussians_cleared\": 0"));
+    }
+}
+
+TEST(api_refuses_views_cameras_focal_lengths_and_presets_that_are_none)
+{
+    oxl_scene *scene = NULL;
+    oxl_model model = {0}, gradient = {0};
+    oxl_camera camera = {0, 16, 20, 20, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}};
+    oxl_view view = {"v", {8, 8, 0, 20, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}}, 0};
+    oxl_image image = {0};
+    double start[3], direction[3];
+    float rgb[3 * 256] = {0};
+    working_scene_file(&scene);
+    CHECK(oxl_scene_ray(test_ctx, scene, -1, 1, 1, start, direction) == OXL_ERR_USAGE);
+    CHECK(oxl_scene_ray(test_ctx, scene, 9, 1, 1, start, direction) == OXL_ERR_USAGE);
+    oxl_scene_free(test_ctx, scene);
+    CHECK_OK(oxl_model_create(test_ctx, 4, 0, &model));
+    CHECK(oxl_render_backward(test_ctx, &model, &camera, NULL, rgb, &gradient) == OXL_ERR_USAGE);
+    CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
+    CHECK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "focal lengths");
+    oxl_image_free(test_ctx, &image);
+    oxl_model_rescale(&model, NAN), oxl_model_rescale(&model, 0);
+    CHECK(model.scale == 0 && model.plane[OXL_MEAN][0] == 0);
+    oxl_model_free(test_ctx, &model);
+    for (int k = -1; k < 100; k += 4) {
+        const oxl_job_options o = oxl_job_options_default((oxl_preset)k);
+        CHECK((oxl_job_options_check(test_ctx, &o) == OXL_OK) == (k >= 0 && k <= 2));
+    }
+}

@@ -22,6 +22,7 @@ struct wide {
     double *plane[OXL_PLANES];
     double *gradient[OXL_PLANES]; /* the same; written by *_backward */
     double *rgb, *transmittance;  /* (3,H,W), (H,W); written by *_forward */
+    double *depth;                /* (H,W) written by kernels_forward */
     double *dmean2d;              /* (count) |dL/d(u,v)| in units of half an image; written by *_backward */
     /* (count) px by which the box of the contour alpha = 1/255 reaches past the outermost pixel centres: in
      * view when above 0; -1e30 for what is not rendered. Written by splat_forward */

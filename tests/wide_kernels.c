@@ -119,7 +119,8 @@ static struct raster_job view_raster(const struct view *v, const struct wide *w)
                                .height = v->kernel_camera.height,
                                .background = {w->background[0], w->background[1], w->background[2]},
                                .rgb = w->rgb,
-                               .transmittance = w->transmittance};
+                               .transmittance = w->transmittance,
+                               .depth = w->depth};
 }
 
 static int view_tiles(const struct view *v)
@@ -153,6 +154,7 @@ static void view_open(struct view *v, struct wide *w)
     bin_splats(&kernels_context, &v->bins, v->kernel_camera.width, v->kernel_camera.height);
     raster = view_raster(v, w);
     for (raster.tile = 0; raster.tile < view_tiles(v); raster.tile++) raster_forward(ISA_BASE, &raster);
+    for (raster.tile = 0; raster.tile < view_tiles(v); raster.tile++) raster_depth(ISA_BASE, &raster);
 }
 
 static void view_close(struct view *v)

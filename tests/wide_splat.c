@@ -33,6 +33,7 @@ void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t 
     for (size_t i = 0; i < count; i++) w->plane[OXL_ROTATION][i] = 1;
     w->rgb = wide_array(3 * pixels);
     w->transmittance = wide_array(pixels);
+    w->depth = wide_array(pixels);
     w->dmean2d = wide_array(count);
     w->inside = wide_array(count);
 }
@@ -40,7 +41,7 @@ void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t 
 void wide_free(struct wide *w)
 {
     for (int k = 0; k < OXL_PLANES; k++) free(w->plane[k]), free(w->gradient[k]);
-    free(w->rgb), free(w->transmittance), free(w->dmean2d), free(w->inside);
+    free(w->rgb), free(w->transmittance), free(w->depth), free(w->dmean2d), free(w->inside);
     *w = (struct wide){0};
 }
 

@@ -305,11 +305,19 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     return r->v->rc;
 }
 
-static oxl_result vulkan_image(void *device, int depths, float *rgb)
+static oxl_result vulkan_depth(void *device, float *depth)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
-    if (depths) vulkan_draw(r, 1);
+    vulkan_draw(r, 1);
+    vulkan_download(r->v, &r->rgb, 0, depth, 4 * (size_t)r->view.width * r->view.height);
+    return r->v->rc;
+}
+
+static oxl_result vulkan_image(void *device, float *rgb)
+{
+    struct vulkan_renderer *r = device;
+    vulkan_enter(r->v);
     vulkan_download(r->v, &r->rgb, 0, rgb, 12 * (size_t)r->view.width * r->view.height);
     return r->v->rc;
 }
@@ -612,6 +620,7 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
                                                      .free = vulkan_renderer_free,
                                                      .forward = vulkan_forward,
                                                      .image = vulkan_image,
+                                                     .depth = vulkan_depth,
                                                      .has_image = vulkan_has_image,
                                                      .take_image = vulkan_take_image,
                                                      .target = vulkan_target,

@@ -23,6 +23,7 @@
 /* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
 #define COST_CONTEXT 1.25
 #define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
+#define COST_RANDOM_GROWTH 3.0   /* Gaussians for each random point: 1.8 to 4 (docs/log/LEGO.md) */
 #define COST_WITHIN 3.0          /* factor of uncertainty of times computed from counts */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
@@ -36,7 +37,8 @@ OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
-    struct cost_load load = {.points = stats->points,
+    struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
+                             .random = stats->points == 0,
                              .observations = stats->observations,
                              .views = stats->views,
                              .schedule_pixels = schedule_pixels(scene)};
@@ -91,7 +93,9 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
     const double a_view = load->pixels / OXL_MAX(1, load->views);
     const double rate = (ctx->isa == ISA_BASE ? COST_PAIR_RATE_BASE : COST_PAIR_RATE) * ctx->threads;
     const size_t cap = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    struct cost cost = {.gaussians = predict_time_expected(&o->train, load->points, cap)};
+    struct cost cost = {.gaussians = load->random
+                                         ? OXL_MIN(COST_RANDOM_GROWTH * (double)load->points, (double)cap)
+                                         : predict_time_expected(&o->train, load->points, cap)};
     const double step = 3.5 * COST_PAIRS_PER_PIXEL * a_view / rate +
                         (COST_PIXEL_COST * a_view + COST_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
     cost.seconds = o->train.iterations * step;

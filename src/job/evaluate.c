@@ -68,8 +68,23 @@ struct evaluate_pass {
     struct renderer *r;
     const oxl_model *model;
     oxl_scene *scene;
-    struct evaluate_bands *bands; /* NULL: only PSNR, cc_psnr and SSIM, for less than half of the time */
+    struct evaluate_bands *bands; /* NULL: as evaluate_quick */
 };
+
+/* What the light alone explains: a white scene, through the view's lamp and gains. */
+static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pass *p,
+                                     const oxl_image *rendered, const oxl_image *image, oxl_view_metrics *row)
+{
+    oxl_image light = {0};
+    oxl_result rc = oxl_image_create(ctx, image->width, image->height, &light);
+    for (size_t i = 0; rc == OXL_OK && i < 3 * (size_t)image->width * (size_t)image->height; i++)
+        light.rgb[i] = 1;
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, &light);
+    if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, &light);
+    if (rc == OXL_OK) row->explained = structure_explained(rendered, image, &light);
+    oxl_image_free(ctx, &light);
+    return rc;
+}
 
 static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass *p, oxl_image *rendered,
                                    const oxl_image *image, oxl_view_metrics *row)
@@ -82,6 +97,8 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure, NULL);
+    if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
     if (rc != OXL_OK || !p->bands) return rc;
     rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
     if (rc == OXL_OK && p->scene->lpips)
@@ -114,6 +131,23 @@ static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass
     oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation",
             oxl_scene_view(p->scene, view)->name, oxl_error_text(ctx));
     return OXL_OK;
+}
+
+/* Of the views that have them. */
+static void evaluate_sum_up_structure(oxl_metrics *m)
+{
+    int with = 0, explained = 0;
+    m->structure = m->explained = 0, m->structure_least = NAN, m->no_structure = 0;
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        if (!isnan(v->explained)) m->explained += v->explained, explained++;
+        if (isnan(v->structure)) continue;
+        m->structure += v->structure;
+        m->structure_least = with++ ? OXL_MIN(m->structure_least, v->structure) : v->structure;
+        m->no_structure += v->structure < OXL_STRUCTURE_NONE;
+    }
+    m->structure = with ? m->structure / with : NAN;
+    m->explained = explained ? m->explained / explained : NAN;
 }
 
 static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
@@ -154,6 +188,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     }
     renderer_free(ctx, p.r);
     oxl_free(ctx, view);
+    evaluate_sum_up_structure(out);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
 }
@@ -196,11 +231,16 @@ static void evaluate_write_depths(struct text *t, const oxl_metrics *m)
     text_add(t, "},\n");
 }
 
+enum { EVALUATE_WRITTEN = 8 };
+
 /* Members of a JSON object; `between` them. lpips NaN: it has no member. */
-static void evaluate_write_values(struct text *t, const char *between, const double values[6], double lpips)
+static void evaluate_write_values(struct text *t, const char *between, const double values[EVALUATE_WRITTEN],
+                                  double lpips)
 {
-    static const char *const names[] = {"psnr", "cc_psnr", "ssim", "ms_ssim", "plain_psnr", "half_psnr"};
-    for (int i = 0; i < 6; i++) text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
+    static const char *const names[] = {"psnr",       "cc_psnr",   "ssim",      "ms_ssim",
+                                        "plain_psnr", "half_psnr", "structure", "explained"};
+    for (int i = 0; i < EVALUATE_WRITTEN; i++)
+        text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
     if (!isnan(lpips)) text_add(t, "%s\"lpips\": %s", between, NUMBER(lpips));
 }
 
@@ -209,8 +249,11 @@ OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, co
 {
     text_add(t, "  ");
     evaluate_write_values(t, ",\n  ",
-                          (double[6]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr, m->half_psnr},
+                          (double[EVALUATE_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
+                                                     m->half_psnr, m->structure, m->explained},
                           m->lpips);
+    text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d", NUMBER(m->structure_least),
+             m->no_structure);
     evaluate_write_depths(t, m);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
@@ -218,9 +261,11 @@ OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, co
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
         text_add(t, ", ");
-        evaluate_write_values(
-            t, ", ", (double[6]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr},
-            v->lpips);
+        evaluate_write_values(t, ", ",
+                              (double[EVALUATE_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
+                                                         v->plain_psnr, v->half_psnr, v->structure,
+                                                         v->explained},
+                              v->lpips);
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

@@ -126,6 +126,11 @@ OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lp
 /* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
 OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
                                        const oxl_image *b, double *out);
+/* ---------------- structure.c */
+
+/* oxl_view_metrics.explained; light (3,H,W): what a white scene looks like, before clamping. */
+OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
+                                        const oxl_image *light);
 
 /* ---------------- evaluate.c */
 
@@ -141,7 +146,7 @@ OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_s
 /* depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
-/* As oxl_evaluate, but only PSNR, cc_psnr and SSIM of each view, in less than half of the time. */
+/* As oxl_evaluate, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
@@ -201,6 +206,7 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
 #define COST_SPLAT_BYTES 300.0
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
+    int random;                  /* 1: the survey has no points, those are scene_start_points */
     int views;
     /* pixels of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;

@@ -151,10 +151,11 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     if (m.count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
-        oxl_log(job->ctx, OXL_LOG_INFO,
-                "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
-                job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim,
-                m.count, job->model.count, (double)bytes[0] / 1e6);
+        oxl_log(
+            job->ctx, OXL_LOG_INFO,
+            "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, at least %.3f, over %d; %zu Gaussians, %.1f MB",
+            job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.structure,
+            m.structure_least, m.count, job->model.count, (double)bytes[0] / 1e6);
     if (!isnan(m.lpips)) oxl_log(job->ctx, OXL_LOG_INFO, "test views: LPIPS (AlexNet) %.4f", m.lpips);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(

@@ -166,9 +166,8 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     if (rc == OXL_OK)
         rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, imaging}, view, &out->rendered,
                            out->depth);
-    for (size_t i = 0;
-         rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
-        out->depth[i] *= (float)what->unit;
+    for (size_t i = 0; rc == OXL_OK && out->depth && i < (size_t)out->width * (size_t)out->height; i++)
+        out->depth[i] = OXL_MAX(out->depth[i], 0) * (what->unit > 0 ? (float)what->unit : 1);
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
     if (rc == OXL_OK && out->image.rgb && imaging && imaging_alters_colours(imaging))
         rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, NULL}, view, &out->clear, NULL);

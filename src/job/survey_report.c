@@ -6,6 +6,7 @@
 #include "job.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
 #include "../survey/lint.h"
 
 static int survey_is_distorted(const struct colmap *c)
@@ -174,7 +175,9 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
             100 * s->missed);
     if (s->points == 0)
         survey_write(
-            s, "warning: no points: training starts from random points and may fail; export them too\n");
+            s, s->outlined
+                   ? "warning: no points: training starts from random ones within the images' outlines\n"
+                   : "warning: no points: training starts from random ones and may fail; export them too\n");
     else if (s->points < 500)
         survey_write(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
     if (s->mean_error > 2)
@@ -212,6 +215,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
                         .test_views = stats->test_views,
                         .masks = stats->masks,
                         .points = stats->points,
+                        .outlined = scene_is_composited(scene),
                         .observations = stats->observations,
                         .mean_track = stats->mean_track,
                         .mean_error = stats->mean_error,

@@ -1,5 +1,5 @@
 /* training_views.c - how well each training view is fitted, and which fit far worse than their neighbours: a
- * wrong pose, another exposure, or blur.
+ * wrong pose, another exposure, or blur; and which renders have not the structure of their images.
  *
  * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond
  * their median is set against its spread over all views (median absolute deviation, 1.4826 of it is a
@@ -26,11 +26,13 @@ enum {
 /* fraction of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound
  * survey */
 #define TRAINING_SHIFTED 0.07
+#define TRAINING_NO_STRUCTURE "no structure" /* the flag of views below OXL_STRUCTURE_NONE */
 
 struct training_row {
     int at; /* in the metrics */
     /* dB to the neighbours' median: of cc_psnr; of what one factor for each channel mends */
     double lacks, exposure;
+    double structure;
     const char *flag; /* NULL: none */
 };
 
@@ -67,7 +69,7 @@ static void training_compare(struct training_views *t)
             fit[k] = t->m->views[near[k]].cc_psnr;
             corrected[k] = training_corrected(&t->m->views[near[k]]);
         }
-        t->row[i] = (struct training_row){.at = i};
+        t->row[i] = (struct training_row){.at = i, .structure = t->m->views[i].structure};
         t->row[i].lacks = stats_select(fit, (size_t)count, 0.5) - t->m->views[i].cc_psnr;
         t->row[i].exposure =
             training_corrected(&t->m->views[i]) - stats_select(corrected, (size_t)count, 0.5);
@@ -169,11 +171,24 @@ static oxl_result training_is_blurred(struct training_views *t, int at, int *blu
 
 /* ---------------- flags */
 
+/* 1: flagged as without structure. */
+static int training_is_fog(const struct training_row *row)
+{
+    return row->flag && !strcmp(row->flag, TRAINING_NO_STRUCTURE);
+}
+
+/* Views with a cause of their own first, then those without structure, then the rest. */
+static int training_rank(const struct training_row *row)
+{
+    return !row->flag ? 2 : training_is_fog(row);
+}
+
 static int training_order(const void *a, const void *b)
 {
     const struct training_row *x = a, *y = b;
     const double p = OXL_MAX(x->lacks, x->exposure), q = OXL_MAX(y->lacks, y->exposure);
-    if (!x->flag != !y->flag) return x->flag ? -1 : 1;
+    if (training_rank(x) != training_rank(y)) return training_rank(x) - training_rank(y);
+    if (training_is_fog(x) && x->structure != y->structure) return x->structure < y->structure ? -1 : 1;
     if (p != q) return p > q ? -1 : 1;
     return x->at - y->at;
 }
@@ -213,6 +228,14 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
     return rc;
 }
 
+/* What no other cause explains. */
+static void training_flag_structure(struct training_views *t)
+{
+    for (int i = 0; i < t->m->count; i++)
+        if (!t->row[i].flag && t->row[i].structure < OXL_STRUCTURE_NONE)
+            t->row[i].flag = TRAINING_NO_STRUCTURE;
+}
+
 /* ---------------- messages */
 
 static void training_report(const struct training_views *t)
@@ -232,22 +255,67 @@ static void training_report(const struct training_views *t)
         }
 }
 
+/* Said once, of all of them. */
+static void training_report_structure(const struct training_views *t)
+{
+    const struct training_row *least = NULL;
+    int fog = 0;
+    for (int i = 0; i < t->m->count; i++) {
+        const struct training_row *row = &t->row[i];
+        if (!training_is_fog(row)) continue;
+        if (!least || row->structure < least->structure) least = row;
+        fog++;
+    }
+    if (least)
+        oxl_log(
+            t->ctx, OXL_LOG_WARNING,
+            "%d of %d training views are rendered without the structure of their images (correlation of detail below "
+            "%.1f; the least %.2f, %s): train longer, or look at their renders",
+            fog, t->m->count, OXL_STRUCTURE_NONE, least->structure,
+            oxl_scene_view(t->scene, t->m->views[least->at].view)->name);
+}
+
 static void training_add_json(const struct training_views *t, struct text *out)
 {
     int flagged = 0;
     for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != NULL;
-    text_add(out, "  \"training\": {\"count\": %d, \"flagged\": %d, \"views\": [", t->m->count, flagged);
+    text_add(out, "  \"training\": {\"count\": %d, \"flagged\": %d, \"structure\": %s, ", t->m->count,
+             flagged, NUMBER(t->m->structure));
+    text_add(out, "\"structure_least\": %s, \"no_structure\": %d, \"views\": [",
+             NUMBER(t->m->structure_least), t->m->no_structure);
     for (int i = 0; i < t->m->count; i++) {
         const struct training_row *row = &t->row[i];
         const oxl_view_metrics *v = &t->m->views[row->at];
-        const char *const names[] = {"psnr", "cc_psnr", "ssim", "lacks", "lacks_exposure"};
-        const double values[] = {v->psnr, v->cc_psnr, v->ssim, row->lacks, row->exposure};
+        const char *const names[] = {"psnr",      "cc_psnr", "ssim",          "structure",
+                                     "explained", "lacks",   "lacks_exposure"};
+        const double values[] = {v->psnr,      v->cc_psnr, v->ssim,      v->structure,
+                                 v->explained, row->lacks, row->exposure};
         text_add(out, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
-        for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
+        for (size_t k = 0; k < OXL_COUNT(names); k++)
+            text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
         text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", row->flag);
     }
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
+}
+
+/* Of the rows after those shown, the TRAINING_SHOWN of least structure below the limit. */
+static int training_add_fog(const struct training_views *t, int count, int *shown)
+{
+    double above = -HUGE_VAL;
+    for (int first = count; count < first + TRAINING_SHOWN;) {
+        const oxl_view_metrics *least = NULL;
+        for (int i = first; i < t->m->count; i++) {
+            const oxl_view_metrics *v = &t->m->views[t->row[i].at];
+            if (v->structure < OXL_STRUCTURE_NONE && v->structure > above &&
+                (!least || v->structure < least->structure))
+                least = v;
+        }
+        if (!least) break;
+        above = least->structure;
+        shown[count++] = least->view;
+    }
+    return count;
 }
 
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
@@ -256,7 +324,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
     oxl_metrics m = {0};
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
-    int shown[TRAINING_SHOWN], count = 0;
+    int shown[2 * TRAINING_SHOWN], count = 0;
     oxl_result rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
     if (rc != OXL_OK) return rc;
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
@@ -270,11 +338,14 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, model);
     if (rc != OXL_OK) goto done;
+    if (iterations >= TRAINING_STEPS * m.count) training_flag_structure(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_report(&t);
+    if (iterations >= TRAINING_STEPS * m.count) training_report_structure(&t);
     training_add_json(&t, json);
     for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++)
         shown[count] = m.views[t.row[count].at].view;
+    count = training_add_fog(&t, count, shown);
     if (folder)
         rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
 done:

@@ -158,7 +158,7 @@ static oxl_result free_space_before_density(struct train *t, void *state, struct
 {
     struct free_space *f = state;
     const oxl_result rc = free_space_carve(t->ctx, f, &t->trained.model, &f->carved);
-    rules->carved = f->carved;
+    rules->unwanted = f->carved;
     return rc;
 }
 

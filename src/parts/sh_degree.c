@@ -18,10 +18,13 @@ struct sh_degree {
     int final; /* the highest degree of the run */
 };
 
+/* A model to start from may have more bands than are asked for. */
 static oxl_result sh_degree_begin(struct train *t, void *state)
 {
-    ((struct sh_degree *)state)->final = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
-    return OXL_OK;
+    struct sh_degree *s = state;
+    s->final = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
+    if (!t->output || !t->output->from || t->trained.model.sh_degree <= s->final) return OXL_OK;
+    return model_trained_set_degree(t->ctx, &t->trained, s->final);
 }
 
 static void sh_degree_archive(struct archive *a, struct train *t, void *state)

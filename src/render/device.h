@@ -13,8 +13,8 @@ struct renderer_device {
     void (*free)(void *device);
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera,
                           const oxl_render_options *options, int steps);
-    /* (3,H,W) rendered; depths: the sums of alpha T z and of alpha T instead. */
-    oxl_result (*image)(void *device, int depths, float *rgb);
+    oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
+    oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);
     oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
     /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL:

@@ -30,6 +30,20 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, floa
     return k;
 }
 
+/* images by which the camera is moved back: a point is displaced by its height / 2^21 at the image's edge */
+#define CAMERA_FAR 1048576.0
+
+OXL_INTERNAL oxl_camera render_far_camera(const oxl_camera *c, const oxl_render_options *options)
+{
+    oxl_camera k = *c;
+    const double far = CAMERA_FAR * OXL_MAX(c->width / c->fx, c->height / c->fy);
+    if (!(options->parallel > 0)) return k;
+    k.fx *= far;
+    k.fy *= far;
+    k.translation[2] += far;
+    return k;
+}
+
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *k, float alpha_min)
 {
     if (!(alpha_min > ALPHA_MIN)) return;

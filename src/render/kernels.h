@@ -23,6 +23,9 @@
 #define ALPHA_MIN ((real)(1.0 / 255)) /* the same skip for a difference of Gaussians: of |alpha| */
 /* negative alpha increases T; skipped from here on, so T < 32 [not in OceanXL] */
 #define TRANSMITTANCE_MAX ((real)16)
+#define DEPTH_LAYER ((real)0.04)       /* of its depth: the thickness of what counts as one surface */
+#define DEPTH_WEIGHT_MIN ((real)1 / 3) /* a surface of less weight is uncertain: its depth is negative */
+#define OPAQUE_MIN ((real)0.5) /* a pixel whose splats have less weight, 1 - T at the end, is see-through */
 /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
 #define LOW_PASS ((real)0.3)
 /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
@@ -160,7 +163,9 @@ struct raster_job {
     int width, height, tile;
     real background[3];
     real *rgb;           /* (3,H,W) */
-    real *transmittance; /* (H,W) T after the last splat */
+    real *transmittance; /* (H,W) T after the last splat; read by raster_depth */
+    real *depth;         /* (H,W) camera z of the surface, as oxl_render says; written by raster_depth */
+    real depth_scale;    /* the depth that DEPTH_LAYER is of; 0: each pixel's own */
     /* backward and score: */
     const real *drgb; /* (3,H,W) dL/d(rgb) */
     /* backward alone: */
@@ -169,12 +174,15 @@ struct raster_job {
     real *score; /* (slots) sum of (o dS/dalpha)^2, written for each of the tile's pairs */
 };
 OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job);
+OXL_INTERNAL void raster_depth(int isa, const struct raster_job *job); /* after raster_forward */
 OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 #ifndef OXL_REFERENCE
 /* kernel_camera.c */
 OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane);
+/* With options.parallel, the pinhole camera so far behind `camera` that its rays are parallel; else `camera`. */
+OXL_INTERNAL oxl_camera render_far_camera(const oxl_camera *camera, const oxl_render_options *options);
 /* at least ALPHA_MIN */
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);
 #endif

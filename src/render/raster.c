@@ -1,4 +1,5 @@
-/* raster.c - splats to pixels, gradients of pixels back to splats, and the pruning score of each splat.
+/* raster.c - splats to pixels, gradients of pixels back to splats, the depth of each pixel, and the pruning
+ * score of each splat.
  *
  * A tile is 16 subtiles of 4 x 4 pixels; a subtile is one vector of AVX-512, two of AVX2. Compositing front
  * to back (Kerbl et al.
@@ -566,6 +567,121 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
     for (; pair < tile.end; pair++) raster_zero_sums(lobed, score, job, pair);
 }
 
+/* ---------------- depth
+ *
+ * A pixel's depth is that of its surface: of the layer with the most weight, a layer being the splats within
+ * DEPTH_LAYER of the first one's depth. The mean over all splats goes through veils, and their median falls
+ * behind a surface that is thin in places (docs/log/HEIGHTS.md). The first pass finds the layer, the second
+ * the mean of the splats within half a layer of its depth.
+ */
+
+struct raster_layers { /* of a tile's pixels */
+    real t[TILE_PIXELS];
+    real front[TILE_PIXELS];                       /* depth of the layer's first splat; -1: none yet */
+    real weight[TILE_PIXELS], offset[TILE_PIXELS]; /* its sums of weight, and of weight (z - front) */
+    real most[TILE_PIXELS], depth[TILE_PIXELS];    /* weight and depth of the heaviest layer so far */
+};
+
+/* Adds splat n to the layers of a subtile's pixels. scale: the depth that DEPTH_LAYER is of; 0: the layer's. */
+SIMD_INLINE void raster_find_layer(const int fused, const int mixed, const int lobed, real scale,
+                                   const struct raster_batch *batch, int n, int subtile,
+                                   struct raster_layers *tile)
+{
+    const int at = subtile * PACK;
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+    real *restrict t = tile->t + at, *restrict front = tile->front + at, *restrict most = tile->most + at;
+    real *restrict weight = tile->weight + at, *restrict offset = tile->offset + at;
+    real *restrict depth = tile->depth + at;
+    const real z = batch->splat[n].colour[0];
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const struct raster_contribution p =
+            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], t[l]);
+        const real gain = p.weight > 0 ? p.weight : 0;
+        const real size = DEPTH_LAYER * (scale > 0 ? scale : front[l]);
+        const int is_next = (gain > 0) & ((front[l] < 0) | (z > front[l] + size));
+        const real first = is_next ? z : front[l], sum = is_next ? gain : weight[l] + gain;
+        const real shift = is_next ? 0 : muladd(fused, gain, z - first, offset[l]);
+        depth[l] = sum > most[l] ? first + shift / sum : depth[l];
+        most[l] = sum > most[l] ? sum : most[l];
+        front[l] = first, weight[l] = sum, offset[l] = shift;
+        t[l] = p.t;
+    }
+}
+
+/* Adds splat n to the sums of those pixels of a subtile whose layer it is in. */
+SIMD_INLINE void raster_add_near(const int fused, const int mixed, const int lobed, real scale,
+                                 const struct raster_batch *batch, int n, int subtile,
+                                 struct raster_layers *tile)
+{
+    const int at = subtile * PACK;
+    const real *restrict x = RASTER_X[subtile % 4], *restrict y = RASTER_Y[subtile / 4];
+    real *restrict t = tile->t + at, *restrict weight = tile->weight + at;
+    real *restrict offset = tile->offset + at;
+    const real *restrict depth = tile->depth + at;
+    const real z = batch->splat[n].colour[0];
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const struct raster_contribution p =
+            raster_contribution(fused, mixed, lobed, batch, n, x[l], y[l], t[l]);
+        const real reach = DEPTH_LAYER / 2 * (scale > 0 ? scale : depth[l]);
+        const int is_near = (p.weight > 0) & (real_abs(z - depth[l]) <= reach);
+        const real gain = is_near ? p.weight : 0;
+        weight[l] += gain;
+        offset[l] = muladd(fused, gain, z - depth[l], offset[l]);
+        t[l] = p.t;
+    }
+}
+
+/* One pass over the tile's splats, front to back; is_second, a constant: adds the near ones. */
+SIMD_INLINE void raster_depth_pass(const int fused, const int lobed, const int is_second,
+                                   const struct raster_job *job, const struct raster_tile *tile,
+                                   struct raster_layers *d)
+{
+    uint32_t active = 0xFFFF;
+    struct raster_batch batch;
+    const real scale = job->depth_scale;
+    raster_begin(tile, d->t);
+    memset(d->weight, 0, sizeof d->weight);
+    memset(d->offset, 0, sizeof d->offset);
+    for (const struct pair *pair = tile->pair; pair < tile->end && active; pair += RASTER_BATCH) {
+        raster_load_batch(lobed, job, tile, pair, active, &batch);
+        for (int n = 0; n < batch.count; n++)
+            batch.splat[n].colour[0] = job->bins->splat[pair[n].splat].depth;
+        for (int subtile = 0; subtile < TILE_SUBTILES; subtile++) {
+            for (int l = subtile * PACK; l < (subtile + 1) * PACK; l++) d->t[l] = raster_keep_normal(d->t[l]);
+            for (uint32_t splats = batch.splats[subtile]; splats; splats &= splats - 1) {
+                const int n = simd_lowest_bit(splats), both = raster_lobed(lobed, &batch, n);
+                if (is_second && both) raster_add_near(fused, 1, 1, scale, &batch, n, subtile, d);
+                else if (is_second) raster_add_near(fused, lobed, 0, scale, &batch, n, subtile, d);
+                else if (both) raster_find_layer(fused, 1, 1, scale, &batch, n, subtile, d);
+                else raster_find_layer(fused, lobed, 0, scale, &batch, n, subtile, d);
+            }
+        }
+        if (tile->end - pair > RASTER_BATCH) active = raster_active_subtiles(d->t);
+    }
+}
+
+SIMD_INLINE void raster_depth_tile(const int fused, const int lobed, const struct raster_job *job)
+{
+    const struct raster_tile tile = raster_tile(job);
+    struct raster_layers d;
+    real last_t[TILE_PIXELS];
+    for (int i = 0; i < TILE_PIXELS; i++) {
+        d.front[i] = -1;
+        d.most[i] = d.depth[i] = 0;
+    }
+    raster_depth_pass(fused, lobed, 0, job, &tile, &d);
+    raster_depth_pass(fused, lobed, 1, job, &tile, &d);
+    raster_load(job, &tile, job->transmittance, last_t);
+    for (int i = 0; i < TILE_PIXELS; i++) {
+        const real z = d.depth[i] + (d.weight[i] > 0 ? d.offset[i] / d.weight[i] : 0);
+        const real sure = d.weight[i] >= DEPTH_WEIGHT_MIN ? z : -z;
+        d.depth[i] = 1 - last_t[i] >= OPAQUE_MIN ? sure : 0;
+    }
+    raster_store(job, &tile, d.depth, job->depth);
+}
+
 /* ---------------- entry points: tiles of scenes with second lobes, or without */
 
 SIMD_INLINE int raster_has_lobes(const struct raster_job *job)
@@ -591,6 +707,13 @@ SIMD_BODY void raster_score_body(const int fused, const struct raster_job *job)
     else raster_backward_tile(fused, 0, 1, job);
 }
 
+SIMD_BODY void raster_depth_body(const int fused, const struct raster_job *job)
+{
+    if (raster_has_lobes(job)) raster_depth_tile(fused, 1, job);
+    else raster_depth_tile(fused, 0, job);
+}
+
 SIMD_DISPATCH(OXL_INTERNAL, raster_forward, struct raster_job)
+SIMD_DISPATCH(OXL_INTERNAL, raster_depth, struct raster_job)
 SIMD_DISPATCH(OXL_INTERNAL, raster_backward, struct raster_job)
 SIMD_DISPATCH(OXL_INTERNAL, raster_score, struct raster_job)

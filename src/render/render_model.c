@@ -2,29 +2,14 @@
  * image. */
 #include "renderer_state.h"
 
-/* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha
- * T. */
-static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
-{
-    for (size_t i = 0; i < r->bins.visible_count; i++) {
-        struct splat *s = &r->splat[r->bins.order[i]];
-        s->colour[0] = s->depth;
-        s->colour[1] = 1;
-        s->colour[2] = 0;
-    }
-    memset(r->background, 0, sizeof r->background);
-    render_each_tile(ctx, r, NULL, raster_forward);
-}
-
+/* The depth of the image rendered last. */
 static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
 {
-    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    oxl_result rc = OXL_OK;
-    if (r->device) rc = r->backend->image(r->device, 1, r->rgb);
-    else render_depth_tiles(ctx, r);
-    for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
-        depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
-    return rc;
+    if (r->device) return r->backend->depth(r->device, depth);
+    r->depth = depth;
+    render_each_tile(ctx, r, NULL, raster_depth);
+    r->depth = NULL;
+    return OXL_OK;
 }
 
 static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_model *model,
@@ -48,10 +33,11 @@ static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_mo
                               const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
                               float *depth)
 {
+    const oxl_camera far = render_far_camera(camera, options);
     oxl_model shown;
     oxl_result rc;
     if (!model->pages) return render_whole(ctx, r, model, camera, options, out, depth);
-    rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
+    rc = model_pages_view(ctx, model, &far, options->parallel > 0 ? 0 : options->near_plane, &shown);
     /* the view before may have lain where this one does */
     if (rc == OXL_OK) rc = renderer_download(ctx, r, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = render_whole(ctx, r, &shown, camera, options, out, depth);
@@ -101,6 +87,7 @@ oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera
     struct renderer *r = NULL;
     oxl_result rc = renderer_create(ctx, &r);
     *out = (oxl_image){0};
+    if (rc == OXL_OK && o.parallel > 0) renderer_use_cpu(r);
     if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, camera, &o, out, depth);
     renderer_free(ctx, r);
     return rc;
@@ -129,6 +116,7 @@ oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const o
     oxl_result rc = render_check_camera(ctx, camera);
     *gradient = (oxl_model){0};
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    if (rc == OXL_OK && o.parallel > 0) renderer_use_cpu(r);
     if (rc == OXL_OK) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     if (render_begins_anew(ctx, r, rc)) rc = render_gradient(ctx, r, model, camera, &o, drgb, gradient);
     renderer_free(ctx, r);

@@ -243,6 +243,24 @@ static void render_project(oxl_context *ctx, struct renderer *r)
     }
 }
 
+/* Of parallel rays: replaces the depths of visible splats, rounded far away, by those from the camera, and
+ * hides the splats in front of its near plane. */
+static void render_measure_depths(oxl_context *ctx, struct renderer *r, const oxl_camera *camera,
+                                  float near_plane)
+{
+    const double *row = camera->rotation + 6;
+    const size_t packs = r->packs;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t pack = 0; pack < (int64_t)packs; pack++)
+        for (size_t l = 0, i = (size_t)pack * PACK; l < PACK; l++, i++) {
+            double z = camera->translation[2];
+            if (!(r->visible[pack] >> l & 1)) continue;
+            for (int k = 0; k < 3; k++) z += row[k] * (double)r->in.plane[OXL_MEAN + k][i];
+            r->splat[i].depth = (float)z;
+            if (!(r->splat[i].depth > near_plane)) r->visible[pack] &= (uint16_t) ~(1u << l);
+        }
+}
+
 /* ---------------- the medium */
 
 static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
@@ -304,6 +322,8 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .background = {r->background[0], r->background[1], r->background[2]},
                                .rgb = r->rgb,
                                .transmittance = r->transmittance,
+                               .depth = r->depth,
+                               .depth_scale = r->parallel,
                                .drgb = drgb,
                                .sums = r->sums,
                                .score = r->score};
@@ -357,11 +377,14 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     const size_t packs = render_packs(model->count),
                  others = r->context ? render_packs(r->context->count) : 0;
     const size_t lobes = r->context ? r->context->lobes : 0;
+    oxl_camera far;
     const oxl_result rc = render_reserve(ctx, r, packs + others, model->lobes + lobes,
                                          (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
     r->packs = packs;
-    r->kernel_camera = render_kernel_camera(camera, options->near_plane);
+    r->parallel = options->parallel;
+    far = render_far_camera(camera, options);
+    r->kernel_camera = render_kernel_camera(&far, options->parallel > 0 ? 0 : options->near_plane);
     render_set_full_size(&r->kernel_camera, camera, r->full);
     r->in = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
@@ -398,6 +421,10 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (model->pages)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "a model of oxl_model_open has its rows in a file: it can only be rendered");
+    if (r->context && options->parallel > 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a context is not rendered with parallel rays");
+    if (r->device && options->parallel > 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "parallel rays are not rendered on a device\nfix: --backend cpu");
     if (r->device && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
@@ -410,6 +437,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (rc == OXL_OK && render_has_medium(r)) rc = render_begin_medium(ctx, r);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
+    if (options->parallel > 0) render_measure_depths(ctx, r, camera, options->near_plane);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     if (rc == OXL_OK) ctx->backend->rendered_on |= RENDERED_ON_CPU;
@@ -420,5 +448,5 @@ OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, con
 {
     (void)ctx;
     *out = r->rgb;
-    return r->device ? r->backend->image(r->device, 0, r->rgb) : OXL_OK;
+    return r->device ? r->backend->image(r->device, r->rgb) : OXL_OK;
 }

@@ -35,6 +35,8 @@ struct renderer {
     uint16_t *visible;   /* (packs) */
     float *dmean2d;      /* (count) */
     float *rgb, *drgb, *transmittance;
+    float *depth;                         /* (H,W) the caller's, while its depths are rendered; else NULL */
+    float parallel;                       /* of the options */
     struct medium medium, context_medium; /* the context's: its colours have no training range */
     int medium_trains;                    /* 1: the backward pass computes dmedium, too */
     struct medium_pack *medium_pack;      /* (packs) with a medium */

@@ -40,26 +40,6 @@ OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
                               : SCENE_NEAR_POINTLESS * scene->extent;
 }
 
-/* Each in the direction of a random pixel of a random view, at a depth between half and three extents. */
-OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
-                                            oxl_point **out)
-{
-    oxl_point *points = oxl_alloc(ctx, count + 1, sizeof *points);
-    *out = points;
-    if (!points) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu random points", count);
-    for (size_t i = 0; i < count; i++) {
-        const uint64_t seed = ctx->options.seed;
-        const int view = (int)(random_unit(random_bits(seed, i, 0)) * scene->view_count);
-        const oxl_camera *c = &scene->view[view].camera;
-        const double z = scene->extent * (0.5 + 2.5 * random_unit(random_bits(seed, i, 1)));
-        const double pixel[2] = {random_unit(random_bits(seed, i, 2)) * c->width,
-                                 random_unit(random_bits(seed, i, 3)) * c->height};
-        points[i] = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
-        camera_unproject(c, pixel, z, NULL, points[i].position);
-    }
-    return OXL_OK;
-}
-
 int oxl_scene_view_count(const oxl_scene *scene)
 {
     return scene->view_count;

@@ -105,9 +105,12 @@ OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
 /* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:
  * off. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
-/* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
-OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count,
-                                            oxl_point **out);
+/* scene_start.c: for a scene without points, those to start from, at most `count`, a function of the survey and the
+ * seed. Free with oxl_free. scene_start_count: how many are useful; composited images outline the scene. */
+enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
+OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
+OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,
+                                           size_t *found);
 /* scene_file.c: writes the scene to a file and maps it again; *out is NULL if the file has another key or
  * does not exist. */
 OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,

@@ -1,6 +1,6 @@
 /* scalar_adam.c - Adam (Kingma & Ba 2015, Alg. 1) for single numbers: the parameters of medium and lamp.
  *
- * exposure_fit.c has its own, with other decay rates and float moments.
+ * src/parts/exposure.c has its own, with other decay rates and float moments.
  */
 #include "train_tools.h"
 #include "../core/vecmath.h"

@@ -96,7 +96,7 @@ static void step_read_ahead(struct train *t, int slot)
     if (count > 0 && view[0] == t->view[slot]) scene_images_ahead(t->ctx, t->scene, view, count);
 }
 
-/* The last checkpoint stays: the run continues when the images are back. */
+/* Refuses further training; the last checkpoint stays, so that the run continues when the images are back. */
 static oxl_result step_refuse_unreadable(struct train *t, oxl_result why)
 {
     char last[400];
@@ -121,7 +121,8 @@ static oxl_result step_next_image(struct train *t, int *view)
         rc = step_load_image(t, *view);
         if (rc != OXL_ERR_INPUT && rc != OXL_ERR_IO) return rc;
         nonfinite_count_unreadable(t->ctx, &t->nonfinite);
-        if (scene_misses_too_many(t->scene, (int)t->nonfinite.images)) return step_refuse_unreadable(t, rc);
+        if (rc == OXL_ERR_IO && scene_misses_too_many(t->scene, (int)t->nonfinite.images))
+            return step_refuse_unreadable(t, rc);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(

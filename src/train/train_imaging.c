@@ -2,7 +2,7 @@
  * the first step, whether each is fitted, and sets its initial values; stores them in the scene after the
  * last step.
  *
- * The fits are exposure_fit.c, lamp.c and medium_fit.c. Invariant: what is off changes no byte of the result.
+ * The fits are parts (src/parts). Invariant: what is off changes no byte of the result.
  */
 #include "parts_calls.h"
 #include "../survey/scene.h"

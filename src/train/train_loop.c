@@ -8,7 +8,6 @@
 #include "../survey/scene.h"
 #include "../survey/scene_alpha.h"
 
-#define TRAIN_RANDOM_POINTS 10000   /* to start from when the scene has none */
 #define TRAIN_SHORT_RUN_WIDTH 0.3   /* power of the short-run factor by which the first widths are divided */
 #define TRAIN_SHORT_RUN_OPACITY 0.7 /* power of it by which the first opacities are multiplied */
 #define TRAIN_OPACITY_MAX 0.3       /* the most that this makes of an opacity */
@@ -58,35 +57,40 @@ static void train_sharpen_start(struct train *t)
     }
 }
 
-/* Makes one Gaussian per point; without points, random ones in front of the cameras. */
+/* Starts from random points that the views could see. */
+static oxl_result train_first_from_views(struct train *t)
+{
+    oxl_point *random = NULL;
+    size_t found, count = scene_start_count(t->scene);
+    oxl_result rc;
+    if (t->options->max_gaussians > 0) count = OXL_MIN(count, (size_t)t->options->max_gaussians);
+    rc = scene_start_points(t->ctx, t->scene, count, &random, &found);
+    if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %zu random ones%s",
+                found, scene_is_composited(t->scene) ? " within the outlines of its images" : "");
+    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, found, 0, &t->trained.model);
+    oxl_free(t->ctx, random);
+    return rc;
+}
+
+/* Makes one Gaussian per point, of the survey or random ones. */
 static oxl_result train_fresh_model(struct train *t)
 {
     const oxl_point *points = oxl_scene_points(t->scene);
     const size_t count = oxl_scene_point_count(t->scene);
-    oxl_point *random = NULL;
-    oxl_result rc;
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
         return train_first_from_subset(t, points, count);
-    if (count > 0) return train_first_from_points(t, points, count);
-    oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones",
-            TRAIN_RANDOM_POINTS);
-    rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
-    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, &t->trained.model);
-    oxl_free(t->ctx, random);
-    return rc;
+    return count > 0 ? train_first_from_points(t, points, count) : train_first_from_views(t);
 }
 
 /* Copies the model to start from, without second lobes: density control cannot split rows that have them. */
 static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 {
-    const int most = t->options->sh_degree;
     oxl_result rc = model_copy(t->ctx, from, &t->trained.model);
     if (rc == OXL_OK && t->trained.model.lobes > 0)
         oxl_log(t->ctx, OXL_LOG_WARNING,
                 "the model to start from has second lobes: they are removed, since Gaussians are split");
     if (rc == OXL_OK) model_drop_lobes(&t->trained.model);
-    if (rc == OXL_OK && most >= 0 && most < t->trained.model.sh_degree)
-        rc = model_set_degree(t->ctx, &t->trained.model, most);
     return rc;
 }
 
@@ -113,14 +117,15 @@ static oxl_result train_begin_moments(struct train *t)
 OXL_INTERNAL oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
-    oxl_result rc = train_first_model(t);
-    if (rc != OXL_OK) return rc;
-    t->continues = t->output && t->output->start;
-    memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
+    oxl_result rc;
     t->render = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
     scene_background(t->scene, t->options->background, t->render.background);
-    scene_set_background(ctx, t->scene, t->render.background);
+    scene_set_background(ctx, t->scene, t->render.background); /* before the first image is read */
+    rc = train_first_model(t);
+    if (rc != OXL_OK) return rc;
+    t->continues = t->output && t->output->start;
+    memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);

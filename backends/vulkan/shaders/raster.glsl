@@ -11,7 +11,7 @@ layout(std430, binding = 4) readonly buffer SplatA { vec4 splat_a[]; };
 layout(std430, binding = 5) readonly buffer SplatB { vec4 splat_b[]; };
 layout(std430, binding = 6) readonly buffer SplatC { vec4 splat_c[]; };
 layout(std430, binding = 7) readonly buffer LobeA { vec4 lobe_a[]; };
-/* begin, end: a part of the image are the tiles whose first pair is in there. depths: the colour is (depth, 1, 0) on black. */
+/* begin, end: a part of the image are the tiles whose first pair is in there. depths: 1: the depth in the place of red. */
 layout(push_constant) uniform Push { uint lobes, begin, end, depths; } push;
 
 /* Bits of numbers beside whole numbers: as floats, a device may flush or change the latter. */
@@ -42,7 +42,7 @@ void batch_load(uint first, uint end, uint n, uint lobes, bool depths)
     bool  lobed    = LOBED == 1 && pair.x < lobes;
     batch_shape[n] = vec4(-a.z, a.w, -b.x, b.y);
     batch_place[n] = uvec4(floatBitsToUint(a.xy - (vec2(tile_at()) + 0.5)), pair.y, uint(lobed));
-    batch_light[n] = uvec4(floatBitsToUint(depths ? vec3(c.w, 1.0, 0.0) : c.rgb), slot);
+    batch_light[n] = uvec4(floatBitsToUint(depths ? vec3(c.w) : c.rgb), slot);
 #if LOBED
     if (lobed) {
         vec4 o        = lobe_a[pair.x];

@@ -1,0 +1,234 @@
+/* scene_start.c - points to start from where a survey has none: random ones, where many views look.
+ *
+ * A point is drawn on the ray of a random pixel of a random training view and kept with the probability
+ * (views that see it / most views that see one)^2: the density follows what training compares. Where images are
+ * composited over a background, points that a view shows transparent are dropped (the visual hull, Laurentini
+ * 1994); of those left the ones are taken whose colours differ least between the views (Kutulakos & Seitz 2000),
+ * with their mean as colour. Elsewhere they are grey: a mean over views of unlike things is a haze that stays.
+ *
+ * Invariant: a function of the survey and the seed, on any number of threads.
+ */
+#include "scene.h"
+#include "scene_alpha.h"
+
+#include "../core/random.h"
+
+enum {
+    START_VIEWS = 64,       /* that points are looked up in, evenly among the training views */
+    START_TRIED = 4096,     /* points drawn to find the most views that see one */
+    START_ATTEMPTS = 1000,  /* points drawn for each that is kept, at most */
+    START_MAP = 256,        /* px: longer side of a map of what is not transparent */
+    START_CHOICE = 2,       /* points in the hull for each that is taken */
+    START_TRANSPARENT = 64, /* alpha below which a pixel shows nothing of the scene */
+    START_LEAST = 10        /* fraction of the points that the hull must give: else it is not used */
+};
+#define START_FAR 3.0 /* x the extent: depths are drawn up to this */
+
+struct start_map { /* (height,width) 1: the view shows something there */
+    int width, height;
+    uint8_t *opaque;
+};
+
+struct start_point {
+    double position[3], sum[3], square[3]; /* of the colours, 0..255 */
+    int seen;                              /* views */
+    uint64_t number;
+};
+
+struct start_draw {
+    oxl_context *ctx;
+    oxl_scene *scene;
+    int *training, trainings; /* views */
+    int view[START_VIEWS], views, most;
+    struct start_map map[START_VIEWS]; /* of composited scenes */
+    struct start_point *point;
+    size_t count;
+};
+
+/* ---------------- where views are transparent */
+
+static oxl_result start_read_map(oxl_context *ctx, const oxl_scene *scene, int view, struct start_map *out)
+{
+    struct pixels image = {0};
+    const oxl_result rc = image_decode(ctx, PATH(scene->images, "%s", scene->view[view].name), 4, &image);
+    const int side = OXL_MAX(image.width, image.height), reduction = (side + START_MAP - 1) / START_MAP;
+    if (rc == OXL_ERR_INPUT) return OXL_OK; /* such an image is reported where it is trained on */
+    if (rc != OXL_OK) return rc;
+    out->width = (image.width + reduction - 1) / reduction;
+    out->height = (image.height + reduction - 1) / reduction;
+    out->opaque = oxl_calloc(ctx, (size_t)out->width * (size_t)out->height, 1);
+    for (int y = 0; y < image.height && out->opaque; y++)
+        for (int x = 0; x < image.width; x++)
+            if (image.data[4 * ((size_t)y * (size_t)image.width + (size_t)x) + 3] >= START_TRANSPARENT)
+                out->opaque[(size_t)(y / reduction) * (size_t)out->width + (size_t)(x / reduction)] = 1;
+    image_pixels_free(ctx, &image);
+    return out->opaque ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the outline of an image");
+}
+
+static int start_sees(const oxl_camera *c, const double at[3], double pixel[2])
+{
+    double x[3];
+    return camera_project(c, at, NULL, x, pixel) && pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < c->width &&
+           pixel[1] < c->height;
+}
+
+/* 0: a view shows the point's place transparent. */
+static int start_is_in_hull(const struct start_draw *d, const double at[3])
+{
+    for (int i = 0; i < d->views; i++) {
+        const oxl_camera *c = &d->scene->view[d->view[i]].camera;
+        const struct start_map *m = &d->map[i];
+        double p[2];
+        if (!m->opaque || !start_sees(c, at, p)) continue;
+        if (!m->opaque[(size_t)(p[1] / c->height * m->height) * (size_t)m->width +
+                       (size_t)(p[0] / c->width * m->width)])
+            return 0;
+    }
+    return 1;
+}
+
+/* ---------------- points */
+
+static void start_draw_point(const struct start_draw *d, uint64_t number, struct start_point *out)
+{
+    const uint64_t seed = d->ctx->options.seed;
+    const int view = d->training[(int)(random_unit(random_bits(seed, number, 0)) * d->trainings)];
+    const oxl_camera *c = &d->scene->view[view].camera;
+    const double z = START_FAR * d->scene->extent * random_unit(random_bits(seed, number, 1));
+    const double pixel[2] = {random_unit(random_bits(seed, number, 2)) * c->width,
+                             random_unit(random_bits(seed, number, 3)) * c->height};
+    *out = (struct start_point){.number = number};
+    camera_unproject(c, pixel, z, NULL, out->position);
+    for (int i = 0; i < d->views; i++) {
+        double p[2];
+        out->seen += start_sees(&d->scene->view[d->view[i]].camera, out->position, p);
+    }
+}
+
+static void start_draw_points(struct start_draw *d, size_t wanted)
+{
+    const uint64_t seed = d->ctx->options.seed, last = START_TRIED + START_ATTEMPTS * (uint64_t)wanted;
+    uint64_t number = 0;
+    d->most = 1;
+    for (; number < START_TRIED; number++) {
+        start_draw_point(d, number, &d->point[0]);
+        d->most = OXL_MAX(d->most, d->point[0].seen);
+    }
+    for (; d->count < wanted && number < last; number++) {
+        struct start_point *p = &d->point[d->count];
+        double fraction;
+        start_draw_point(d, number, p);
+        fraction = (double)p->seen / d->most;
+        if (random_unit(random_bits(seed, number, 4)) < fraction * fraction &&
+            start_is_in_hull(d, p->position))
+            d->count++;
+    }
+}
+
+/* ---------------- colours */
+
+static oxl_result start_add_colours(struct start_draw *d)
+{
+    for (int i = 0; i < d->views; i++) {
+        const oxl_camera *c = &d->scene->view[d->view[i]].camera;
+        const struct training_image *image = scene_image(d->ctx, d->scene, d->view[i]);
+        const size_t plane = (size_t)c->width * (size_t)c->height;
+        if (!image && d->ctx->failed != OXL_ERR_INPUT) return d->ctx->failed;
+        for (size_t k = 0; image && k < d->count; k++) {
+            double p[2];
+            if (!start_sees(c, d->point[k].position, p)) continue;
+            for (size_t ch = 0; ch < 3; ch++) {
+                const double v = image->rgb[ch * plane + (size_t)p[1] * (size_t)c->width + (size_t)p[0]];
+                d->point[k].sum[ch] += v, d->point[k].square[ch] += v * v;
+            }
+        }
+    }
+    return OXL_OK;
+}
+
+/* Of the colours in the views, summed over the channels. */
+static double start_variance(const struct start_point *p)
+{
+    double sum = 0;
+    for (int c = 0; c < 3; c++) {
+        const double mean = p->sum[c] / OXL_MAX(p->seen, 1);
+        sum += p->square[c] / OXL_MAX(p->seen, 1) - mean * mean;
+    }
+    return sum;
+}
+
+static int start_compare(const void *a, const void *b)
+{
+    const struct start_point *p = a, *q = b;
+    const double x = start_variance(p), y = start_variance(q);
+    return x != y ? (x < y ? -1 : 1) : (p->number > q->number) - (p->number < q->number);
+}
+
+/* ---------------- all of it */
+
+static oxl_result start_begin(struct start_draw *d, size_t wanted)
+{
+    oxl_context *ctx = d->ctx;
+    oxl_result rc = OXL_OK;
+    d->training = oxl_alloc(ctx, (size_t)d->scene->view_count + 1, sizeof *d->training);
+    d->point = oxl_alloc(ctx, wanted + 1, sizeof *d->point);
+    if (!d->training || !d->point)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu random points", wanted);
+    d->trainings = scene_views_of(d->scene, OXL_SPLIT_TRAIN, d->training);
+    d->views = OXL_MIN(d->trainings, START_VIEWS);
+    for (int i = 0; i < d->views; i++) d->view[i] = d->training[(int64_t)i * d->trainings / d->views];
+    for (int i = 0; i < d->views && rc == OXL_OK && scene_is_composited(d->scene); i++)
+        rc = start_read_map(ctx, d->scene, d->view[i], &d->map[i]);
+    return rc;
+}
+
+static void start_free_maps(struct start_draw *d)
+{
+    for (int i = 0; i < d->views; i++) {
+        oxl_free(d->ctx, d->map[i].opaque);
+        d->map[i].opaque = NULL;
+    }
+}
+
+static oxl_result start_take(struct start_draw *d, size_t count, int coloured, oxl_point **out, size_t *found)
+{
+    *found = OXL_MIN(count, d->count);
+    *out = oxl_alloc(d->ctx, *found + 1, sizeof **out);
+    if (!*out) return oxl_fail(d->ctx, OXL_ERR_MEMORY, "no memory for %zu random points", *found);
+    if (coloured) qsort(d->point, d->count, sizeof *d->point, start_compare);
+    for (size_t i = 0; i < *found; i++) {
+        const struct start_point *p = &d->point[i];
+        (*out)[i] = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
+        memcpy((*out)[i].position, p->position, sizeof p->position);
+        for (int c = 0; c < 3 && coloured && p->seen; c++)
+            (*out)[i].rgb[c] = (uint8_t)(p->sum[c] / p->seen + 0.5);
+    }
+    return OXL_OK;
+}
+
+OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene)
+{
+    return scene_is_composited(scene) ? SCENE_START_HULL : SCENE_START_RANDOM;
+}
+
+OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,
+                                           size_t *found)
+{
+    int carves = scene_is_composited(scene);
+    const size_t wanted = count * (carves ? START_CHOICE : 1);
+    struct start_draw d = {.ctx = ctx, .scene = scene};
+    oxl_result rc = start_begin(&d, wanted);
+    *out = NULL;
+    *found = 0;
+    if (rc == OXL_OK) start_draw_points(&d, wanted);
+    if (rc == OXL_OK && carves && d.count < count / START_LEAST) {
+        start_free_maps(&d);
+        carves = 0, d.count = 0;
+        start_draw_points(&d, count);
+    }
+    if (rc == OXL_OK && carves) rc = start_add_colours(&d);
+    if (rc == OXL_OK) rc = start_take(&d, count, carves, out, found);
+    start_free_maps(&d);
+    OXL_FREE(ctx, d.training, d.point);
+    return rc;
+}
