@@ -65,7 +65,7 @@ static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
     *out = (struct nerfstudio_file){{NULL}};
     for (const char *key = oxl_json_first(json), *value; key && (value = oxl_json_value(key)) != NULL;
          key = oxl_json_next(value)) {
-        char name[24];
+        char name[40];
         oxl_json_text(key, name, sizeof name);
         for (int i = 0; nerfstudio_members[i]; i++)
             if (!out->value[i] && !strcmp(nerfstudio_members[i], name)) out->value[i] = value;
