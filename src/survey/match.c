@@ -14,7 +14,6 @@
 
 enum {
     MATCH_VIEWS = 256,   /* limit of images */
-    MATCH_ENOUGH = 3,    /* images to be judged; with fewer nothing is said */
     MATCH_SIDE = 320,    /* px: longer side of the brightness that is compared */
     MATCH_OTHERS = 4,    /* images whose points give the correlation by chance */
     MATCH_POINTS = 8192, /* limit of points to project where there are no tracks */
@@ -196,7 +195,7 @@ OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, c
     match_finish_layout(l, w->work);
 }
 
-static oxl_result match_lay_out(struct match *w)
+OXL_INTERNAL oxl_result match_lay_out(struct match *w)
 {
     int *of_image = oxl_alloc(w->ctx, w->colmap->image_count + 1, sizeof *of_image);
     uint32_t *seen = oxl_calloc(w->ctx, (size_t)w->count + 1, 2 * sizeof *seen);
@@ -302,7 +301,7 @@ static void match_images_ahead(struct match *w, int from)
 }
 
 /* Each image under each map, and by chance. */
-static oxl_result match_compare(struct match *w)
+OXL_INTERNAL oxl_result match_compare(struct match *w)
 {
     for (int k = 0; k < w->count; k++) {
         int has = 0;
@@ -343,7 +342,7 @@ OXL_INTERNAL double match_median_by_chance(struct match *w)
     return match_quantile(w, -1, 0.5);
 }
 
-static int match_judged(const struct match *w)
+OXL_INTERNAL int match_judged(const struct match *w)
 {
     int n = 0;
     for (int k = 0; k < w->count; k++) n += w->judged[k];
@@ -452,7 +451,7 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
 }
 
 /* One message about the whole survey, or about some images. */
-static oxl_result match_judge(struct match *w, int *foreign)
+OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign)
 {
     const int judged = match_judged(w), best = match_best_map(w);
     const double median = match_quantile(w, 0, 0.5), chance = match_quantile(w, -1, 0.5);
@@ -491,7 +490,7 @@ static oxl_result match_judge(struct match *w, int *foreign)
 
 /* ---------------- the check */
 
-static oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w)
+OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w)
 {
     const int views = oxl_scene_view_count(scene);
     *w = (struct match){.ctx = ctx, .scene = scene, .colmap = scene_colmap(scene)};
@@ -505,22 +504,4 @@ static oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d images with the points", w->count);
     match_fill_maps(w);
     return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s)
-{
-    const int misfit = s->missed > LINT_MISSED_SURVEY;
-    struct match w;
-    int found = 0;
-    oxl_result rc;
-    s->foreign = 0;
-    if (!scene_colmap(scene) || scene_colmap(scene)->point_count < MATCH_FEWEST) return OXL_OK;
-    rc = match_begin(ctx, scene, &w);
-    if (rc == OXL_OK) rc = match_lay_out(&w);
-    if (rc == OXL_OK) rc = match_compare(&w);
-    if (rc == OXL_OK && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
-    if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH)
-        rc = match_judge(&w, &s->foreign);
-    OXL_FREE(ctx, w.layout, w.score, w.judged, w.work, w.plane.value);
-    return rc;
 }
