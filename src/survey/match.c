@@ -4,7 +4,8 @@
  * correlates with their colours. Compared are differences to the nearest points of the image, limited to
  * MATCH_CLIP medians: light that varies smoothly (lamp, haze, exposure) drops out, and fish count little.
  * Median over the images of a survey: 0.3 to 0.9 where they belong together, 0.0 to 0.2 where they do not.
- * Each image is compared as it is, turned, mirrored, cropped, distorted, shifted, and at the points of others.
+ * Each image is compared as it is, turned, mirrored, cropped, distorted, shifted, and at the points of
+ * others.
  *
  * Invariant: a function of the scene; nothing that is trained changes.
  */
@@ -23,8 +24,8 @@ enum {
 #define MATCH_BORDER 0.01 /* of the side: points so close to it are left out */
 #define MATCH_BETTER 0.06 /* by which another map must be better in the median */
 #define MATCH_WINS 0.7    /* and the fraction of the images in which it is */
-#define MATCH_SUSPECT \
-    0.5 /* of the correlation that a tenth of the images exceeds: images below are looked at */
+/* of the correlation that a tenth of the images exceeds: images below are looked at */
+#define MATCH_SUSPECT 0.5
 #define MATCH_ELSEWHERE 0.25  /* by which such an image must fit better turned, or at another place */
 #define MATCH_DEVIATIONS 4.0  /* or be below the other images, and within */
 #define MATCH_NOISE 3.0       /* standard deviations of what chance gives */

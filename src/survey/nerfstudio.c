@@ -7,8 +7,8 @@
  * ply_file_path too, in the same world. NeRF synthetic's files (Mildenhall 2020) are such files with
  * camera_angle_x, without w, h and extensions of names: these are found in the image folder.
  *
- * mask_path of a frame starts from the file's folder, too; SCENE/masks and --masks come first. Members that change
- * what an image shows, and that are not read, are named once.
+ * mask_path of a frame starts from the file's folder, too; SCENE/masks and --masks come first. Members that
+ * change what an image shows, and that are not read, are named once.
  */
 #include "json_survey.h"
 #include "ply.h"
