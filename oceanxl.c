@@ -54,6 +54,7 @@
 #include "src/survey/match.c"            /* are the images those that the model was made from? */
 #include "src/survey/values.c"           /* images and masks whose values are not what they look like */
 #include "src/survey/conventions.c"      /* the convention that poses were written in */
+#include "src/survey/belongs.c"          /* whether images, points and poses belong together */
 #include "src/survey/depth_bands.c"      /* depth band of each pixel, from the points */
 
 /* partition of a large survey into blocks */

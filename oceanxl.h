@@ -337,9 +337,10 @@ typedef struct oxl_render_options {
 OXL_API oxl_render_options oxl_render_options_default(void);
 
 /* Renders the model; out is created. depth may be NULL; otherwise it holds H x W floats and receives the
- * camera z of the surface in the scene's unit: the mean of the Gaussians in the layer, 4 % of the depth thick,
- * that has the most of the pixel's weight, sum(alpha T). It is negative, -z, where that layer has less than a
- * third of the full weight, so that it may be another, and 0 where all Gaussians have less than half of it:
+ * camera z of the surface in the scene's unit: the mean of the Gaussians in the layer, 4 % of the depth
+ * thick, that has the most of the pixel's weight, sum(alpha T). It is negative, -z, where that layer has less
+ * than a third of the full weight, so that it may be another, and 0 where all Gaussians have less than half
+ * of it:
  * the model is see-through there.
  * options may be NULL: the defaults, on the model's background. OXL_ERR_USAGE: the camera has no pixels. */
 OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,

@@ -149,7 +149,8 @@ typedef struct oxl_survey {
     int cameras, cameras_distorted;
     int width, height; /* size of the largest view as trained, px */
     size_t points, observations;
-    int outlined; /* 1: transparent images outline the scene (oxl_alpha), so a start without points is sound */
+    /* 1: transparent images outline the scene (oxl_alpha), so a start without points is sound */
+    int outlined;
     double mean_track, mean_error;       /* images per point; reprojection error, px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
@@ -178,7 +179,8 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
 OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options,
                                      oxl_survey *out);
 
-/* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or scale. */
+/* Logs a warning if the model, in the scene's frame, does not seem to cover the survey: of another frame, or
+ * scale. */
 OXL_API oxl_result oxl_model_check_overlap(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                            const char *name);
 
@@ -262,8 +264,8 @@ typedef struct oxl_render_output {
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
                                     const oxl_render_output *what, const char *folder, int *count);
 
-/* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its name
- * is FOLDER/NAME + suffix; "/" is "_" in names with ".." and absolute ones, and a long name is cut. */
+/* The file that oxl_render_views writes of a view, named `view`, to a folder; free with oxl_text_free. Its
+ * name is FOLDER/NAME + suffix; "/" is "_" in names with ".." and absolute ones, and a long name is cut. */
 OXL_API oxl_result oxl_render_path(oxl_context *ctx, const char *folder, const char *view, const char *suffix,
                                    char **out);
 
@@ -287,12 +289,13 @@ OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
 OXL_API int oxl_is_folder(const char *path);
 
-/* A path as one word of a POSIX shell, for commands to copy: quoted where it has to be; what has no room is cut.
+/* A path as one word of a POSIX shell, for commands to copy: quoted where it has to be; what has no room is
+ * cut.
  * Returns out. */
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 
-/* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a link
- * of that name is followed nor a file of another process written. NULL: errno says why. */
+/* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a
+ * link of that name is followed nor a file of another process written. NULL: errno says why. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);
 
 /* 1: standard output (stream 1) or standard error (2) is a terminal, where a progress line can be

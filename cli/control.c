@@ -51,8 +51,8 @@ static oxl_result control_line(oxl_context *ctx, const oxl_scene *scene, const c
         sum->square[k] += d[k] * d[k];
     }
     sum->count++;
-    print_format(to, "%-16.*s %10.4f %10.4f %10.4f %10.4f %10.4f\n", (int)strcspn(line, ","), line, d[0], d[1],
-            d[2], sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), miss);
+    print_format(to, "%-16.*s %10.4f %10.4f %10.4f %10.4f %10.4f\n", (int)strcspn(line, ","), line, d[0],
+                 d[1], d[2], sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), miss);
     return OXL_OK;
 }
 

@@ -340,8 +340,9 @@ static void ortho_compare_points(const struct ortho *o, FILE *to)
     if (n > 0) {
         qsort(error, n, sizeof *error, ortho_compare);
         print_format(to, "heights   median difference from %zu of the survey's points %.3g %s", n,
-                error[n / 2] * o->unit, o->unit > 0 && fabs(o->unit - 1) > 0 ? "m" : "units");
-        if (o->ground > 0) print_format(to, ", %.2f %% of the cameras' distance", 100 * error[n / 2] / o->ground);
+                     error[n / 2] * o->unit, o->unit > 0 && fabs(o->unit - 1) > 0 ? "m" : "units");
+        if (o->ground > 0)
+            print_format(to, ", %.2f %% of the cameras' distance", 100 * error[n / 2] / o->ground);
         print_format(to, "; none at %.1f %% of them\n", 100 * (double)(inside - n) / (double)inside);
     }
     free(error);
@@ -355,7 +356,7 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
             ? "seen along --up, by the axes in frame.txt"
             : "along the survey's principal axes, which frame.txt has (--frame world: the world's)";
     print_format(to, "map       %s/ortho.tif and height.tif, %d x %d px of %.6g %s, %s\n", a->out, o->width,
-            o->height, o->pixel * o->unit, a->scale > 0 ? "metres" : "units", axes);
+                 o->height, o->pixel * o->unit, a->scale > 0 ? "metres" : "units", axes);
     if (hidden) print_format(to, "hidden    %zu Gaussians that no training view shows\n", hidden);
     ortho_compare_points(o, to);
 }

@@ -132,6 +132,7 @@ TEST(budget_is_what_partition_predicts_with)
     oxl_job_options options = job_test_options();
     oxl_partition_report free = {0}, limited = {0};
     options.train.max_gaussians = 300000;
+    options.train.sh_degree = -1; /* with trials, whatever the build */
     options.train.iterations = 2000;
     options.train.densify_every = 10; /* as many as that are expected */
     CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("free"), &options, &free));

@@ -89,9 +89,8 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
     CHECK_TEXT(s.text, "3 masks (50 % of their pixels black, ignored)");
     CHECK_TEXT(s.text, "warning: 3 of 9 images cannot be used");
-    CHECK_TEXT(
-        lint_heard,
-        "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");
+    CHECK_TEXT(lint_heard,
+               "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");
     CHECK_TEXT(lint_heard, "8.png: neither a JPEG nor a PNG");
     CHECK_TEXT(lint_heard, "masks/5.png: the mask is all black");
     CHECK_TEXT(lint_heard, "masks/7.png: 16 x 16 px, but its image has another aspect ratio");

@@ -1,8 +1,8 @@
 /* codec.c - wraps stb_image and stb_image_write, the project's decoder and encoder of JPEG, PNG and deflate.
  *
  * stb's SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which a test
- * checks. Its hooks have no context, so that of the call is kept for its thread; what a call has allocated is in
- * a list, and freed when it ends. stb does not always look at what its allocator returns: where memory is
+ * checks. Its hooks have no context, so that of the call is kept for its thread; what a call has allocated is
+ * in a list, and freed when it ends. stb does not always look at what its allocator returns: where memory is
  * refused, the call is left by longjmp.
  *
  * Invariant: the bytes do not depend on the machine or on the number of threads.

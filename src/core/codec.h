@@ -1,5 +1,5 @@
-/* codec.h - JPEG, PNG and deflate, by stb. codec.c alone includes stb, so that no other file waits for it. Memory
- * is the context's. */
+/* codec.h - JPEG, PNG and deflate, by stb. codec.c alone includes stb, so that no other file waits for it.
+ * Memory is the context's. */
 #ifndef OXL_CODEC_H
 #define OXL_CODEC_H
 
@@ -9,7 +9,8 @@
 OXL_INTERNAL int codec_read_header(oxl_context *ctx, const void *file, size_t size, int *width, int *height,
                                    int *channels);
 OXL_INTERNAL int codec_is_16_bit(oxl_context *ctx, const void *file, size_t size);
-/* Decode to interleaved rows of `channels` (1 to 4); NULL: see codec_failure. Free the result with codec_free.
+/* Decode to interleaved rows of `channels` (1 to 4); NULL: see codec_failure. Free the result with
+ * codec_free.
  */
 OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t size, int channels, int *width,
                                    int *height);

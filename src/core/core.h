@@ -269,8 +269,8 @@ OXL_INTERNAL void os_library_close(void *library);
 
 /* with its parents; an existing folder is no error */
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
-/* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a run
- * writes or removes there would lie elsewhere. */
+/* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a
+ * run writes or removes there would lie elsewhere. */
 OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
 /* The same check of what is there already; makes nothing. */
 OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);

@@ -1,5 +1,5 @@
-/* option_rows.h - words for rows of the table of options, for options.c and the parts of training, which bring
- * rows of their own. A row is
+/* option_rows.h - words for rows of the table of options, for options.c and the parts of training, which
+ * bring rows of their own. A row is
  *
  *     {name, value, kind, field, lowest, highest, default, tier, use, group, help, former name}
  */

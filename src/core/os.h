@@ -17,7 +17,8 @@ OXL_INTERNAL int os_working_folder(char *out, size_t size); /* 0: success, here 
 /* size: of a file in bytes, or NULL */
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size);
 OXL_INTERNAL int os_make_one_folder(const char *path);
-/* Opens a new file for writing. What has its name is removed first, a link itself and not what it leads to. */
+/* Opens a new file for writing. What has its name is removed first, a link itself and not what it leads to.
+ * */
 OXL_INTERNAL FILE *os_create(const char *path);
 OXL_INTERNAL int os_make_link(const char *target, const char *path); /* replaces a link, nothing else */
 /* Calls `visit` with the name of each entry but "." and "..". */
@@ -32,8 +33,8 @@ OXL_INTERNAL int os_sync(FILE *file);                            /* written data
 /* renames in it reach the disk, if the system supports this */
 OXL_INTERNAL void os_sync_folder(const char *path);
 
-/* Opens it, or creates it with `create`; a link, a pipe and a file of several names are refused, as writing to
- * them would change what lies elsewhere. */
+/* Opens it, or creates it with `create`; a link, a pipe and a file of several names are refused, as writing
+ * to them would change what lies elsewhere. */
 OXL_INTERNAL int os_lock_file(const char *path, int create, struct os_lock *lock);
 OXL_INTERNAL enum os_locked os_lock_try(struct os_lock *lock, int shared);
 OXL_INTERNAL size_t os_lock_read(const struct os_lock *lock, char *text, size_t size); /* bytes read */

@@ -23,7 +23,7 @@
 /* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
 #define COST_CONTEXT 1.25
 #define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
-#define COST_RANDOM_GROWTH 3.0   /* Gaussians for each random point: 1.8 to 4 (docs/log/LEGO.md) */
+#define COST_RANDOM_GROWTH 3.0   /* Gaussians for each random point: 1.3 to 3 (docs/log/LEGO.md) */
 #define COST_WITHIN 3.0          /* factor of uncertainty of times computed from counts */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)

@@ -30,8 +30,8 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
 /* A line for each member of "job" and "found" that differs between two runs. */
 OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current);
 /* a member's value; 0 if absent or not finite */
-/* *same: two lines "job": {...} differ in the names of the same folders only, or, where what was `found` is the same,
- * in those of folders that have moved. */
+/* *same: two lines "job": {...} differ in the names of the same folders only, or, where what was `found` is
+ * the same, in those of folders that have moved. */
 OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
                                             int *same);
 /* 1: the survey of the run, by another name or moved since. */
@@ -141,7 +141,8 @@ struct drawn { /* what evaluate_draw renders */
     /* with its medium, lamp and gains, as the images were taken; NULL: without */
     const struct imaging *imaging;
 };
-/* Composites the scene's images over the model's background from now on; before the first image is compared. */
+/* Composites the scene's images over the model's background from now on; before the first image is compared.
+ * */
 OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
 /* depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,

@@ -7,8 +7,9 @@
  *     5 convolutions   4 uint32  out, in, height, width;  float32 weights in that order;  out float32 biases
  *     5 heads          uint32 n;  n float32 weights
  *
- * The layers are a pipeline: a row is computed when the next layer needs it, from rings that hold as many rows
- * as a kernel is high. So memory grows with the width of the images only. Rows of both images lie side by side.
+ * The layers are a pipeline: a row is computed when the next layer needs it, from rings that hold as many
+ * rows as a kernel is high. So memory grows with the width of the images only. Rows of both images lie side
+ * by side.
  *
  * Invariant: each feature is a sum in a written order; the distance does not depend on the number of threads.
  */

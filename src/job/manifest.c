@@ -207,8 +207,8 @@ OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scen
                           (!os_is_folder(run->scene) && os_is_folder(scene)));
 }
 
-/* Values of a member of both lines. is_path: those of one folder are the same, and where what was `found` is, those
- * of a folder that is no longer there. */
+/* Values of a member of both lines. is_path: those of one folder are the same, and where what was `found` is,
+ * those of a folder that is no longer there. */
 static oxl_result manifest_same_member(oxl_context *ctx, const char *const line[2], const char *member,
                                        int is_path, int found, int *same)
 {

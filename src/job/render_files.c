@@ -6,8 +6,8 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 
-/* FOLDER/FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be a link. NULL
- * with the error set. */
+/* FOLDER/FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be a link.
+ * NULL with the error set. */
 static char *render_file_in(oxl_context *ctx, const char *folder, const char *file, int make)
 {
     char *inside = oxl_strdup(ctx, file), *path = oxl_path_join(ctx, folder, file), *slash;

@@ -1,7 +1,7 @@
 /* render_names.c - names of the files that are rendered of views.
  *
- * Invariant: no name leads out of its folder, by ".." or through a link, none is longer than file systems take,
- * and those of two views differ.
+ * Invariant: no name leads out of its folder, by ".." or through a link, none is longer than file systems
+ * take, and those of two views differ.
  */
 #include "job.h"
 #include "../survey/scene.h"

@@ -311,8 +311,8 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
 
 /* ---------------- what a fault has changed */
 
-/* 1: the block's files are those of the rounds that its record states, and those of its neighbours are as far as
- * they were then. A model that is newer than its record will be written again, from the checkpoint. */
+/* 1: the block's files are those of the rounds that its record states, and those of its neighbours are as far
+ * as they were then. A model that is newer than its record will be written again, from the checkpoint. */
 static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
 {
     struct job *job = r->job;

@@ -7,8 +7,8 @@
  *
  * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
  *
- * Invariant: rows with values that are not finite are dropped, and their number is logged; infinities that are
- * the limits of opacity and width are not among them.
+ * Invariant: rows with values that are not finite are dropped, and their number is logged; infinities that
+ * are the limits of opacity and width are not among them.
  */
 #include "model_columns.h"
 #include "../survey/ply.h"
@@ -55,8 +55,8 @@ OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
 
 /* ---------------- rows that are not finite */
 
-/* Opacity is a logit and size a logarithm: alpha 0 and 1 and a width of 0 are infinite there, and become finite
- * values that give the same. Returns the number of rows with one of them. */
+/* Opacity is a logit and size a logarithm: alpha 0 and 1 and a width of 0 are infinite there, and become
+ * finite values that give the same. Returns the number of rows with one of them. */
 OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
 {
     size_t settled = 0;

@@ -334,8 +334,8 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
                                 k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
-/* The fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a few that lie far
- * out must not cost the others their precision. *spread: that extent. */
+/* The fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a few that
+ * lie far out must not cost the others their precision. *spread: that extent. */
 static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *model, int *bits,
                            double *spread)
 {

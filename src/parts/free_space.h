@@ -1,4 +1,5 @@
-/* free_space.h - the state of free_space.c, for that file and its tests: the space between a camera and the points it observes. */
+/* free_space.h - the state of free_space.c, for that file and its tests: the space between a camera and the
+ * points it observes. */
 #ifndef OXL_PART_FREE_SPACE_H
 #define OXL_PART_FREE_SPACE_H
 

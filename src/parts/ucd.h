@@ -1,4 +1,5 @@
-/* ucd.h - the state of ucd.c, for that file and its tests: weights by depth for density control, and their search. */
+/* ucd.h - the state of ucd.c, for that file and its tests: weights by depth for density control, and their
+ * search. */
 #ifndef OXL_PART_UCD_H
 #define OXL_PART_UCD_H
 

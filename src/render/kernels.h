@@ -181,7 +181,8 @@ OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 #ifndef OXL_REFERENCE
 /* kernel_camera.c */
 OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane);
-/* With options.parallel, the pinhole camera so far behind `camera` that its rays are parallel; else `camera`. */
+/* With options.parallel, the pinhole camera so far behind `camera` that its rays are parallel; else `camera`.
+ * */
 OXL_INTERNAL oxl_camera render_far_camera(const oxl_camera *camera, const oxl_render_options *options);
 /* at least ALPHA_MIN */
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);

@@ -582,7 +582,8 @@ struct raster_layers { /* of a tile's pixels */
     real most[TILE_PIXELS], depth[TILE_PIXELS];    /* weight and depth of the heaviest layer so far */
 };
 
-/* Adds splat n to the layers of a subtile's pixels. scale: the depth that DEPTH_LAYER is of; 0: the layer's. */
+/* Adds splat n to the layers of a subtile's pixels. scale: the depth that DEPTH_LAYER is of; 0: the layer's.
+ * */
 SIMD_INLINE void raster_find_layer(const int fused, const int mixed, const int lobed, real scale,
                                    const struct raster_batch *batch, int n, int subtile,
                                    struct raster_layers *tile)

@@ -250,6 +250,7 @@ static void render_measure_depths(oxl_context *ctx, struct renderer *r, const ox
 {
     const double *row = camera->rotation + 6;
     const size_t packs = r->packs;
+    (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t pack = 0; pack < (int64_t)packs; pack++)
         for (size_t l = 0, i = (size_t)pack * PACK; l < PACK; l++, i++) {

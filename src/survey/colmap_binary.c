@@ -346,7 +346,7 @@ OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *
     if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_images(r);
     colmap_close(r);
-    if (rc == OXL_OK && !colmap_has_points(folder, COLMAP_BINARY)) return OXL_OK;
+    if (rc == OXL_OK && !os_is_file(PATH(folder, "points3D.bin"))) return OXL_OK;
     if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "points3D.bin");
     if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_points(r);

@@ -179,8 +179,8 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
     return OXL_OK;
 }
 
-/* Whether a PNG's pixels have an alpha channel, or its colours one that is transparent (tRNS): of its bytes up
- * to the first IDAT, each chunk's head at least. */
+/* Whether a PNG's pixels have an alpha channel, or its colours one that is transparent (tRNS): of its bytes
+ * up to the first IDAT, each chunk's head at least. */
 static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 {
     enum { SIGNATURE = 8, COLOUR = 25, GREY_ALPHA = 4, RGB_ALPHA = 6, HEAD = 8, CHUNK = 12 };
@@ -203,7 +203,8 @@ OXL_INTERNAL int image_has_alpha(const char *path)
     return image_bytes_have_alpha(head, size);
 }
 
-/* A file that is not there or cannot be opened is no bad input: it may come back. A pipe would wait forever. */
+/* A file that is not there or cannot be opened is no bad input: it may come back. A pipe would wait forever.
+ * */
 static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     char text[sizeof ctx->error];
@@ -478,8 +479,8 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
             : "use the images that COLMAP was given");
 }
 
-/* As the EXIF orientation says, where the camera's shape shows that the model was made from it upright. The mask
- * too, if it has the shape of the stored image. */
+/* As the EXIF orientation says, where the camera's shape shows that the model was made from it upright. The
+ * mask too, if it has the shape of the stored image. */
 static oxl_result image_turn_to_camera(oxl_context *ctx, const char *path, const struct colmap_camera *from,
                                        struct pixels *image, struct pixels *mask)
 {

@@ -83,8 +83,6 @@ OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, st
     if (size > 32 && !memcmp(data, "\x89PNG\r\n\x1a\n", 8)) header_of_png(data, size, out);
     else if (size > 32 && !memcmp(data, "\xff\xd8\xff", 3)) header_of_jpeg(data, size, out);
     oxl_free(ctx, data);
-    if (rc == OXL_OK && (out->width < 1 || out->height < 1))
-        rc = image_size(ctx, path, &out->width, &out->height);
     return rc;
 }
 

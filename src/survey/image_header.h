@@ -11,6 +11,7 @@ struct image_header {
     int orientation; /* EXIF: 1 upright, 5 to 8 turned by a quarter */
 };
 #define IMAGE_SHAPE_ERROR 0.01 /* by which ratios of sides may differ */
+/* Reads what the header says; a size of 0: not found in its first bytes. */
 OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, struct image_header *out);
 OXL_INTERNAL int image_has_shape(int width, int height, int wanted_width, int wanted_height);
 /* Turns pixels by a quarter as the orientation says: 5 to 8; others stay. */

@@ -4,7 +4,8 @@
  * correlates with their colours. Compared are differences to the nearest points of the image, limited to
  * MATCH_CLIP medians: light that varies smoothly (lamp, haze, exposure) drops out, and fish count little.
  * Median over the images of a survey: 0.3 to 0.9 where they belong together, 0.0 to 0.2 where they do not.
- * Each image is compared as it is, turned, mirrored, cropped, distorted, shifted, and at the points of others.
+ * Each image is compared as it is, turned, mirrored, cropped, distorted, shifted, and at the points of
+ * others.
  *
  * Invariant: a function of the scene; nothing that is trained changes.
  */
@@ -14,7 +15,6 @@
 
 enum {
     MATCH_VIEWS = 256,   /* limit of images */
-    MATCH_ENOUGH = 3,    /* images to be judged; with fewer nothing is said */
     MATCH_SIDE = 320,    /* px: longer side of the brightness that is compared */
     MATCH_OTHERS = 4,    /* images whose points give the correlation by chance */
     MATCH_POINTS = 8192, /* limit of points to project where there are no tracks */
@@ -24,8 +24,8 @@ enum {
 #define MATCH_BORDER 0.01 /* of the side: points so close to it are left out */
 #define MATCH_BETTER 0.06 /* by which another map must be better in the median */
 #define MATCH_WINS 0.7    /* and the fraction of the images in which it is */
-#define MATCH_SUSPECT \
-    0.5 /* of the correlation that a tenth of the images exceeds: images below are looked at */
+/* of the correlation that a tenth of the images exceeds: images below are looked at */
+#define MATCH_SUSPECT 0.5
 #define MATCH_ELSEWHERE 0.25  /* by which such an image must fit better turned, or at another place */
 #define MATCH_DEVIATIONS 4.0  /* or be below the other images, and within */
 #define MATCH_NOISE 3.0       /* standard deviations of what chance gives */
@@ -196,7 +196,7 @@ OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, c
     match_finish_layout(l, w->work);
 }
 
-static oxl_result match_lay_out(struct match *w)
+OXL_INTERNAL oxl_result match_lay_out(struct match *w)
 {
     int *of_image = oxl_alloc(w->ctx, w->colmap->image_count + 1, sizeof *of_image);
     uint32_t *seen = oxl_calloc(w->ctx, (size_t)w->count + 1, 2 * sizeof *seen);
@@ -302,7 +302,7 @@ static void match_images_ahead(struct match *w, int from)
 }
 
 /* Each image under each map, and by chance. */
-static oxl_result match_compare(struct match *w)
+OXL_INTERNAL oxl_result match_compare(struct match *w)
 {
     for (int k = 0; k < w->count; k++) {
         int has = 0;
@@ -343,7 +343,7 @@ OXL_INTERNAL double match_median_by_chance(struct match *w)
     return match_quantile(w, -1, 0.5);
 }
 
-static int match_judged(const struct match *w)
+OXL_INTERNAL int match_judged(const struct match *w)
 {
     int n = 0;
     for (int k = 0; k < w->count; k++) n += w->judged[k];
@@ -452,7 +452,7 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
 }
 
 /* One message about the whole survey, or about some images. */
-static oxl_result match_judge(struct match *w, int *foreign)
+OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign)
 {
     const int judged = match_judged(w), best = match_best_map(w);
     const double median = match_quantile(w, 0, 0.5), chance = match_quantile(w, -1, 0.5);
@@ -491,7 +491,7 @@ static oxl_result match_judge(struct match *w, int *foreign)
 
 /* ---------------- the check */
 
-static oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w)
+OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w)
 {
     const int views = oxl_scene_view_count(scene);
     *w = (struct match){.ctx = ctx, .scene = scene, .colmap = scene_colmap(scene)};
@@ -505,22 +505,4 @@ static oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d images with the points", w->count);
     match_fill_maps(w);
     return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result match_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s)
-{
-    const int misfit = s->missed > LINT_MISSED_SURVEY;
-    struct match w;
-    int found = 0;
-    oxl_result rc;
-    s->foreign = 0;
-    if (!scene_colmap(scene) || scene_colmap(scene)->point_count < MATCH_FEWEST) return OXL_OK;
-    rc = match_begin(ctx, scene, &w);
-    if (rc == OXL_OK) rc = match_lay_out(&w);
-    if (rc == OXL_OK) rc = match_compare(&w);
-    if (rc == OXL_OK && (!w.tracked || misfit)) rc = conventions_check(&w, &found);
-    if (rc == OXL_OK && !found && !misfit && w.coloured && match_judged(&w) >= MATCH_ENOUGH)
-        rc = match_judge(&w, &s->foreign);
-    OXL_FREE(ctx, w.layout, w.score, w.judged, w.work, w.plane.value);
-    return rc;
 }

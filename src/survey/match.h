@@ -71,6 +71,13 @@ OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *
 OXL_INTERNAL double match_median(struct match *w);
 OXL_INTERNAL double match_median_by_chance(struct match *w);
 
+enum { MATCH_ENOUGH = 3 }; /* images to be judged; with fewer nothing is said */
+/* The steps of match_check (belongs.c). */
+OXL_INTERNAL oxl_result match_begin(oxl_context *ctx, oxl_scene *scene, struct match *w);
+OXL_INTERNAL oxl_result match_lay_out(struct match *w);
+OXL_INTERNAL oxl_result match_compare(struct match *w);
+OXL_INTERNAL int match_judged(const struct match *w);
+OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign);
 /* conventions.c, for surveys without tracks: *found: 1: poses and points do not fit, which was said. */
 OXL_INTERNAL oxl_result conventions_check(struct match *w, int *found);
 

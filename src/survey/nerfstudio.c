@@ -7,8 +7,8 @@
  * ply_file_path too, in the same world. NeRF synthetic's files (Mildenhall 2020) are such files with
  * camera_angle_x, without w, h and extensions of names: these are found in the image folder.
  *
- * mask_path of a frame starts from the file's folder, too; SCENE/masks and --masks come first. Members that change
- * what an image shows, and that are not read, are named once.
+ * mask_path of a frame starts from the file's folder, too; SCENE/masks and --masks come first. Members that
+ * change what an image shows, and that are not read, are named once.
  */
 #include "json_survey.h"
 #include "ply.h"
@@ -65,7 +65,7 @@ static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
     *out = (struct nerfstudio_file){{NULL}};
     for (const char *key = oxl_json_first(json), *value; key && (value = oxl_json_value(key)) != NULL;
          key = oxl_json_next(value)) {
-        char name[24];
+        char name[40];
         oxl_json_text(key, name, sizeof name);
         for (int i = 0; nerfstudio_members[i]; i++)
             if (!out->value[i] && !strcmp(nerfstudio_members[i], name)) out->value[i] = value;

@@ -1,5 +1,5 @@
-/* nerfstudio_names.c - names of images in a transforms.json: their extension, the size of the first image, and
- * the images that the file holds out.
+/* nerfstudio_names.c - names of images in a transforms.json: their extension, the size of the first image,
+ * and the images that the file holds out.
  *
  * Source: docs.nerf.studio, "Data conventions": train_filenames, val_filenames and test_filenames repeat the
  * file_path of frames.

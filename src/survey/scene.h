@@ -105,8 +105,9 @@ OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
 /* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:
  * off. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
-/* scene_start.c: for a scene without points, those to start from, at most `count`, a function of the survey and the
- * seed. Free with oxl_free. scene_start_count: how many are useful; composited images outline the scene. */
+/* scene_start.c: for a scene without points, those to start from, at most `count`, a function of the survey
+ * and the seed. Free with oxl_free. scene_start_count: how many are useful; composited images outline the
+ * scene. */
 enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
 OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,

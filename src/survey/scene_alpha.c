@@ -1,8 +1,8 @@
 /* scene_alpha.c - transparent pixels of a survey's images: composited over the background, or masked.
  *
- * An object cut out of its background has no points where its images are transparent: there, the background is
- * what the model must show. Where points of the scene project onto transparent pixels, these hide a part of the
- * scene (a diver, the survey's vehicle): nothing is to be learned from them.
+ * An object cut out of its background has no points where its images are transparent: there, the background
+ * is what the model must show. Where points of the scene project onto transparent pixels, these hide a part
+ * of the scene (a diver, the survey's vehicle): nothing is to be learned from them.
  *
  * Invariant: the decision depends on the survey's files alone.
  */
@@ -14,7 +14,8 @@ enum {
     ALPHA_POINTS = 20000, /* points that are projected into each */
     ALPHA_OPAQUE = 128    /* least alpha of a pixel that is not transparent */
 };
-/* density of points on transparent pixels, relative to that on opaque ones, above which they hide the scene */
+/* density of points on transparent pixels, relative to that on opaque ones, above which they hide the scene
+ * */
 #define ALPHA_HIDES 0.1
 
 struct alpha_sum { /* over the sample; [1]: of transparent pixels */
@@ -53,8 +54,8 @@ static void alpha_add_points(const oxl_scene *scene, int view, const struct pixe
     }
 }
 
-/* Of up to ALPHA_SAMPLE of the `count` training views with alpha, evenly. Unreadable images are reported where
- * they are trained on. */
+/* Of up to ALPHA_SAMPLE of the `count` training views with alpha, evenly. Unreadable images are reported
+ * where they are trained on. */
 static oxl_result alpha_measure(oxl_context *ctx, const oxl_scene *scene, const int *view, int count,
                                 struct alpha_sum *sum)
 {

@@ -2,9 +2,9 @@
  * they are used.
  *
  * The file holds the scene's struct and arrays as they are in memory, so only the same build on the same kind
- * of machine can read it; `key` identifies the run. The last SCENE_FILE_ALIGN bytes begin with the checksum of
- * all others. Invariant: a mapped scene has the same values as the one that was written; all its indices and
- * counts lie within its arrays, whatever the file holds.
+ * of machine can read it; `key` identifies the run. The last SCENE_FILE_ALIGN bytes begin with the checksum
+ * of all others. Invariant: a mapped scene has the same values as the one that was written; all its indices
+ * and counts lie within its arrays, whatever the file holds.
  */
 #include "sparse.h"
 #include "image.h"

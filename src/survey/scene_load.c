@@ -172,7 +172,8 @@ done:
 
 /* ---------------- from files */
 
-/* The same folder in the survey's, as other programs take the option; else one that holds an image of the model. */
+/* The same folder in the survey's, as other programs take the option; else one that holds an image of the
+ * model. */
 static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
                                     const char *folder, const struct colmap *c)
 {

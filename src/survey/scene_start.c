@@ -1,10 +1,12 @@
 /* scene_start.c - points to start from where a survey has none: random ones, where many views look.
  *
  * A point is drawn on the ray of a random pixel of a random training view and kept with the probability
- * (views that see it / most views that see one)^2: the density follows what training compares. Where images are
- * composited over a background, points that a view shows transparent are dropped (the visual hull, Laurentini
- * 1994); of those left the ones are taken whose colours differ least between the views (Kutulakos & Seitz 2000),
- * with their mean as colour. Elsewhere they are grey: a mean over views of unlike things is a haze that stays.
+ * (views that see it / most views that see one)^2: the density follows what training compares. Where images
+ * are composited over a background, points that a view shows transparent are dropped (the visual hull,
+ * Laurentini
+ * 1994); of those left the ones are taken whose colours differ least between the views (Kutulakos & Seitz
+ * 2000), with their mean as colour. Elsewhere they are grey: a mean over views of unlike things is a haze
+ * that stays.
  *
  * Invariant: a function of the survey and the seed, on any number of threads.
  */

@@ -87,6 +87,7 @@ static double scene_size_on_disk(oxl_context *ctx, const char *path, const struc
 {
     struct image_header h;
     if (image_read_header(ctx, path, &h) != OXL_OK) return 1;
+    if ((h.width < 1 || h.height < 1) && image_size(ctx, path, &h.width, &h.height) != OXL_OK) return 1;
     *turned = h.orientation >= 5 && !image_has_shape(h.width, h.height, camera->width, camera->height) &&
               image_has_shape(h.width, h.height, camera->height, camera->width);
     if (*turned) OXL_SWAP(int, h.width, h.height);

@@ -1,5 +1,5 @@
-/* values.c - images and masks whose values are not what they look like: 16-bit images that use a small part of
- * their range, masks without a black pixel.
+/* values.c - images and masks whose values are not what they look like: 16-bit images that use a small part
+ * of their range, masks without a black pixel.
  *
  * Invariant: nothing that is trained changes.
  */

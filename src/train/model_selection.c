@@ -92,8 +92,9 @@ OXL_INTERNAL void selection_release_views(struct train *t)
     while (t->validation_views > 0) t->view[t->views++] = t->validation[--t->validation_views];
 }
 
-/* Logs an unreadable view and removes it, so that all means are over the same views. Replaces the last one by a view
- * that was trained on until now, the same in all branches of a trial: without any, no decision could be made. */
+/* Logs an unreadable view and removes it, so that all means are over the same views. Replaces the last one by
+ * a view that was trained on until now, the same in all branches of a trial: without any, no decision could
+ * be made. */
 static void selection_drop_view(struct train *t, int slot)
 {
     nonfinite_count_unreadable(t->ctx, &t->nonfinite);

@@ -78,7 +78,8 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
 }
 
-/* Exponential from the first to the last rate; a straight line where one of them is 0 and has no logarithm. */
+/* Exponential from the first to the last rate; a straight line where one of them is 0 and has no logarithm.
+ * */
 static double schedule_position_rate(const oxl_train_options *o, double progress)
 {
     double first = o->lr_position, last = o->lr_position_final;

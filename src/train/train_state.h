@@ -1,5 +1,5 @@
-/* train_state.h - shared by the files of a training run and its parts: the run's state, and what parts may ask
- * of it. */
+/* train_state.h - shared by the files of a training run and its parts: the run's state, and what parts may
+ * ask of it. */
 #ifndef OXL_TRAIN_STATE_H
 #define OXL_TRAIN_STATE_H
 
