@@ -120,7 +120,7 @@ static void ssim_contrast_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option ssim_contrast_options[] = {
-{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, PRESETS("auto", "auto", "0.03"), OXL_TIER_EXPERT, TRAINING | RESULT | CPU_ONLY, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images, at most 0.03", NULL},
+{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("0.03"), OXL_TIER_EXPERT, TRAINING | RESULT | CPU_ONLY, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images, at most 0.03, for dark images of faint detail; elsewhere it costs up to 0.8 dB of PSNR", NULL},
 {0}};
 /* clang-format on */
 
