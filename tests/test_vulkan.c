@@ -1766,12 +1766,17 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
 }
 
 static VkResult vulkan_shortage; /* what an allocation comes back with */
+static const struct vulkan *vulkan_of_shortage;
+enum { VULKAN_SMALL_IMAGE = 4 * 64 * 48 }; /* bytes */
 
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_once(VkDevice device, const VkMemoryAllocateInfo *info,
-                                                            const VkAllocationCallbacks *a,
-                                                            VkDeviceMemory *out)
+/* Until images have left, every kind of memory is full: a discrete GPU has several near it. */
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_full_of_images(VkDevice device,
+                                                                 const VkMemoryAllocateInfo *info,
+                                                                 const VkAllocationCallbacks *a,
+                                                                 VkDeviceMemory *out)
 {
-    return vulkan_allocations_left-- > 0 ? vulkan_shortage : vulkan_real_allocate(device, info, a, out);
+    if (vulkan_of_shortage->image_bytes_max >= VULKAN_SMALL_IMAGE) return vulkan_shortage;
+    return vulkan_real_allocate(device, info, a, out);
 }
 
 /* At half its sides, then whole: the target grows, where the first allocation fails. */
@@ -1784,12 +1789,12 @@ static void vulkan_check_image_in_use(oxl_context *device, VkResult shortage)
     CHECK_OK(renderer_create(device, &r));
     for (int view = 0; view < 2; view++) CHECK_OK(renderer_set_image(device, r, view, &image, NULL, 1));
     vulkan_real_allocate = v->AllocateMemory;
-    v->AllocateMemory = vulkan_play_full_once;
-    vulkan_allocations_left = 1;
+    v->AllocateMemory = vulkan_play_full_of_images;
+    vulkan_of_shortage = v;
     vulkan_shortage = shortage;
     CHECK_OK(renderer_set_image(device, r, 0, NULL, NULL, 0));
     CHECK(renderer_has_image(r, 0) && !renderer_has_image(r, 1));
-    CHECK(v->image_bytes_max < 4 * 64 * 48); /* what left does not come back */
+    CHECK(v->image_bytes_max < VULKAN_SMALL_IMAGE); /* what left does not come back */
     v->AllocateMemory = vulkan_real_allocate;
     v->image_bytes_max = 1 << 20;
     renderer_free(device, r);
