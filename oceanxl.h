@@ -281,6 +281,7 @@ typedef struct oxl_model {
     /* colour behind the Gaussians, 0..1, of evaluation and renders; has_background 0: not known */
     float background[3];
     int has_background;
+    int antialias; /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
     size_t not_finite; /* rows of the file that oxl_model_read left out */
     /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
     struct oxl_model_pages *pages;
@@ -503,6 +504,7 @@ typedef struct oxl_train_options {
     oxl_switch lamp;
     /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */
     oxl_switch medium;
+    int antialias;       /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
     int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */
     int mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */

@@ -81,7 +81,7 @@ OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, cons
 {
     struct merge_rows m = {.old_count = into->count, .old_lobes = into->lobes};
     oxl_result rc = OXL_OK;
-    if (from->has_background) model_copy_background(from, into);
+    if (from->has_background || from->antialias) model_copy_rendering(from, into);
     m.row = oxl_alloc(ctx, from->count + 1, sizeof *m.row);
     if (!m.row) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to merge %zu Gaussians", from->count);
     merge_select(from, keep, &m);

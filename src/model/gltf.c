@@ -108,7 +108,8 @@ static void gltf_add_semantic(struct text *t, int array)
 static void gltf_add_origin(struct text *t, const oxl_model *model)
 {
     const double *o = model->origin;
-    const int b = model->has_background;
+    const int extras = model->scale > 0 || model->has_background || model->antialias;
+    const char *before = "";
     text_add(t, "\"translation\":[");
     for (int i = 0; i < 3; i++) {
         char text[NUMBER_TEXT_MAX];
@@ -116,11 +117,14 @@ static void gltf_add_origin(struct text *t, const oxl_model *model)
         text_add(t, "%s%s", i ? "," : "", text);
     }
     text_add(t, "]");
-    if (model->scale > 0) text_add(t, ",\"extras\":{\"scale\":%s%s", NUMBER(model->scale), b ? "" : "}");
-    if (b)
-        text_add(t, "%s\"background\":[%s,%s,%s]}", model->scale > 0 ? "," : ",\"extras\":{",
-                 NUMBER((double)model->background[0]), NUMBER((double)model->background[1]),
-                 NUMBER((double)model->background[2]));
+    if (extras) text_add(t, ",\"extras\":{");
+    if (model->scale > 0) text_add(t, "\"scale\":%s", NUMBER(model->scale)), before = ",";
+    if (model->has_background)
+        text_add(t, "%s\"background\":[%s,%s,%s]", before, NUMBER((double)model->background[0]),
+                 NUMBER((double)model->background[1]), NUMBER((double)model->background[2])),
+            before = ",";
+    if (model->antialias) text_add(t, "%s\"antialias\":true", before);
+    if (extras) text_add(t, "}");
 }
 
 static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t bytes, struct text *t)

@@ -88,10 +88,11 @@ static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *fr
     }
 }
 
-OXL_INTERNAL void model_copy_background(const oxl_model *from, oxl_model *to)
+OXL_INTERNAL void model_copy_rendering(const oxl_model *from, oxl_model *to)
 {
     memcpy(to->background, from->background, sizeof to->background);
     to->has_background = from->has_background;
+    to->antialias = from->antialias;
 }
 
 /* Reallocates the model with another capacity, degree or number of lobes; on failure it is unchanged. */
@@ -108,7 +109,7 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
     if (!memory) return model_no_memory(ctx, capacity, planes);
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
-    model_copy_background(model, &m);
+    model_copy_rendering(model, &m);
     for (int p = 0; p < planes; p++) {
         m.plane[p] = memory + (size_t)p * m.capacity;
         if (model->plane[p]) memcpy(m.plane[p], model->plane[p], m.count * sizeof(float));
@@ -189,7 +190,7 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
     if (rc != OXL_OK) return rc;
     memcpy(to->origin, from->origin, sizeof to->origin);
     to->scale = from->scale;
-    model_copy_background(from, to);
+    model_copy_rendering(from, to);
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
     for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++)
@@ -668,13 +669,23 @@ static int model_read_background(const char *comment, oxl_model *model)
     return model->has_background = 1;
 }
 
-/* "origin X Y Z", "scale S" and "background R G B". */
+/* Brush's "SplatRenderMode: mip" or Postshot's "antialiased 1"; 0: it is neither. */
+static int model_read_antialias(const char *comment, oxl_model *model)
+{
+    const size_t length = strlen(MODEL_RENDER_MODE);
+    if (!strncmp(comment, MODEL_RENDER_MODE, length))
+        return model->antialias = !strcmp(comment + length, "mip"), 1;
+    if (strncmp(comment, "antialiased ", 12)) return 0;
+    return model->antialias = strcmp(comment + 12, "0") != 0, 1;
+}
+
+/* "origin X Y Z", "scale S", "background R G B" and anti-aliasing. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model)
 {
     const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
     double value[3];
-    if (model_read_background(comment, model)) return;
+    if (model_read_background(comment, model) || model_read_antialias(comment, model)) return;
     if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
     else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
         model->scale = value[0] == 1 ? 0 : value[0];

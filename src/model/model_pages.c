@@ -206,7 +206,7 @@ OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *mode
     }
     os_reader_close(&file);
     memcpy(out->origin, p->origin, sizeof p->origin);
-    model_copy_background(model, out);
+    model_copy_rendering(model, out);
     if (rc == OXL_OK) oxl_model_move_origin(out, model->origin);
     else oxl_model_free(ctx, out);
     return rc;

@@ -65,6 +65,7 @@ static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w
              NUMBER(model->origin[1]), NUMBER(model->origin[2]));
     if (model->scale > 0) text_add(&t, "\ncomment scale %s", NUMBER(model->scale));
     model_write_background(&t, "\ncomment ", model);
+    if (model->antialias) text_add(&t, "\ncomment %smip", MODEL_RENDER_MODE);
     if (model->lobes)
         text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
                      "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
@@ -140,7 +141,7 @@ OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *pa
     struct os_writer w = {0};
     oxl_result rc = OXL_OK;
     memcpy(all.origin, model[0].origin, sizeof all.origin);
-    model_copy_background(&model[0], &all);
+    model_copy_rendering(&model[0], &all);
     for (int m = 0; m < count && rc == OXL_OK; m++) {
         all.count += model[m].count, all.lobes += model[m].lobes;
         /* pages leave such rows out */

@@ -76,6 +76,11 @@ static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_
             "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
             "fix: keep the .ply or an .spz, too",
             path, model->scale);
+    if (model->antialias)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: a .splat cannot store that the model is anti-aliased: viewers draw it too bright and thick",
+            path);
     if (model->has_background)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: a .splat cannot store the background: viewers draw on their own",
                 path);

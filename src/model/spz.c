@@ -38,10 +38,11 @@
 
 enum {
     SPZ_HEADER = 16,
-    SPZ_BITS_MAX = 20, /* fractional; the reference writes 12 */
-    SPZ_BUCKET_1 = 2,  /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
-    SPZ_BUCKET = 4,    /* these lose 0.07 dB, at 1.6 times the size */
-    SPZ_DEGREES = 4    /* the reference has degree 4, whose coefficients are skipped */
+    SPZ_ANTIALIASED = 1, /* of its flags */
+    SPZ_BITS_MAX = 20,   /* fractional; the reference writes 12 */
+    SPZ_BUCKET_1 = 2,    /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
+    SPZ_BUCKET = 4,      /* these lose 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES = 4      /* the reference has degree 4, whose coefficients are skipped */
 };
 
 /* ---------------- gzip (RFC 1952) */
@@ -159,7 +160,7 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
 /* ---------------- where things lie */
 
 struct spz_layout {
-    int version, degree, bits, coefficients; /* past degree 0, a channel, as the file has them */
+    int version, degree, bits, flags, coefficients; /* past degree 0, a channel, as the file has them */
     size_t count, alphas, colours, scales, rotations, sh, end;
 };
 
@@ -228,8 +229,11 @@ static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsi
         snprintf(seen, sizeof seen, "SPZ version %lu", (unsigned long)version);
         return spz_fail(ctx, path, seen, "version 2 or 3");
     }
-    *l = (struct spz_layout){
-        .version = (int)version, .count = bytes_u32(data + 8), .degree = data[12], .bits = data[13]};
+    *l = (struct spz_layout){.version = (int)version,
+                             .count = bytes_u32(data + 8),
+                             .degree = data[12],
+                             .bits = data[13],
+                             .flags = data[14]};
     if (l->degree > SPZ_DEGREES || l->bits > 23) {
         snprintf(seen, sizeof seen, "degree %d and %d fractional bits", l->degree, l->bits);
         return spz_fail(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
@@ -280,6 +284,7 @@ OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *
     if (rc == OXL_OK) rc = oxl_model_create(ctx, l.count, OXL_MIN(l.degree, 3), out);
     for (size_t i = 0; rc == OXL_OK && i < l.count; i++) spz_get(data, &l, out, i);
     if (rc == OXL_OK) {
+        out->antialias = (l.flags & SPZ_ANTIALIASED) != 0;
         spz_gzip_header((const unsigned char *)file.data, file.size, &comment);
         if (comment) spz_read_comment(ctx, path, file.data + comment, out);
     }
@@ -413,6 +418,7 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     bytes_put(data + 8, (uint32_t)l.count, 4);
     data[12] = (unsigned char)l.degree;
     data[13] = (unsigned char)l.bits;
+    data[14] = model->antialias ? SPZ_ANTIALIASED : 0;
     for (size_t i = 0; i < l.count; i++) spz_put(model, &l, i, data);
     rc = spz_pack(ctx, path, model, data, l.end);
     oxl_free(ctx, data);

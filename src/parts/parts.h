@@ -15,6 +15,7 @@
     ROW(lamp)           \
     ROW(track_depth)    \
     ROW(ssim_contrast)  \
+    ROW(antialias)      \
     ROW(sh_degree)
 
 #endif

@@ -28,6 +28,11 @@
 #define OPAQUE_MIN ((real)0.5) /* a pixel whose splats have less weight, 1 - T at the end, is see-through */
 /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
 #define LOW_PASS ((real)0.3)
+#define ANTIALIAS_LOW_PASS \
+    ((real)0.1) /* the same with anti-aliasing: a pixel's own width [Yu 2024, sec. 5.2] */
+/* with anti-aliasing the opacity falls by the root of the determinants without and with low pass; the least
+ * ratio [Yu 2024, its code] */
+#define ANTIALIAS_MIN ((real)2.5e-5)
 /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
 #define FRUSTUM_CLAMP 1.3
 #define LOG2_E ((real)1.4426950408889634)
@@ -52,6 +57,7 @@ struct kernel_camera { /* an oxl_camera in `real` */
     real near_plane;
     real alpha_min;   /* contributions below it are skipped; ALPHA_MIN or more */
     real cutoff_bits; /* -log2(alpha_min) */
+    int antialias;    /* the low pass keeps a splat's energy: it lowers the opacity as it widens the splat */
 };
 
 /* ---------------- project.c: Gaussians onto the image plane, and back */

@@ -31,6 +31,7 @@ struct project_geometry {
     real shrink2;            /* scale of the covariance below, against float overflow close to the camera */
     real xx, xy, yy;         /* covariance x shrink2, low pass included */
     real det;                /* its determinant */
+    struct vec3 s0, s1, m; /* shrunk b0, b1, their cross product: |m|^2 is the determinant without low pass */
 };
 
 #define PROJECT_BOX_FACTOR ((real)1.0001) /* on the half box: rounding must not make it too small */
@@ -80,7 +81,7 @@ SIMD_INLINE void project_jacobian(const struct kernel_camera *kernel_camera, rea
 }
 
 /* MATH 3. Determinant by Cauchy-Binet, a sum of squares: xx yy - xy^2 cancels for a needle. */
-SIMD_INLINE void project_covariance(struct project_geometry *g)
+SIMD_INLINE void project_covariance(const int antialias, struct project_geometry *g)
 {
     const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0),
                       r1 = mat3_transposed_times(g->rotation, g->t1);
@@ -99,11 +100,12 @@ SIMD_INLINE void project_covariance(struct project_geometry *g)
     s1 = scale3(shrink, g->b1);
     m = cross3(s0, s1);
     g->shrink2 = shrink * shrink;
-    low = LOW_PASS * g->shrink2;
+    low = (antialias ? ANTIALIAS_LOW_PASS : LOW_PASS) * g->shrink2;
     g->xx = dot3(s0, s0);
     g->yy = dot3(s1, s1);
     g->xy = dot3(s0, s1);
     g->det = dot3(m, m) + low * (g->xx + g->yy) + low * low;
+    g->s0 = s0, g->s1 = s1, g->m = m;
     g->xx += low;
     g->yy += low;
     /* b0 - b1 (b0 . b1)/yy, without the cancellation */
@@ -132,17 +134,19 @@ SIMD_INLINE struct project_geometry project_centre(const int fused, const struct
     return g;
 }
 
-SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in,
+SIMD_INLINE struct project_geometry project_geometry(const int fused, const int antialias,
+                                                     const struct gaussians *in,
                                                      const struct kernel_camera *kernel_camera, size_t i,
                                                      int *in_front)
 {
     struct project_geometry g = project_centre(fused, in, kernel_camera, i, in_front);
-    project_covariance(&g);
+    project_covariance(antialias, &g);
     return g;
 }
 
 /* The second lobe's: differs only in scale. */
-SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in,
+SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const int antialias,
+                                                          const struct gaussians *in,
                                                           const struct kernel_camera *kernel_camera, size_t i,
                                                           int *in_front)
 {
@@ -150,7 +154,7 @@ SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const
     g.scale.x = real_exp(fused, in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
     g.scale.y = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i] + in->plane[OXL_LOBE + 2][i]);
     g.scale.z = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i] + in->plane[OXL_LOBE + 3][i]);
-    project_covariance(&g);
+    project_covariance(antialias, &g);
     return g;
 }
 
@@ -172,6 +176,14 @@ SIMD_INLINE real project_sigmoid(const int fused, real x)
 {
     const real e = real_exp(fused, -real_abs(x)), s = 1 / (1 + e);
     return x >= 0 ? s : e * s;
+}
+
+/* log2 of the factor of the opacity: the root of the determinant's ratio without low pass to with it, so that
+ * the splat's integral over the image stays [Yu 2024, eq. 9]. */
+SIMD_INLINE real project_fade(const int fused, const struct project_geometry *g)
+{
+    const real ratio = dot3(g->m, g->m) / g->det;
+    return real_log2(fused, ratio > ANTIALIAS_MIN ? ratio : ANTIALIAS_MIN) / 2;
 }
 
 struct project_shape {
@@ -201,14 +213,16 @@ SIMD_INLINE int project_in_view(const struct kernel_camera *kernel_camera, real 
            (half_x < PROJECT_HUGE) & (half_y < PROJECT_HUGE);
 }
 
-SIMD_INLINE void project_lane(const int fused, const struct project_job *job, size_t i, int l,
-                              struct project_lanes *out)
+SIMD_INLINE void project_lane(const int fused, const int antialias, const struct project_job *job, size_t i,
+                              int l, struct project_lanes *out)
 {
     const struct kernel_camera *kernel_camera = job->kernel_camera;
     int in_front;
-    const struct project_geometry g = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
+    const struct project_geometry g =
+        project_geometry(fused, antialias, &job->in, kernel_camera, i, &in_front);
     const real opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
-    const real peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
+    const real peak = real_log2(fused, opacity) + (antialias ? project_fade(fused, &g) : 0);
+    const real inverse = 1 / g.p.z;
     const struct project_shape s = project_shape(&g, peak, kernel_camera->cutoff_bits);
     const real u = kernel_camera->fx * g.p.x * inverse + kernel_camera->cx,
                v = kernel_camera->fy * g.p.y * inverse + kernel_camera->cy;
@@ -231,15 +245,19 @@ struct project_lobe_lanes {
 
 /* Adds the second lobe to a lane: its shape, and for lanes below `lobes` the box and visibility of both
  * lobes. */
-SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *job, size_t i, int l, int lobes,
-                                   struct project_lanes *lanes, struct project_lobe_lanes *out)
+SIMD_INLINE void project_lobe_lane(const int fused, const int antialias, const struct project_job *job,
+                                   size_t i, int l, int lobes, struct project_lanes *lanes,
+                                   struct project_lobe_lanes *out)
 {
     int in_front;
     const struct project_geometry g =
-        project_lobe_geometry(fused, &job->in, job->kernel_camera, i, &in_front);
+        project_lobe_geometry(fused, antialias, &job->in, job->kernel_camera, i, &in_front);
     const real factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
-    const real peak = main_peak + real_log2(fused, factor);
+    const real opacity = antialias ? real_log2(fused, project_sigmoid(fused, job->in.plane[OXL_OPACITY][i])) +
+                                         project_fade(fused, &g)
+                                   : main_peak;
+    const real peak = opacity + real_log2(fused, factor);
     const struct project_shape s = project_shape(&g, peak, job->kernel_camera->cutoff_bits);
     const real half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
     const int shown = (s.reach >= 0) | (main_peak + job->kernel_camera->cutoff_bits >= 0);
@@ -304,6 +322,17 @@ SIMD_INLINE void project_prefetch(real *const plane[OXL_PLANES], int sh_degree, 
     for (int k = OXL_SH; k < end; k++) simd_prefetch(plane[k] + at);
 }
 
+SIMD_INLINE void project_pack_forward(const int fused, const int antialias, const struct project_job *job,
+                                      size_t first, int lobes, struct project_lanes *lanes,
+                                      struct project_lobe_lanes *lobe)
+{
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) project_lane(fused, antialias, job, first + l, l, lanes);
+    if (!lobes) return;
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) project_lobe_lane(fused, antialias, job, first + l, l, lobes, lanes, lobe);
+}
+
 SIMD_BODY void project_forward_body(const int fused, const struct project_job *job)
 {
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
@@ -313,12 +342,8 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
         unsigned seen = 0;
         const int lobes = project_lobes(&job->in, first);
         struct project_lobe_lanes lobe;
-#pragma omp simd
-        for (int l = 0; l < PACK; l++) project_lane(fused, job, first + l, l, &lanes);
-        if (lobes) {
-#pragma omp simd
-            for (int l = 0; l < PACK; l++) project_lobe_lane(fused, job, first + l, l, lobes, &lanes, &lobe);
-        }
+        if (job->kernel_camera->antialias) project_pack_forward(fused, 1, job, first, lobes, &lanes, &lobe);
+        else project_pack_forward(fused, 0, job, first, lobes, &lanes, &lobe);
         for (int l = 0; l < PACK; l++)
             if (lanes.seen[l] && first + l < job->in.count) seen |= 1u << l;
         job->visible[pack] = (uint16_t)seen;
@@ -415,7 +440,7 @@ struct project_geometry_gradient {
 
 /* MATH 11, 13. sums: those of lane l. */
 SIMD_INLINE struct project_geometry_gradient project_geometry_gradient(
-    const struct kernel_camera *kernel_camera, const struct project_geometry *geometry,
+    const int antialias, const struct kernel_camera *kernel_camera, const struct project_geometry *geometry,
     real sums[SPLAT_SUMS][PACK], int l)
 {
     const struct project_geometry g = *geometry;
@@ -424,14 +449,25 @@ SIMD_INLINE struct project_geometry_gradient project_geometry_gradient(
      * covariance */
     const real A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
     const real du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
-    const real dA = -sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l], dE = -sums[SUM_YY][l] / 2;
+    /* dL/d(log opacity) where it is not at its least; log opacity has log|m| - log(det)/2, det = 1/(A E) */
+    const real dfade = antialias && dot3(g.m, g.m) > ANTIALIAS_MIN * g.det ? sums[SUM_D][l] : 0;
+    const real dA = (antialias ? dfade / (2 * A) : 0) - sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l],
+               dE = (antialias ? dfade / (2 * E) : 0) - sums[SUM_YY][l] / 2;
     /* through (A, k, E) to the covariance and its root B; with c0 = b0 + k b1, since for a needle b0 and -k
      * b1 are large and nearly equal */
     const real dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
-    const struct vec3 db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
-    const struct vec3 db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
+    struct vec3 db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
+    struct vec3 db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
     out.log_scale = scale3(2, add3(multiply3(g.c0, add3(scale3(dxx, g.c0), scale3(dxy, g.b1))),
                                    multiply3(scale3(dyy, g.b1), g.b1)));
+    if (antialias) { /* log|b0 x b1| */
+        const real by_area = dfade / (dfade != 0 ? dot3(g.m, g.m) : 1);
+        const struct vec3 da0 = scale3(by_area, cross3(g.s1, g.m)), da1 = scale3(by_area, cross3(g.m, g.s0));
+        const real shrink = real_sqrt(g.shrink2);
+        out.log_scale = add3(out.log_scale, add3(multiply3(g.s0, da0), multiply3(g.s1, da1)));
+        db0 = add3(db0, scale3(shrink, da0));
+        db1 = add3(db1, scale3(shrink, da1));
+    }
     const struct vec3 dm0 = multiply3(db0, g.scale), dm1 = multiply3(db1, g.scale); /* dL/d(J R rot) */
     const struct vec3 dt0 = mat3_times(g.rotation, dm0), dt1 = mat3_times(g.rotation, dm1);
     const struct mat3 dr = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)),
@@ -451,16 +487,18 @@ SIMD_INLINE real project_length(const struct kernel_camera *kernel_camera, real 
     return real_sqrt(hx * hx + hy * hy);
 }
 
-SIMD_INLINE void project_lane_backward(const int fused, const struct project_job *job, unsigned seen,
-                                       size_t i, int l, struct project_gradients *d)
+SIMD_INLINE void project_lane_backward(const int fused, const int antialias, const struct project_job *job,
+                                       unsigned seen, size_t i, int l, struct project_gradients *d)
 {
     const struct kernel_camera *kernel_camera = job->kernel_camera;
     const size_t to = i - job->out_row;
     int in_front;
-    const struct project_geometry g = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
+    const struct project_geometry g =
+        project_geometry(fused, antialias, &job->in, kernel_camera, i, &in_front);
     /* 1 - o, without cancellation */
     const real rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
-    const struct project_geometry_gradient p = project_geometry_gradient(kernel_camera, &g, d->sums, l);
+    const struct project_geometry_gradient p =
+        project_geometry_gradient(antialias, kernel_camera, &g, d->sums, l);
     const int ok = seen >> l & 1;
     d->mean[0][l] += p.mean.x;
     d->mean[1][l] += p.mean.y;
@@ -482,17 +520,19 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
 /* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule:
  * log o' = log o + log sigmoid(a), log s' = log s + b, so gradients of o' and s' are also added to those of o
  * and s. */
-SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen,
-                                            size_t i, int l, real sums[SPLAT_SUMS][PACK],
-                                            struct project_gradients *d)
+SIMD_INLINE void project_lobe_lane_backward(const int fused, const int antialias,
+                                            const struct project_job *job, unsigned seen, size_t i, int l,
+                                            real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {
     const struct kernel_camera *kernel_camera = job->kernel_camera;
     const size_t to = i - job->out_row;
     int in_front;
-    const struct project_geometry g = project_lobe_geometry(fused, &job->in, kernel_camera, i, &in_front);
+    const struct project_geometry g =
+        project_lobe_geometry(fused, antialias, &job->in, kernel_camera, i, &in_front);
     const real rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
-    const struct project_geometry_gradient p = project_geometry_gradient(kernel_camera, &g, sums, l);
+    const struct project_geometry_gradient p =
+        project_geometry_gradient(antialias, kernel_camera, &g, sums, l);
     const real dlog_o = sums[SUM_D][l]; /* dL/d(log o') */
     const int ok = seen >> l & 1;       /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0;
@@ -511,6 +551,20 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     job->out.plane[OXL_LOBE + 2][to] = ok ? p.log_scale.y : 0;
     job->out.plane[OXL_LOBE + 3][to] = ok ? p.log_scale.z : 0;
     job->dmean2d[i] = ok ? project_length(kernel_camera, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
+}
+
+SIMD_INLINE void project_pack_backward(const int fused, const int antialias, const struct project_job *job,
+                                       unsigned seen, size_t first, int lobes, struct project_gradients *d)
+{
+    const unsigned both = seen & ((1u << lobes) - 1);
+    real sums[SPLAT_SUMS][PACK];
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) project_lane_backward(fused, antialias, job, seen, first + l, l, d);
+    if (!lobes) return;
+    project_gather_lobes(job, first, seen, lobes, sums);
+#pragma omp simd
+    for (int l = 0; l < PACK; l++)
+        project_lobe_lane_backward(fused, antialias, job, both, first + l, l, sums, d);
 }
 
 SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)
@@ -532,16 +586,8 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         project_view_direction(&job->in, job->kernel_camera, first, &colour);
         memset(d.mean, 0, sizeof d.mean);
         project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.mean);
-#pragma omp simd
-        for (int l = 0; l < PACK; l++) project_lane_backward(fused, job, seen, first + l, l, &d);
-        if (lobes) {
-            const unsigned both = seen & ((1u << lobes) - 1);
-            real sums[SPLAT_SUMS][PACK];
-            project_gather_lobes(job, first, seen, lobes, sums);
-#pragma omp simd
-            for (int l = 0; l < PACK; l++)
-                project_lobe_lane_backward(fused, job, both, first + l, l, sums, &d);
-        }
+        if (job->kernel_camera->antialias) project_pack_backward(fused, 1, job, seen, first, lobes, &d);
+        else project_pack_backward(fused, 0, job, seen, first, lobes, &d);
         if (job->medium) medium_pack_centres(job, pack, drange, d.mean);
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < PACK; l++)

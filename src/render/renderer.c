@@ -390,6 +390,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     r->in = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
+    r->kernel_camera.antialias = model->antialias;
     r->bins.alpha_min = r->kernel_camera.alpha_min;
     r->bins.cutoff_bits = r->kernel_camera.cutoff_bits;
     r->bins.packs = packs + others;

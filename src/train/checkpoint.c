@@ -168,6 +168,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
 {
     size_t count = model->count, lobes = model->lobes;
     int degree = model->sh_degree;
+    const int antialias = model->antialias; /* the run's, which no step changes */
     archive_size(a, &count);
     archive_size(a, &lobes);
     archive_int(a, &degree);
@@ -175,6 +176,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
         oxl_model_free(a->ctx, model);
         if (archive_fits(a, count, OXL_SH * sizeof(float)))
             a->rc = oxl_model_create(a->ctx, count, degree, model);
+        model->antialias = antialias;
         if (a->rc == OXL_OK) a->rc = model_set_lobes(a->ctx, model, lobes);
     }
     archive_doubles(a, model->origin, 3);
