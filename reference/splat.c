@@ -11,7 +11,7 @@
  * function, and adds to the gradients that it is given. tests/test_reference.c compares src/, float and fast, with this file.
  *
  * [K] Kerbl et al. 2023, 3D Gaussian Splatting; [K*] its code   [Z] Zwicker et al. 2001, EWA Volume Splatting   [O] OceanXL
- * [W] Wang et al. 2004, Image Quality Assessment (SSIM)   [A] Kingma & Ba 2015, Adam
+ * [W] Wang et al. 2004, Image Quality Assessment (SSIM)   [A] Kingma & Ba 2015, Adam   [Y] Yu et al. 2024, Mip-Splatting
  */
 #include <math.h>
 #include <stdio.h>
@@ -20,6 +20,8 @@
 
 #define PI            3.14159265358979323846
 #define LOW_PASS      0.3         /* px^2 added to the variances of a splat: none is thinner than a pixel [K*] */
+#define MIP_LOW_PASS  0.1         /* the same of an anti-aliased model: a pixel's own width [Y] */
+#define FADE_MIN      2.5e-5      /* least ratio of areas, squared, by which its splats are made fainter [Y, its code] */
 #define FRUSTUM_CLAMP 1.3         /* half fields of view; the Jacobian further out is that of this edge [K*] */
 #define ALPHA_MIN     (1.0 / 255) /* fainter contributions are skipped [K app. C] */
 #define ALPHA_MAX     0.99        /* no splat hides all that is behind it [K app. C] */
@@ -47,6 +49,7 @@ struct camera {                                   /* +x right, +y down, +z forwa
     int size[2];                                  /* px: width, height */
     double focal[2], centre[2];                   /* px */
     double rotation[3][3], origin[3], near_plane; /* rotation (x - origin): world to camera; only what is further is rendered */
+    int mip;                                      /* 1: anti-aliased, so the low pass does not add to what a splat covers */
 };
 
 double sigmoid(double x) { return 1 / (1 + exp(-x)); }
@@ -76,6 +79,7 @@ struct splat {                      /* in a gradient: dL/d(centre, colour, opaci
     double n[4], D[4][9], Q[9];     /* unit quaternion; half of dQ/dn; its rotation, row by row */
     double T[2][3];                 /* J W, px per world unit */
     double scale[2][3], B[2][2][3]; /* of each lobe: s, world units; T Q S, px */
+    double V[2][3];                 /* of each lobe, if anti-aliased: b0 x b1, px^2; 0 where its fading is at its least */
 };
 
 #define SH(k, factor, f, fx, fy, fz) \
@@ -122,25 +126,35 @@ void colour_backward(const double sh[48], int degree, const struct splat *s, con
 
 /* The covariance is Q S (Q S)^T, Q the Gaussian's rotation, S = diag(s) [K eq. 6]. Near its centre p perspective is nearly linear,
  * with the Jacobian J [Z]. So on the image the covariance is V = B B^T + LOW_PASS I, B = J W Q S [K eq. 5], W the camera's rotation. */
-void ellipse_forward(struct splat *s, int k) {
-    const double *b0 = s->B[k][0], *b1 = s->B[k][1];
-    const double xx = dot(b0, b0, 3) + LOW_PASS, xy = dot(b0, b1, 3), yy = dot(b1, b1, 3) + LOW_PASS;
+void ellipse_forward(struct splat *s, int k, int mip) {
+    const double *b0 = s->B[k][0], *b1 = s->B[k][1], low = mip ? MIP_LOW_PASS : LOW_PASS;
+    const double xx = dot(b0, b0, 3) + low, xy = dot(b0, b1, 3), yy = dot(b1, b1, 3) + low;
     const double cross[3] = {b0[1] * b1[2] - b0[2] * b1[1], b0[2] * b1[0] - b0[0] * b1[2], b0[0] * b1[1] - b0[1] * b1[0]};
-    const double det = dot(cross, cross, 3) + LOW_PASS * (xx + yy - LOW_PASS); /* xx yy - xy^2, but a needle keeps all digits */
-    const double reach = 2 * log(fmax(1, s->opacity[k] / ALPHA_MIN));          /* (standard deviations)^2 to o G = ALPHA_MIN */
+    const double bare = dot(cross, cross, 3),
+                 det = bare + low * (xx + yy - low);            /* xx yy - xy^2, but a needle keeps all digits */
+    if (mip) s->opacity[k] *= sqrt(fmax(FADE_MIN, bare / det)); /* its sum over the pixels stays [Y eq. 9] */
+    if (mip && bare > FADE_MIN * det) memcpy(s->V[k], cross, sizeof cross);
+    const double reach = 2 * log(fmax(1, s->opacity[k] / ALPHA_MIN)); /* (standard deviations)^2 to o G = ALPHA_MIN */
     s->conic[k][0] = yy / det, s->conic[k][1] = -xy / det, s->conic[k][2] = xx / det;
     s->half[0] = fmax(s->half[0], sqrt(reach * xx)), s->half[1] = fmax(s->half[1], sqrt(reach * yy));
 }
 
 /* K = V^-1 has dV = -K dK K, V = B B^T + LOW_PASS I has dB = 2 dV B. With U = K B that is dB = -2 K dK U; and since column j of B goes with
- * s_j, s_j dL/ds_j = B_j . dB_j = -2 U_j . dK U_j. In this order the digits of a needle survive. */
-void ellipse_backward(const struct splat *s, int k, const double dK[3], double dB[2][3], double dlog_scale[3]) {
-    const double *K = s->conic[k];
+ * s_j, s_j dL/ds_j = B_j . dB_j = -2 U_j . dK U_j. In this order the digits of a needle survive. Fading: dlog o of
+ * log|b0 x b1| - log(det V)/2, V0 = B B^T: dB = dlog_o (V0^-1 B - U), V0^-1 B = (b1 x v, v x b0) / v^2 with v = b0 x b1. */
+void ellipse_backward(const struct splat *s, int k, const double dK[3], double dlog_o, double dB[2][3], double dlog_scale[3]) {
+    const double *K = s->conic[k], *v = s->V[k], *b0 = s->B[k][0], *b1 = s->B[k][1], vv = dot(v, v, 3);
     for (int j = 0; j < 3; j++) {
-        const double u = K[0] * s->B[k][0][j] + K[1] * s->B[k][1][j], v = K[1] * s->B[k][0][j] + K[2] * s->B[k][1][j];
-        const double dKu = -2 * dK[0] * u - dK[1] * v, dKv = -dK[1] * u - 2 * dK[2] * v; /* -2 dK U_j; dK has dK[1] / 2 twice */
+        const double u = K[0] * b0[j] + K[1] * b1[j], w = K[1] * b0[j] + K[2] * b1[j];
+        const double dKu = -2 * dK[0] * u - dK[1] * w, dKv = -dK[1] * u - 2 * dK[2] * w; /* -2 dK U_j; dK has dK[1] / 2 twice */
         dB[0][j] = K[0] * dKu + K[1] * dKv, dB[1][j] = K[1] * dKu + K[2] * dKv;
-        dlog_scale[j] = u * dKu + v * dKv;
+        dlog_scale[j] = u * dKu + w * dKv;
+        if (vv > 0) {
+            const int x = (j + 1) % 3, y = (j + 2) % 3;
+            const double f0 = dlog_o * ((b1[x] * v[y] - b1[y] * v[x]) / vv - u),
+                         f1 = dlog_o * ((v[x] * b0[y] - v[y] * b0[x]) / vv - w);
+            dB[0][j] += f0, dB[1][j] += f1, dlog_scale[j] += b0[j] * f0 + b1[j] * f1;
+        }
     }
 }
 
@@ -174,7 +188,7 @@ int project_forward(const struct gaussian *g, int degree, const struct camera *c
             for (int i = 0; i < 3; i++)
                 for (int j = 0; j < 3; j++) s->B[k][a][j] += s->T[a][i] * s->Q[3 * i + j] * s->scale[k][j];
         s->opacity[k] = sigmoid(g->logit) * (k ? sigmoid(g->lobe[0]) : 1);
-        ellipse_forward(s, k);
+        ellipse_forward(s, k, cam->mip);
     }
     for (int a = 0; a < 2; a++)
         if (s->half[a] <= fmax(0, fabs(s->centre[a] - cam->size[a] / 2.0) - (cam->size[a] - 1) / 2.0)) return 0;
@@ -189,7 +203,7 @@ void project_backward(const struct gaussian *g, int degree, const struct camera 
     for (int k = 0; k < s->lobes; k++) { /* o' = o sigmoid(a), s' = s exp(b): dlog o' adds to dlog o, dlog s' to dlog s */
         const double dlog_opacity = ds->opacity[k] * s->opacity[k];
         dg->logit += dlog_opacity * sigmoid(-g->logit), dg->lobe[0] += k * dlog_opacity * sigmoid(-g->lobe[0]);
-        ellipse_backward(s, k, ds->conic[k], dB, dlog_scale);
+        ellipse_backward(s, k, ds->conic[k], dlog_opacity, dB, dlog_scale);
         for (int j = 0; j < 3; j++) dg->log_scale[j] += dlog_scale[j], dg->lobe[1 + j] += k * dlog_scale[j];
         for (int a = 0; a < 2; a++) /* B_aj = sum_i T_ai Q_ij s_j */
             for (int i = 0; i < 3; i++)

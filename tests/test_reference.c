@@ -197,6 +197,7 @@ static void reference_to_model(const struct wide *w, oxl_model *m)
 {
     CHECK_OK(oxl_model_create(test_ctx, w->count, w->sh_degree, m));
     CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
+    m->antialias = w->antialias;
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
             m->plane[k][i] = (float)w->plane[k][i];
@@ -268,7 +269,7 @@ TEST(reference_gradients_agree_with_finite_differences)
     reference_mixed(&scene, &w);
     w.camera.fx = 12, w.camera.fy = 13;
     reference_smooth(&w, 0.3);
-    reference_check_differences(&w, 1e-7);
+    for (w.antialias = 0; w.antialias < 2; w.antialias++) reference_check_differences(&w, 1e-7);
     wide_free(&w);
 }
 
@@ -342,7 +343,7 @@ struct reference_case {
     size_t solid;  /* pixels that are not */
 };
 
-static void reference_open(const struct reference_scene *e, struct reference_case *c)
+static void reference_open(const struct reference_scene *e, int antialias, struct reference_case *c)
 {
     const size_t pixels = (size_t)e->width * (size_t)e->height;
     double *wide = wide_array(3 * pixels);
@@ -352,6 +353,7 @@ static void reference_open(const struct reference_scene *e, struct reference_cas
     c->solid = 0;
     if (!c->fragile || !c->drgb) abort();
     reference_make(e, &c->w);
+    c->w.antialias = antialias;
     reference_to_model(&c->w, &c->m);
     for (int ch = 0; ch < 3; ch++) c->options.background[ch] = (float)c->w.background[ch];
     c->options.near_plane = (float)c->w.near_plane;
@@ -373,14 +375,14 @@ static void reference_close(struct reference_case *c)
 
 TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
 {
-    for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
-        const struct reference_scene *e = &REFERENCE_SCENES[n];
+    for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
+        const struct reference_scene *e = &REFERENCE_SCENES[n / 2];
         struct reference_case c;
         oxl_model gradient;
         oxl_image image;
         double rendered, derived;
         int plane = 0;
-        reference_open(e, &c);
+        reference_open(e, n % 2, &c);
         CHECK_OK(oxl_render(test_ctx, &c.m, &c.w.camera, &c.options, &image, NULL));
         CHECK_OK(oxl_render_backward(test_ctx, &c.m, &c.w.camera, &c.options, c.drgb, &gradient));
         rendered = reference_image_error(&c.w, &image, c.fragile);
@@ -388,8 +390,9 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
         if (!(rendered <= REFERENCE_IMAGE && derived <= REFERENCE_GRADIENT &&
               2 * c.solid > (size_t)(e->width * e->height))) {
             test_failed++;
-            printf("  %s: image %.1e, gradient %.1e (plane %d, %s), %zu solid pixels\n", e->what, rendered,
-                   derived, plane, reference_plane_name(plane), c.solid);
+            printf("  %s%s: image %.1e, gradient %.1e (plane %d, %s), %zu solid pixels\n", e->what,
+                   n % 2 ? ", anti-aliased" : "", rendered, derived, plane, reference_plane_name(plane),
+                   c.solid);
         }
         oxl_model_free(test_ctx, &gradient);
         oxl_image_free(test_ctx, &image);
@@ -400,11 +403,11 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
 /* The kernels' source in double has the same formulas to the last digits, needles and all. */
 TEST(reference_agrees_with_the_kernels_in_double)
 {
-    for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
+    for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
         struct reference_case c;
         double *drgb, *gradient[OXL_PLANES] = {0}, *rgb, worst = 0, most = 1;
         size_t values;
-        reference_open(&REFERENCE_SCENES[n], &c);
+        reference_open(&REFERENCE_SCENES[n / 2], n % 2, &c);
         values = 3 * (size_t)c.w.camera.width * (size_t)c.w.camera.height;
         drgb = wide_array(values), rgb = c.w.rgb, c.w.rgb = wide_array(values);
         for (size_t i = 0; i < values; i++) drgb[i] = c.drgb[i];
@@ -424,7 +427,7 @@ TEST(reference_agrees_with_the_kernels_in_double)
             }
             if (!(worst / most <= 1e-7)) {
                 test_failed++;
-                printf("  %s: plane %d, %s: %.1e\n", REFERENCE_SCENES[n].what, k, reference_plane_name(k),
+                printf("  %s: plane %d, %s: %.1e\n", REFERENCE_SCENES[n / 2].what, k, reference_plane_name(k),
                        worst / most);
             }
             free(gradient[k]);
@@ -439,13 +442,13 @@ TEST(reference_agrees_with_the_kernels_in_double)
  * the kernels' boxes are a little wider than the contour. */
 TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
 {
-    for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
+    for (size_t n = 0; n < 2 * OXL_COUNT(REFERENCE_SCENES); n++) {
         struct reference_case c;
         struct renderer *r;
         oxl_model gradient;
         double worst = 0, largest = 1e-30;
         int other = 0;
-        reference_open(&REFERENCE_SCENES[n], &c);
+        reference_open(&REFERENCE_SCENES[n / 2], n % 2, &c);
         reference_to_model(&c.w, &gradient);
         CHECK_OK(renderer_create(test_ctx, &r));
         CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
@@ -549,7 +552,7 @@ TEST(reference_steps_of_adam_agree)
     oxl_model gradient;
     struct trained_model t;
     static double x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
-    reference_open(&scene, &c);
+    reference_open(&scene, 0, &c);
     reference_to_model(&c.w, &gradient);
     reference_to_model(&c.w, &t.model);
     CHECK_OK(model_trained_begin(test_ctx, &t));

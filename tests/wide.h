@@ -15,6 +15,7 @@
 struct wide {
     oxl_camera camera;
     double near_plane, background[3];
+    int antialias;       /* as oxl_model.antialias */
     double alpha_min;    /* contributions below are skipped: 1/255, or more for kernels_* */
     size_t count, lobes; /* rows 0..lobes-1 have a second lobe */
     int sh_degree;

@@ -93,6 +93,7 @@ static struct kernel_camera view_kernel_camera(const struct wide *w)
                               .limit_y = FRUSTUM_CLAMP * c->height / (2 * c->fy),
                               .near_plane = w->near_plane,
                               .alpha_min = w->alpha_min,
+                              .antialias = w->antialias,
                               .cutoff_bits = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
     k.rotation.x = vec3(r[0], r[1], r[2]);
     k.rotation.y = vec3(r[3], r[4], r[5]);

@@ -58,7 +58,11 @@ struct scene {
 static struct camera scene_camera(const struct wide *w)
 {
     const oxl_camera *c = &w->camera;
-    struct camera cam = {{c->width, c->height}, {c->fx, c->fy}, {c->cx, c->cy}, .near_plane = w->near_plane};
+    struct camera cam = {{c->width, c->height},
+                         {c->fx, c->fy},
+                         {c->cx, c->cy},
+                         .near_plane = w->near_plane,
+                         .mip = w->antialias};
     memcpy(cam.rotation, c->rotation, sizeof cam.rotation);
     for (int i = 0; i < 9; i++) cam.origin[i % 3] -= c->rotation[i] * c->translation[i / 3]; /* -R^T t */
     return cam;
