@@ -317,10 +317,12 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
 
 static void vulkan_check_projection(oxl_context *device)
 {
-    for (int wild = 0; wild < 2; wild++) {
+    for (int k = 0; k < 4; k++) {
+        const int wild = k / 2;
         struct vulkan_twins t = vulkan_twins(device, 150, 101);
         oxl_model m;
         vulkan_scene(1500, 3, 200, &m);
+        m.antialias = k % 2;
         if (wild) vulkan_extremes(&m);
         vulkan_forward_both(&t, &m);
         vulkan_compare_rows(&t, m.count);
@@ -750,12 +752,13 @@ static void vulkan_check_images(oxl_context *device)
 
 /* ---------------- backward, score, step */
 
-static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lobes)
+static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lobes, int antialias)
 {
     struct vulkan_twins t = vulkan_twins(device, 90, 60);
     float *drgb = vulkan_noise(3 * t.pixels, 50);
     oxl_model m, gradient[2];
     vulkan_scene(700, degree, lobes, &m);
+    m.antialias = antialias;
     vulkan_forward_both(&t, &m);
     for (int k = 0; k < 2; k++) {
         CHECK_OK(oxl_model_create(test_ctx, m.count, degree, &gradient[k]));
@@ -779,15 +782,17 @@ static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lob
 
 static void vulkan_check_gradient(oxl_context *device)
 {
-    vulkan_check_gradient_of(device, 3, 0);
-    vulkan_check_gradient_of(device, 1, 300);
+    for (int antialias = 0; antialias < 2; antialias++) {
+        vulkan_check_gradient_of(device, 3, 0, antialias);
+        vulkan_check_gradient_of(device, 1, 300, antialias);
+    }
 }
 
 /* Devices with less shared memory hold smaller batches: the same sums in another order. */
 static void vulkan_check_small_batches(oxl_context *device)
 {
     device->backend->vulkan->batch = 4;
-    vulkan_check_gradient_of(device, 0, 100);
+    vulkan_check_gradient_of(device, 0, 100, 0);
 }
 
 static void vulkan_check_score(oxl_context *device)

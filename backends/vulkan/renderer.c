@@ -51,7 +51,8 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 
 /* ---------------- forward */
 
-static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
+static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, const oxl_camera *c,
+                             const oxl_render_options *o)
 {
     const uint32_t on = HALT_NONE;
     struct kernel_camera k = render_kernel_camera(c, o->near_plane);
@@ -75,7 +76,8 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, con
                                    .height = (uint32_t)c->height,
                                    .tiles_x = (uint32_t)(c->width + TILE - 1) / TILE,
                                    .tiles_y = (uint32_t)(c->height + TILE - 1) / TILE,
-                                   .infinity = VULKAN_INFINITY};
+                                   .infinity = VULKAN_INFINITY,
+                                   .antialias = (uint32_t)model->antialias};
     r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
     vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
@@ -297,7 +299,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     vulkan_take_model(r, model);
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
-    vulkan_take_view(r, camera, options);
+    vulkan_take_view(r, model, camera, options);
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);

@@ -12,7 +12,7 @@ struct vulkan_slab {
 struct vulkan_view {
     float rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3],
         alpha_min, cut;
-    uint32_t width, height, tiles_x, tiles_y, infinity;
+    uint32_t width, height, tiles_x, tiles_y, infinity, antialias;
 };
 
 /* its bits: what shaders test with must not be known to their compiler (common.glsl) */

@@ -13,6 +13,8 @@ const float ALPHA_MAX         = 0.99;
 const float TRANSMITTANCE_MIN = 1e-4;
 const float TRANSMITTANCE_MAX = 16.0;
 const float LOW_PASS          = 0.3;
+const float ANTIALIAS_LOW_PASS = 0.1;
+const float ANTIALIAS_MIN     = 2.5e-5; /* least ratio of determinants: see src/render/kernels.h */
 const float LOG2_E            = 1.4426950408889634;
 const float LN_2              = 0.6931471805599453;
 

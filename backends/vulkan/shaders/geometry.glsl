@@ -16,6 +16,7 @@ struct Geometry {
     bool  free_x, free_y;
     vec3  t0, t1, b0, b1, c0;
     float shrink2, xx, xy, yy, det;
+    float bare; /* determinant without the low pass */
 };
 
 float at(uint plane, uint i) { return parameter[plane * push.stride + i]; }
@@ -67,15 +68,19 @@ void geometry_covariance(inout Geometry g)
     float shrink = 1.0 / max(max(1.0, m.x), max(m.y, m.z));
     vec3  s0 = shrink * g.b0, s1 = shrink * g.b1, n = cross(s0, s1);
     g.shrink2 = shrink * shrink;
-    float low = LOW_PASS * g.shrink2;
+    float low = (view.antialias != 0u ? ANTIALIAS_LOW_PASS : LOW_PASS) * g.shrink2;
     g.xx      = dot(s0, s0);
     g.yy      = dot(s1, s1);
     g.xy      = dot(s0, s1);
-    g.det     = dot(n, n) + low * (g.xx + g.yy) + low * low;
+    g.bare    = dot(n, n);
+    g.det     = g.bare + low * (g.xx + g.yy) + low * low;
     g.xx += low;
     g.yy += low;
     g.c0 = (cross(s1, n) + low * s0) / (g.yy * shrink);
 }
+
+/* log2 of the factor of the opacity: see project_fade in project.c. */
+float geometry_fade(Geometry g) { return view.antialias != 0u ? own_log2(max(g.bare / g.det, ANTIALIAS_MIN)) / 2.0 : 0.0; }
 
 /* All but the covariance. */
 Geometry geometry_place(uint i, out bool in_front)

@@ -66,7 +66,7 @@ void main()
     bool     in_front;
     Geometry g = geometry_place(i, in_front);
     geometry_covariance(g);
-    float peak = own_log2(own_sigmoid(at(OPACITY, i)));
+    float opacity = own_log2(own_sigmoid(at(OPACITY, i))), peak = opacity + geometry_fade(g);
     Shape s    = shape_of(g, peak);
     vec2  c    = vec2(view.fx * g.p.x / g.p.z + view.cx, view.fy * g.p.y / g.p.z + view.cy);
     float half_x = s.half_x, half_y = s.half_y;
@@ -74,7 +74,7 @@ void main()
     if (row < push.lobes) {
         g.scale = geometry_lobe_scale(i);
         geometry_covariance(g);
-        float other = peak + own_log2(own_sigmoid(at(push.lobe_plane, i)));
+        float other = opacity + geometry_fade(g) + own_log2(own_sigmoid(at(push.lobe_plane, i)));
         Shape o     = shape_of(g, other);
         half_x      = max(o.half_x, s.half_x);
         half_y      = max(o.half_y, s.half_y);

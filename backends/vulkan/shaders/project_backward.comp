@@ -98,10 +98,21 @@ Pull pull_of(Geometry g, Sums s)
     Pull  o;
     mat3  r = view_rotation();
     float A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
-    float du = A * s.w, dv = k * du + E * s.y, dA = -s.ww / 2.0, dk = -A * s.wy, dE = -s.yy / 2.0;
+    bool  fades = view.antialias != 0u && g.bare > ANTIALIAS_MIN * g.det;
+    float fade  = fades ? s.g : 0.0;
+    float du = A * s.w, dv = k * du + E * s.y, dk = -A * s.wy;
+    float dA = (fades ? fade / (2.0 * A) : 0.0) - s.ww / 2.0, dE = (fades ? fade / (2.0 * E) : 0.0) - s.yy / 2.0;
     float dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
     vec3  db0 = 2.0 * dxx * g.c0 + dxy * g.b1, db1 = k * db0 + (dxy * g.c0 + 2.0 * dyy * g.b1);
     o.log_scale = 2.0 * (g.c0 * (dxx * g.c0 + dxy * g.b1) + dyy * g.b1 * g.b1);
+    if (fades) { /* log|b0 x b1| */
+        float shrink = sqrt(g.shrink2);
+        vec3  s0 = shrink * g.b0, s1 = shrink * g.b1, n = cross(s0, s1);
+        vec3  da0 = fade / g.bare * cross(s1, n), da1 = fade / g.bare * cross(n, s0);
+        o.log_scale += s0 * da0 + s1 * da1;
+        db0 += shrink * da0;
+        db1 += shrink * da1;
+    }
     vec3 dm0 = db0 * g.scale, dm1 = db1 * g.scale;
     mat3 dr = mat3(g.t0.x * dm0 + g.t1.x * dm1, g.t0.y * dm0 + g.t1.y * dm1, g.t0.z * dm0 + g.t1.z * dm1);
     o.mean  = transposed_times(r, jacobian_backward(g, r, times(g.rotation, dm0), times(g.rotation, dm1), du, dv));

@@ -7,5 +7,6 @@ layout(std430, set = 0, binding = 0) readonly buffer View
     float alpha_min, cut; /* contributions below are left out; -log2 of it */
     uint  width, height, tiles_x, tiles_y;
     uint  infinity; /* its bits: see common.glsl */
+    uint  antialias;
 }
 view;
