@@ -63,9 +63,8 @@ build() {
     shift
     glslc --target-env=vulkan1.0 -O -I. "$@" "$shader" -o "$work"
     if command -v spirv-val >/dev/null; then spirv-val --target-env vulkan1.0 "$work"; fi
-    echo "static const uint32_t SPIRV_$name[] = {"
-    od -An -v -tu4 "$work" | sed 's/^ *//; s/  */,/g; s/$/,/'
-    echo "};"
+    # one line, so that a change of a shader is one line of a diff
+    printf 'static const uint32_t SPIRV_%s[] = {%s};\n' "$name" "$(od -An -v -tu4 "$work" | sed 's/^ *//; s/  */,/g; s/$/,/' | tr -d '\n')"
     tell_size "$name" "$work" >>"$work.sizes"
 }
 
