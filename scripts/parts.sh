@@ -16,7 +16,7 @@ src/blocks|rows of models are merged as they are
 oceanxl.h|fields of the options and of results
 oceanxl_job.h|fields of the options and of results'
 # Words that src/train may use: of the shape of a model's rows, and of the entries of kernels.
-train='sh_degree lobes OXL_LOBE MODEL_LOBE_RATE_OPACITY MODEL_LOBE_RATE_SCALE model_set_lobes model_drop_lobes
+train='sh_degree lobes antialias OXL_LOBE MODEL_LOBE_RATE_OPACITY MODEL_LOBE_RATE_SCALE model_set_lobes model_drop_lobes
     lamps medium medium_bake renderer_set_medium'
 
 words() { # of identifiers, by part; the option keep of prune is left out, a common word

@@ -1,0 +1,111 @@
+/* test_antialias.c - models that look alike at every size: the light of a splat, files, runs. Gradients and
+ * images are compared with reference/splat.c in test_reference.c. */
+#include "test.h"
+#include "cases.h"
+
+/* The sum of a small splat's image, of a field of view that does not change. */
+static double antialias_test_light(int width, int antialias)
+{
+    const oxl_camera camera = {.width = width,
+                               .height = width,
+                               .fx = width,
+                               .fy = width,
+                               .cx = 0.5 * width,
+                               .cy = 0.5 * width,
+                               .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    oxl_model m;
+    oxl_image image;
+    double sum = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m));
+    m.plane[OXL_MEAN + 2][0] = 4;
+    for (int k = 0; k < 3; k++) {
+        m.plane[OXL_LOG_SCALE + k][0] = -2.5f; /* 0.66 px at a width of 32 */
+        m.plane[OXL_SH + k][0] = 1;
+    }
+    m.antialias = antialias;
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, NULL));
+    for (int i = 0; i < width * width; i++) sum += (double)image.rgb[i];
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &m);
+    return sum / (width * width);
+}
+
+TEST(antialias_keeps_a_splats_light_at_any_size)
+{
+    const double large = antialias_test_light(256, 1);
+    CHECK_CLOSE(antialias_test_light(64, 1), large, 0.03 * large);
+    CHECK_CLOSE(antialias_test_light(32, 1), large, 0.1 * large);
+    CHECK(antialias_test_light(32, 0) > 1.5 * large); /* it swells */
+}
+
+TEST(antialias_goes_through_files_and_copies)
+{
+    static const char *const names[] = {"m.ply", "m.spz", "m_standard.ply"};
+    for (size_t k = 0; k < OXL_COUNT(names); k++)
+        for (int on = 0; on < 2; on++) {
+            oxl_model m, back, copy;
+            CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
+            m.antialias = on;
+            CHECK_OK(oxl_model_write(test_ctx, test_path(names[k]), &m));
+            CHECK_OK(oxl_model_read(test_ctx, test_path(names[k]), &back));
+            CHECK(back.antialias == on);
+            CHECK_OK(model_copy(test_ctx, &back, &copy));
+            CHECK_OK(model_set_degree(test_ctx, &copy, 1));
+            CHECK(copy.antialias == on);
+            oxl_model_free(test_ctx, &m);
+            oxl_model_free(test_ctx, &back);
+            oxl_model_free(test_ctx, &copy);
+        }
+}
+
+/* Brush's and Postshot's words for it. */
+TEST(antialias_of_other_programs_is_read)
+{
+    static const struct {
+        const char *comment;
+        int antialias;
+    } cases[] = {{"SplatRenderMode: mip", 1},
+                 {"SplatRenderMode: default", 0},
+                 {"antialiased 1", 1},
+                 {"antialiased 0", 0}};
+    for (size_t k = 0; k < OXL_COUNT(cases); k++) {
+        oxl_model m = {.antialias = !cases[k].antialias};
+        model_read_comment(test_ctx, "m.ply", cases[k].comment, &m);
+        CHECK(m.antialias == cases[k].antialias);
+    }
+}
+
+TEST(antialias_is_in_gltf_and_missed_in_splat)
+{
+    struct os_file_map file;
+    oxl_model m;
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
+    m.antialias = 1;
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
+    CHECK_OK(os_read_file(test_ctx, test_path("m.glb"), &file));
+    CHECK(strstr(file.data + 20, "\"extras\":{\"antialias\":true}") != NULL);
+    os_release_file(test_ctx, &file);
+    test_ctx->options.log = nonfinite_listen;
+    nonfinite_log[0] = 0;
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m.splat"), &m));
+    CHECK_TEXT(nonfinite_log, "cannot store that the model is anti-aliased");
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(antialias_of_a_run_is_that_of_its_model_resumed_or_not)
+{
+    NEEDS_PART(antialias);
+    oxl_train_options options = train_options(40);
+    struct checkpoint_case c;
+    oxl_model first, second;
+    options.antialias = 1;
+    c = checkpoint_of(train_scene(6), options);
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK(c.whole.antialias == 1);
+    CHECK(checkpoint_run(&c, "key", 15, &first) == OXL_ERR_INTERRUPTED);
+    CHECK_OK(checkpoint_run(&c, "key", -1, &second));
+    CHECK(second.antialias == 1 && train_same(&second, &c.whole));
+    oxl_model_free(test_ctx, &first);
+    oxl_model_free(test_ctx, &second);
+    checkpoint_case_free(&c);
+}
