@@ -237,7 +237,7 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
  * renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
-/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/job/lpips.c), by which
+/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/evaluate/lpips.c), by which
  * evaluations of the scene measure LPIPS, too. */
 OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
 

@@ -7,7 +7,7 @@
 # Two functions of src/parts/table.c are exempt: through them lower layers read the table of parts, as data.
 set -eu
 cd "$(dirname "$0")/.."
-layers='core survey model render train parts blocks job'
+layers='core survey model formats render evaluate train parts checks large job'
 page=docs/ARCHITECTURE.md
 table=$(mktemp)
 trap 'rm -f "$table" "$table.page"' EXIT
