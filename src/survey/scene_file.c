@@ -10,7 +10,6 @@
 #include "image.h"
 #include "imaging.h"
 #include "scene.h"
-#include "../formats/colmap.h"
 
 enum {
     SCENE_ARRAYS = 14, /* the key is the last */
