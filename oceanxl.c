@@ -14,7 +14,6 @@
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
 #include "src/core/checksum.c"   /* checksums of working files */
-#include "src/core/lock.c"       /* one process at a time writes to a folder */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
 #include "src/core/codec.h"
@@ -38,7 +37,6 @@
 #include "src/survey/scene_images.c" /* its images and masks */
 #include "src/survey/scene_views.c"  /* views of a survey */
 #include "src/survey/scene_load.c"   /* a scene from files or arrays: origin, points, extent */
-#include "src/survey/scene_file.c"   /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
 #include "src/survey/contrast.c"     /* fall of image contrast with depth */
@@ -61,6 +59,7 @@
 #include "src/formats/opensfm.c"          /* reconstruction.json */
 #include "src/formats/survey_find.c"      /* the files of a survey, and who reads them */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
+#include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
 #include "src/formats/spz.c"              /* models as SPZ */
 #include "src/formats/gltf.c"             /* models as binary glTF */
 #include "src/formats/splat_file.c"       /* models as .splat */
@@ -155,6 +154,8 @@
 #include "src/large/predict_time.c"         /* times some steps and predicts the run */
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
+#include "src/large/lock.c"                 /* one process at a time writes to a folder */
+#include "src/large/scene_file.c"           /* a survey in one file that is mapped */
 #include "src/large/block.c"                /* training of one block in its folder */
 #include "src/large/job_state.h"            /* shared by the files of a job */
 #include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */

@@ -147,16 +147,6 @@ OXL_API oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, con
 OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out,
                                      size_t *size);
 
-/* ---------------- folders */
-
-/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
- * folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and
- * oxl_partition lock OUT themselves. */
-typedef struct oxl_lock oxl_lock;
-OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
-OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
-
 /* ---------------- cameras and scenes */
 
 /* An undistorted pinhole camera and its pose: x_c = R x + t in the scene's local coordinates. */

@@ -3,6 +3,7 @@
 #define OXL_FORMATS_H
 
 #include "../model/model.h"
+#include "../survey/imaging.h"
 #include "../survey/sparse.h"
 
 /* ---------------- survey_find.c: the survey of a folder */
@@ -78,5 +79,13 @@ OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model
 /* The rows of a model of oxl_model_open that may be visible. */
 OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
                                          double near_plane, oxl_model *out);
+
+/* ---------------- imaging_file.c: imaging.txt */
+
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                      const struct imaging *m);
+/* Images that are not in the scene are ignored. */
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                     struct imaging *out);
 
 #endif

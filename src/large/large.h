@@ -184,4 +184,22 @@ OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene,
  * far as it came. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
+/* ---------------- lock.c: a folder that one process writes to at a time */
+
+/* oxl_lock_folder; shared: other processes may share it, too. */
+OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
+/* OXL_ERR_FAILED if the folder is inside OUT of a run that another process holds. */
+OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);
+/* *out NULL with OXL_OK: another process holds it. */
+OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
+OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
+
+/* ---------------- scene_file.c: a survey in one file that processes share */
+
+/* Writes the scene to a file and maps it again; *out is NULL if the file has another key or
+ * does not exist. */
+OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                         const char *key);
+OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
+
 #endif

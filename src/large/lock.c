@@ -9,7 +9,7 @@
  * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its last holder has
  * removed.
  */
-#include "core.h"
+#include "large.h"
 #include <errno.h>
 
 enum { LOCK_TRIES = 1000 /* each stands for a process that ended meanwhile */ };

@@ -6,10 +6,11 @@
  * of all others. Invariant: a mapped scene has the same values as the one that was written; all its indices
  * and counts lie within its arrays, whatever the file holds.
  */
-#include "sparse.h"
-#include "image.h"
-#include "imaging.h"
-#include "scene.h"
+#include "large.h"
+#include "../survey/sparse.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
+#include "../survey/scene.h"
 
 enum {
     SCENE_ARRAYS = 14, /* the key is the last */
