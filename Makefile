@@ -40,7 +40,8 @@ BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS) $(DEV
 FLAGS = $(CFLAGS) $(BASE)
 LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 
-TOOLS   := $(wildcard cli/*.c lab/*.c)
+CLI     := $(wildcard cli/*.c)
+LAB     := $(wildcard lab/*.c)
 VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
 LIBRARY := $(MODULES:%.c=$(BUILD)/%.o)
@@ -52,7 +53,7 @@ EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c)
 .PHONY: all help unity without shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters borders heights reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
-all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
+all: $(BUILD)/oceanxl $(BUILD)/oceanxl-lab ## build/oceanxl, the program, and build/oceanxl-lab, which it executes for synthetic surveys and studies (the default)
 
 help: ## this list
 	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
@@ -60,12 +61,14 @@ help: ## this list
 
 # ------------------------------------------------------------------------------------------------ program, library
 
-$(BUILD)/oceanxl: $(BUILD)/main.o $(TOOLS:%.c=$(BUILD)/%.o) $(LIBRARY)
+$(BUILD)/oceanxl: $(BUILD)/main.o $(CLI:%.c=$(BUILD)/%.o) $(LIBRARY)
+	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
+$(BUILD)/oceanxl-lab: $(LAB:%.c=$(BUILD)/%.o) $(CLI:%.c=$(BUILD)/%.o) $(LIBRARY)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
 # The library as one translation unit, whose internal names are static: what is installed.
 unity: $(BUILD)/unity/oceanxl ## the program with the library as one translation unit: the same bytes, a minute to compile
-$(BUILD)/unity/oceanxl: $(BUILD)/main.o $(TOOLS:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o
+$(BUILD)/unity/oceanxl: $(BUILD)/main.o $(CLI:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 $(BUILD)/liboceanxl.a: $(BUILD)/oceanxl.o
@@ -87,7 +90,7 @@ $(BUILD)/flags: FORCE
 
 # ------------------------------------------------------------------------------------------------ tests
 
-test: $(BUILD)/test $(BUILD)/oceanxl ## all tests: of the library, then of the command line (under 3 minutes on 2 cores)
+test: $(BUILD)/test all ## all tests: of the library, then of the command line (under 3 minutes on 2 cores)
 	$(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
 
@@ -150,7 +153,7 @@ FUZZ_SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-
 $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	@mkdir -p $(@D)
 	$(FUZZ_CC) -std=c99 -O1 -g $(FLOATS) -DOXL_NO_SIMD -Wno-unknown-pragmas -fsanitize=fuzzer $(FUZZ_SANITIZE) -I. \
-	  fuzz/fuzz.c $(filter-out cli/arguments.c cli/options.c,$(TOOLS)) -o $@ -lm
+	  fuzz/fuzz.c $(filter-out cli/arguments.c cli/options.c cli/console.c lab/main.c,$(CLI) $(LAB)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
 floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/ROBUST.md)
@@ -240,10 +243,10 @@ $(BUILD)/oceanxl.pc: Makefile oceanxl.h $(BUILD)/flags
 	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: oceanxl' 'Description: 3D Gaussian Splatting of underwater surveys' 'Version: $(VERSION)' \
 	  'Cflags: -I$${prefix}/include' 'Libs: -L$${prefix}/lib -loceanxl $(filter -fopenmp,$(THREADS)) -lm $(if $(VULKAN_FLAGS),-ldl)' > $@
 
-install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## program, manual page, completion, headers, static library, pkg-config file under DESTDIR/PREFIX
+install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## programs, manual page, completion, headers, static library, pkg-config file under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
 	install -m 644 docs/oceanxl.1 $(DESTDIR)$(PREFIX)/share/man/man1/
-	install -m 755 $(BUILD)/oceanxl $(DESTDIR)$(PREFIX)/bin/
+	install -m 755 $(BUILD)/oceanxl $(BUILD)/oceanxl-lab $(DESTDIR)$(PREFIX)/bin/
 	install -m 644 oceanxl.h oceanxl_job.h $(DESTDIR)$(PREFIX)/include/
 	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/
 	install -d $(DESTDIR)$(PREFIX)/lib/pkgconfig $(DESTDIR)$(PREFIX)/share/bash-completion/completions

@@ -1,6 +1,6 @@
 /* oceanxl.c - the whole library as one translation unit, and its table of contents in reading order.
  *
- *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
+ *     cc -O3 -fopenmp main.c cli/ *.c oceanxl.c -lm    is a whole build
  */
 #define OXL_UNITY
 #include "src/core/core.h"  /* context, errors, memory, text, numbers, files */
@@ -14,71 +14,59 @@
 #include "src/core/os_windows.c" /* the same on Windows */
 #include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
 #include "src/core/checksum.c"   /* checksums of working files */
-#include "src/core/lock.c"       /* one process at a time writes to a folder */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
 #include "src/core/codec.h"
 #include "src/core/codec.c"   /* JPEG, PNG and deflate, by stb */
 #include "src/core/options.c" /* the table of options, parsing and printing */
 
-/* input: the survey */
-#include "src/core/json.c"               /* JSON reader */
-#include "src/survey/colmap.h"           /* shared by the COLMAP readers */
-#include "src/survey/colmap_text.c"      /* lines and fields of text files, and their errors */
-#include "src/survey/colmap_binary.c"    /* binary files */
-#include "src/survey/colmap_order.c"     /* rows sorted by id */
-#include "src/survey/colmap_points.c"    /* points3D.txt, multi-threaded */
-#include "src/survey/colmap.c"           /* cameras.txt, images.txt, and the whole model */
-#include "src/survey/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
-#include "src/survey/ply.c"              /* PLY reader */
-#include "src/survey/ply_points.c"       /* points of a PLY file */
-#include "src/survey/nerfstudio_names.c" /* its images: names, sizes, which are held out */
-#include "src/survey/nerfstudio.c"       /* transforms.json */
-#include "src/survey/opensfm.c"          /* reconstruction.json */
-#include "src/survey/camera.c"           /* camera models, undistortion */
-#include "src/survey/image.c"            /* decode, undistort, reduce, mask */
-#include "src/survey/image_header.c"     /* size, bits, EXIF orientation */
-#include "src/survey/image_write.c"      /* PNG and JPEG */
-#include "src/survey/survey_files.c"     /* paths of a survey's files */
-#include "src/survey/robust_stats.c"     /* robust statistics: bounds, radius of the cameras, depths */
-#include "src/survey/image_cache.c"      /* decoded images in memory */
-#include "src/survey/image_file.c"       /* decoded images in files */
-#include "src/survey/scene.c"            /* views, points, depths and rays of a scene */
-#include "src/survey/scene_alpha.c"      /* transparent pixels: composited or masked */
-#include "src/survey/scene_start.c"      /* points to start from where there are none */
-#include "src/survey/scene_images.c"     /* its images and masks */
-#include "src/survey/scene_views.c"      /* views of a survey */
-#include "src/survey/scene_load.c"       /* a scene from files or arrays: origin, points, extent */
-#include "src/survey/scene_file.c"       /* a survey in one file that is mapped */
-#include "src/survey/imaging.c"          /* imaging.txt: exposure gains and medium of a model */
-#include "src/survey/match.c"            /* are the images those that the model was made from? */
-#include "src/survey/values.c"           /* images and masks whose values are not what they look like */
-#include "src/survey/conventions.c"      /* the convention that poses were written in */
-#include "src/survey/belongs.c"          /* whether images, points and poses belong together */
-#include "src/survey/depth_bands.c"      /* depth band of each pixel, from the points */
-
-/* partition of a large survey into blocks */
-#include "src/blocks/partition.h"            /* shared by these files */
-#include "src/blocks/partition_axes.c"       /* principal axes, the frame of the partition */
-#include "src/blocks/partition_visibility.c" /* points seen by each view */
-#include "src/blocks/partition_build.h"      /* the tree of cuts */
-#include "src/blocks/partition_cut.c"        /* where a box is cut */
-#include "src/blocks/partition_assign.c"     /* points and views of each block */
-#include "src/blocks/partition_make.c"       /* how many blocks, and the plan of them */
-#include "src/blocks/partition_file.c"       /* partition.txt */
-#include "src/blocks/partition_svg.c"        /* partition.svg */
-#include "src/blocks/partition_export.c"     /* blocks as COLMAP text exports */
+/* the survey in memory */
+#include "src/core/json.c"           /* JSON reader */
+#include "src/survey/colmap_order.c" /* rows sorted by id */
+#include "src/survey/camera.c"       /* camera models, undistortion */
+#include "src/survey/image.c"        /* decode, undistort, reduce, mask */
+#include "src/survey/image_header.c" /* size, bits, EXIF orientation */
+#include "src/survey/image_write.c"  /* PNG and JPEG */
+#include "src/survey/survey_files.c" /* paths of a survey's files */
+#include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
+#include "src/survey/image_cache.c"  /* decoded images in memory */
+#include "src/survey/image_file.c"   /* decoded images in files */
+#include "src/survey/scene.c"        /* views, points, depths and rays of a scene */
+#include "src/survey/scene_alpha.c"  /* transparent pixels: composited or masked */
+#include "src/survey/scene_start.c"  /* points to start from where there are none */
+#include "src/survey/scene_images.c" /* its images and masks */
+#include "src/survey/scene_views.c"  /* views of a survey */
+#include "src/survey/scene_load.c"   /* a scene from files or arrays: origin, points, extent */
+#include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
+#include "src/survey/contrast.c"     /* fall of image contrast with depth */
+#include "src/survey/photometry.c"   /* exposure, lamp and medium from the colours of tracks */
 
 /* the model */
-#include "src/model/model.c"         /* planes of Gaussians: create, grow, initialise from points */
-#include "src/blocks/merge.c"        /* merge the models of blocks */
-#include "src/model/spz.c"           /* models as SPZ */
-#include "src/model/gltf.c"          /* models as binary glTF */
-#include "src/model/splat_file.c"    /* models as .splat */
-#include "src/model/model_columns.h" /* the columns of the standard PLY */
-#include "src/model/model_file.c"    /* models from PLY; selects the format */
-#include "src/model/model_pages.c"   /* a model that stays in its file */
-#include "src/model/model_write.c"   /* models as PLY; selects the format */
+#include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
+
+/* readers and writers of files */
+#include "src/formats/colmap.h"           /* shared by the COLMAP readers */
+#include "src/formats/colmap_text.c"      /* lines and fields of text files, and their errors */
+#include "src/formats/colmap_binary.c"    /* binary files */
+#include "src/formats/colmap_points.c"    /* points3D.txt, multi-threaded */
+#include "src/formats/colmap.c"           /* cameras.txt, images.txt, and the whole model */
+#include "src/formats/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
+#include "src/formats/ply.c"              /* PLY reader */
+#include "src/formats/ply_points.c"       /* points of a PLY file */
+#include "src/formats/nerfstudio_names.c" /* its images: names, sizes, which are held out */
+#include "src/formats/nerfstudio.c"       /* transforms.json */
+#include "src/formats/opensfm.c"          /* reconstruction.json */
+#include "src/formats/survey_find.c"      /* the files of a survey, and who reads them */
+#include "src/formats/survey_load.c"      /* a scene from a survey's folder */
+#include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
+#include "src/formats/spz.c"              /* models as SPZ */
+#include "src/formats/gltf.c"             /* models as binary glTF */
+#include "src/formats/splat_file.c"       /* models as .splat */
+#include "src/formats/model_columns.h"    /* the columns of the standard PLY */
+#include "src/formats/model_file.c"       /* models from PLY; selects the format */
+#include "src/formats/model_pages.c"      /* a model that stays in its file */
+#include "src/formats/model_write.c"      /* models as PLY; selects the format */
 
 /* forward and backward pass of one image */
 #include "src/render/real.h"    /* the number type of the kernels and its arithmetic */
@@ -108,9 +96,13 @@
 #endif
 #include "src/render/backend.c" /* selects the CPU or Vulkan */
 
+/* images compared */
+#include "src/evaluate/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/evaluate/lpips.c"     /* LPIPS, for evaluations */
+#include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
+#include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */
+
 /* training */
-#include "src/survey/contrast.c"       /* fall of image contrast with depth */
-#include "src/survey/photometry.c"     /* exposure, lamp and medium from the colours of tracks */
 #include "src/train/part.h"            /* the hooks of a part of training */
 #include "src/train/checkpoint.c"      /* training state in a file, for resuming */
 #include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
@@ -139,31 +131,47 @@
 #include "src/parts/sh_degree.c"     /* degree of the spherical harmonics */
 #include "src/parts/table.c"         /* the table */
 
-#include "src/job/metrics.c"   /* two images compared: PSNR, SSIM, MS-SSIM */
-#include "src/job/lpips.c"     /* LPIPS, for evaluations */
-#include "src/job/structure.c" /* the same whatever their contrast: correlation of their detail */
-#include "src/job/evaluate.c"  /* a model's images against those of a survey */
-#include "src/job/seam.c"      /* image error at the borders between blocks */
+/* checks of a survey */
+#include "src/checks/match.c"       /* are the images those that the model was made from? */
+#include "src/checks/values.c"      /* images and masks whose values are not what they look like */
+#include "src/checks/conventions.c" /* the convention that poses were written in */
+#include "src/checks/belongs.c"     /* whether images, points and poses belong together */
+#include "src/checks/quality.c"     /* images unlike those taken beside them */
+#include "src/checks/lint.c"        /* checks poses, images and masks against the points */
+
+/* what one model in memory does not need: memory and time predicted, blocks, rounds */
+#include "src/large/partition.h"            /* shared by these files */
+#include "src/large/partition_axes.c"       /* principal axes, the frame of the partition */
+#include "src/large/partition_visibility.c" /* points seen by each view */
+#include "src/large/partition_build.h"      /* the tree of cuts */
+#include "src/large/partition_cut.c"        /* where a box is cut */
+#include "src/large/partition_assign.c"     /* points and views of each block */
+#include "src/large/partition_make.c"       /* how many blocks, and the plan of them */
+#include "src/large/partition_file.c"       /* partition.txt */
+#include "src/large/partition_svg.c"        /* partition.svg */
+#include "src/large/partition_export.c"     /* blocks as COLMAP text exports */
+#include "src/large/merge.c"                /* merge the models of blocks */
+#include "src/large/predict_time.c"         /* times some steps and predicts the run */
+#include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
+#include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
+#include "src/large/lock.c"                 /* one process at a time writes to a folder */
+#include "src/large/scene_file.c"           /* a survey in one file that is mapped */
+#include "src/large/block.c"                /* training of one block in its folder */
+#include "src/large/job_state.h"            /* shared by the files of a job */
+#include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */
+#include "src/large/block_plan.c"           /* windows, steps and budget of each block */
+#include "src/large/groups.c" /* the merged model in groups of views, if memory does not hold it */
+#include "src/large/rounds.c" /* several blocks trained as one model */
 
 /* the whole job */
-#include "src/job/predict_time.c"      /* times some steps and predicts the run */
-#include "src/survey/quality.c"        /* images unlike those taken beside them */
-#include "src/survey/lint.c"           /* checks poses, images and masks against the points */
-#include "src/job/cost.c"              /* predicted Gaussians, memory and time of training */
-#include "src/job/budget.c"            /* --ram: limits that fit a memory budget */
 #include "src/job/survey_report.c"     /* content of a survey and predicted cost of training */
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
-#include "src/job/block.c"             /* training of one block in its folder */
 #include "src/job/overlap.c"           /* does a model belong to a survey? */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
-#include "src/job/job_state.h"         /* shared by the files of a job */
-#include "src/job/job_state.c"         /* names in OUT, the survey, progress, the blocks' models */
-#include "src/job/block_plan.c"        /* windows, steps and budget of each block */
-#include "src/job/groups.c"            /* the merged model in groups of views, if memory does not hold it */
-#include "src/job/rounds.c"            /* several blocks trained as one model */
+#include "src/job/seam.c"              /* image error at the borders between blocks */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

@@ -147,16 +147,6 @@ OXL_API oxl_result oxl_image_write_alpha(oxl_context *ctx, const char *path, con
 OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out,
                                      size_t *size);
 
-/* ---------------- folders */
-
-/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
- * folder if it is missing.
- * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and
- * oxl_partition lock OUT themselves. */
-typedef struct oxl_lock oxl_lock;
-OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
-OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
-
 /* ---------------- cameras and scenes */
 
 /* An undistorted pinhole camera and its pose: x_c = R x + t in the scene's local coordinates. */
@@ -237,7 +227,7 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
  * renders then apply. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
-/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/job/lpips.c), by which
+/* Reads weights of LPIPS v0.1 with AlexNet (Zhang 2018; the file's layout: src/evaluate/lpips.c), by which
  * evaluations of the scene measure LPIPS, too. */
 OXL_API oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path);
 

@@ -285,6 +285,14 @@ OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey
 
 /* ---------------- files and terminal */
 
+/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the
+ * folder if it is missing.
+ * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and
+ * oxl_partition lock OUT themselves. */
+typedef struct oxl_lock oxl_lock;
+OXL_API oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
+OXL_API void oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
+
 /* with its parents; an existing folder is no error */
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path);
 OXL_API int oxl_is_folder(const char *path);

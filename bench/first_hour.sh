@@ -60,7 +60,7 @@ echo "# First hour on a GPU"
 echo
 echo "OceanXL $(sed -n 's/^#define OXL_VERSION "\(.*\)"/\1/p' oceanxl.h), $(git rev-parse --short HEAD 2>/dev/null || echo 'no git'), $(uname -srm)."
 echo
-run $building make -j"$(getconf _NPROCESSORS_ONLN)" VULKAN=1 BUILD="$build" CFLAGS="${CFLAGS:--O2 -g}" "$build/oceanxl" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
+run $building make -j"$(getconf _NPROCESSORS_ONLN)" VULKAN=1 BUILD="$build" CFLAGS="${CFLAGS:--O2 -g}" "$build/oceanxl" "$build/oceanxl-lab" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
 echo '## Devices'
 echo
 echo '```'

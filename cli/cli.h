@@ -144,7 +144,7 @@ oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *p
 /* Writes OUT/report.html, whole or not at all. Absent parts are left out. */
 oxl_result report_write(oxl_context *ctx, const char *out);
 
-/* ---------------- lab/synth.c: options of a procedural survey */
+/* ---------------- synth_options.c: options of a procedural survey, which oceanxl-lab makes */
 
 enum synth_path { SYNTH_LAWNMOWER, SYNTH_ORBIT, SYNTH_FORWARD, SYNTH_ROV };
 enum synth_scene {

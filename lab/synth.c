@@ -29,18 +29,6 @@
 
 /* ---------------- options */
 
-synth_options synth_options_default(void)
-{
-    return (synth_options){.views = 40,
-                           .width = 400,
-                           .height = 260,
-                           .water = SYNTH_1C,
-                           .lamp = -1,
-                           .noise = 1.5,
-                           .seed = 1,
-                           .write_images = 1};
-}
-
 /* What the table of options does not know. */
 static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 {

@@ -12,7 +12,8 @@ kernels='src/render|kernels: a branch for lobes, dropout, medium, lamp, gains, w
 backends/vulkan|the same kernels on a device
 src/survey|the formation of images as imaging.txt and tracks state it
 src/model|what a row of a model may hold: second lobes, SH bands
-src/blocks|rows of models are merged as they are
+src/formats|files hold second lobes and SH bands
+src/large|rows of models are merged as they are
 oceanxl.h|fields of the options and of results
 oceanxl_job.h|fields of the options and of results'
 # Words that src/train may use: of the shape of a model's rows, and of the entries of kernels.

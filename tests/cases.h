@@ -121,14 +121,14 @@ synth_options photometry_test_make(const char *name, enum synth_type water);
 oxl_ucd option_default_ucd(void);
 int option_read_keep(const char *text, oxl_keep *out);
 int option_read_ucd(const char *text, oxl_ucd *out);
-/* src/blocks/partition_cut.c */
+/* src/large/partition_cut.c */
 struct partition_candidate partition_choose(const struct partition_build *b, const struct partition_node *n,
                                             const struct partition_bin *bins);
-/* src/job/block_plan.c */
+/* src/large/block_plan.c */
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
 /* src/job/partition_balance.c */
 oxl_balance balance_summary(const oxl_block *block, int count);
-/* src/job/predict_time.c */
+/* src/large/predict_time.c */
 oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out);
 double predict_time_grown(const oxl_train_options *o, double points, double count);
 /* src/job/render_files.c */
@@ -137,7 +137,7 @@ oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const c
                                    int width, int height);
 /* src/job/survey_report.c */
 void survey_write_duration(oxl_survey *s, double seconds, const double range[2]);
-/* src/model/spz.c */
+/* src/formats/spz.c */
 uint32_t spz_crc(const unsigned char *p, size_t size);
 /* src/render/renderer_step.c */
 float *render_depth_sums(const struct renderer_sums *s, float depth);

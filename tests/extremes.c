@@ -4,6 +4,7 @@
  * Exit code 1: some bound does not hold; the row says so.
  */
 #include "library.h"
+#include "../cli/synth_options.c"
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
 #include "../cli/output.c"

@@ -52,11 +52,11 @@ emulated 'x86-64 Linux with musl' musl-gcc env
 windows() { # the program, linked, and run where wine is
     local name='Windows, mingw-w64' build=build/portable/mingw run
     has x86_64-w64-mingw32-gcc && has wine || { verdict "$name" skip 'no x86_64-w64-mingw32-gcc or wine'; return; }
-    make -j1 CC=x86_64-w64-mingw32-gcc OPENMP=0 STB=$stb BUILD=$build WERROR= CFLAGS='-O1 -static -DOXL_NO_SIMD' $build/oceanxl >$build.log 2>&1 ||
+    make -j1 CC=x86_64-w64-mingw32-gcc OPENMP=0 STB=$stb BUILD=$build WERROR= CFLAGS='-O1 -static -DOXL_NO_SIMD' $build/oceanxl $build/oceanxl-lab >$build.log 2>&1 ||
         { verdict "$name" 1 "does not build, $build.log"; return; }
     rm -rf $build/survey $build/out
     run="env WINEDEBUG=-all wine $build/oceanxl.exe"
-    $run synth -o $build/survey --views 10 --size 96x64 --points 800 --quiet >>$build.log 2>&1 &&
+    env WINEDEBUG=-all wine $build/oceanxl-lab.exe synth -o $build/survey --views 10 --size 96x64 --points 800 --quiet >>$build.log 2>&1 &&
         $run train $build/survey -o $build/out --iterations 20 --quiet >>$build.log 2>&1 && $run eval $build/out $build/survey >>$build.log 2>&1
     verdict "$name" $? 'linked; synth, train and eval under wine'
 }

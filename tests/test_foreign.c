@@ -2,7 +2,7 @@
 #include "test.h"
 
 #include "../src/survey/image_header.h"
-#include "../src/survey/match.h"
+#include "../src/checks/match.h"
 
 enum { FOREIGN_VIEWS = 10, FOREIGN_WIDTH = 160, FOREIGN_HEIGHT = 112, FOREIGN_POINTS = 360 };
 

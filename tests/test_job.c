@@ -870,11 +870,11 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     gains = job_test_evaluate("out/scene.ply", 1);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
     CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
-    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
-    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_clear.ply"), &clear));
-    CHECK(manifest_number(json.data, "bytes") == (double)clear.size);
+    CHECK(oxl_json_number(json.data, "bytes") == (double)clear.size);
     os_release_file(test_ctx, &clear);
     os_release_file(test_ctx, &json);
     CHECK(os_is_file(test_path("out/renders/0.png.clear.png")));
@@ -898,8 +898,8 @@ TEST(job_with_a_lamp_and_no_medium_shows_even_light_in_scene_ply_and_refines_not
     full = job_test_evaluate("out/scene.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
     CHECK(fabs(full.psnr - plain.psnr) > 1e-6);
-    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
-    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     os_release_file(test_ctx, &json);
     CHECK(!os_is_file(test_path("out/scene_clear.ply")) && !os_is_file(test_path("out/scene_standard.ply")));
     CHECK(!os_is_file(test_path("out/blocks/000/model_standard.ply")));

@@ -1,6 +1,6 @@
 /* test_model_formats.c - SPZ and glTF: what is written, what comes back, and what is refused. */
 #include "test.h"
-#include "../src/model/frame_flip.h"
+#include "../src/formats/frame_flip.h"
 
 /* Rows of every kind: far and near, opaque and faint, any rotation; harmonics of all bands. */
 static oxl_model formats_test_model(size_t count, int degree)

@@ -1,6 +1,7 @@
 /* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree
  * with each other. */
 #include "test.h"
+#include "../cli/synth_options.c"
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
 #include "../lab/synth_fish.c"

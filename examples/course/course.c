@@ -397,7 +397,7 @@ static int box_holds(const double box[4], const double p[2]) {
 }
 
 /* A camera sees the points within 5 m. It belongs to a block that holds more than 0.3 of what it sees, or of whose points it
- * sees more than 0.1 [O sec. 3.1: src/blocks/partition_make.c]. */
+ * sees more than 0.1 [O sec. 3.1: src/large/partition_make.c]. */
 int box_has_camera(const double box[4], const double camera[2]) {
     int seen = 0, both = 0, inside = 0;
     for (int i = 0; i < POINTS; i++) {

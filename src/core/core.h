@@ -235,7 +235,7 @@ OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
 OXL_INTERNAL int os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
 OXL_INTERNAL int os_remove(const char *path);                 /* 0: success */
 
-/* A lock on a file, exclusive or shared between processes; see lock.c. */
+/* A lock on a file, exclusive or shared between processes; see large/lock.c. */
 enum os_locked {
     OS_LOCK_TAKEN,
     OS_LOCK_BUSY,    /* `holder` holds it; the file is closed, or the lock is unchanged */
@@ -305,15 +305,5 @@ OXL_INTERNAL oxl_result checksum_of_file(oxl_context *ctx, const char *path, uin
 enum checksum_found { CHECKSUM_RIGHT, CHECKSUM_NONE /* the text does not end in one */, CHECKSUM_WRONG };
 OXL_INTERNAL void checksum_end_text(struct text *t);
 OXL_INTERNAL enum checksum_found checksum_of_text(const char *data, size_t size);
-
-/* ---------------- lock.c: a folder that one process writes to at a time */
-
-/* oxl_lock_folder; shared: other processes may share it, too. */
-OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
-/* OXL_ERR_FAILED if the folder is inside OUT of a run that another process holds. */
-OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);
-/* *out NULL with OXL_OK: another process holds it. */
-OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
-OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
 
 #endif

@@ -2,7 +2,9 @@
  *
  * Invariant: run.json says "finished": true after everything else is in place.
  */
-#include "job_state.h"
+#include "job.h"
+#include "../formats/formats.h"
+#include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"

@@ -5,10 +5,10 @@
  * "found" hold all that the result depends
  * on: a second run with the same lines resumes the first, or has nothing to do.
  */
-#include "job_state.h"
+#include "job.h"
 #include "../render/render.h"
 #include "../core/json.h"
-#include "../survey/lint.h"
+#include "../checks/checks.h"
 #include "../survey/scene.h"
 
 /* ---------------- run.json */

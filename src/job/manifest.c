@@ -68,12 +68,6 @@ static const char *manifest_find(const char *line, const char *name)
     return found;
 }
 
-OXL_INTERNAL double manifest_number(const char *object, const char *name)
-{
-    const double value = oxl_json_number(object, name);
-    return fabs(value) <= DBL_MAX ? value : 0;
-}
-
 /* A JSON value as text, a string unescaped, allocated; *out = NULL for null or a missing value. */
 static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char **out)
 {

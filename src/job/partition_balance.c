@@ -3,7 +3,7 @@
  * Measures: largest / mean, the relative run time with one machine per block, and the coefficient of
  * variation. Both kinds of cut are measured, balanced and midpoint.
  */
-#include "../blocks/partition.h"
+#include "../large/partition.h"
 #include "job.h"
 #include "../survey/scene.h"
 

@@ -3,6 +3,7 @@
  * Invariant: no name of an image leads out of the folder.
  */
 #include "job.h"
+#include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 

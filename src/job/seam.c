@@ -8,6 +8,7 @@
  * row.
  */
 #include "job.h"
+#include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"

@@ -7,7 +7,7 @@
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 #include "../survey/scene_alpha.h"
-#include "../survey/lint.h"
+#include "../checks/checks.h"
 
 static int survey_is_distorted(const struct colmap *c)
 {

@@ -10,6 +10,8 @@
  * Invariant: nothing here changes the model; no view is left out of training.
  */
 #include "job.h"
+#include "../checks/checks.h"
+#include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"

@@ -138,17 +138,10 @@ oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_m
     return rc;
 }
 
-OXL_INTERNAL void model_pages_free(oxl_context *ctx, struct oxl_model_pages *p)
-{
-    if (!p) return;
-    OXL_FREE(ctx, p->path, p->page, p);
-}
-
 void oxl_model_free(oxl_context *ctx, oxl_model *model)
 {
     if (!model) return;
-    oxl_free(ctx, model->memory);
-    model_pages_free(ctx, model->pages);
+    OXL_FREE(ctx, model->memory, model->pages);
     *model = (oxl_model){0};
 }
 

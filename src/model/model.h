@@ -1,17 +1,8 @@
-/* model.h - Gaussians: planes of parameters, model files. */
+/* model.h - Gaussians: planes of parameters. */
 #ifndef OXL_MODEL_H
 #define OXL_MODEL_H
 
 #include "../core/core.h"
-
-/* ---------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
-
-/* All values finite, no lobes: checked in model_file.c. */
-OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
-OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
-OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
-OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out);
-OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- model.c: planes of Gaussians */
 
@@ -28,9 +19,6 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
 /* Changes the SH degree; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
-/* model_file.c: infinite logits and logarithms that are limits; the message about rows that are left out. */
-OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model);
-OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count);
 OXL_INTERNAL int model_row_is_finite(const oxl_model *model, size_t row); /* including its lobe */
 /* Keeps the rows with keep (count) not 0 in their order, with their lobes; the others are cleared. */
 OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep);
@@ -78,50 +66,5 @@ OXL_INTERNAL void model_copy_rendering(const oxl_model *from, oxl_model *to);
 /* Origin, scale or background from a comment of a file; other comments are ignored. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model);
-
-/* ---------------- model_file.c: models as PLY */
-
-/* Layout of a PLY file written by this module. */
-struct model_file_layout {
-    uint64_t data, lobe_data; /* offsets of the first row of elements vertex and dog */
-    size_t rows, row_bytes, lobes;
-    int degree, offset[OXL_PLANES]; /* of a plane's value in a row */
-};
-/* *has 0: the file has another layout. The model gets the file's origin and scale. */
-OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
-                                          oxl_model *model, int *has);
-/* Reads model->count rows, starting at row `first`. */
-OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
-                                             struct os_reader *file, size_t first, oxl_model *model);
-/* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes
- * are included. */
-OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
-                                             int file_degree);
-/* Several models of the same origin as one file; those in files are read page by page. */
-OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
-                                                int count, int file_degree);
-
-/* ---------------- model_pages.c: a model that stays in its file */
-
-struct model_page {
-    double centre[3], radius, sigma; /* relative to the file's origin */
-};
-
-struct oxl_model_pages {
-    char *path;
-    struct model_file_layout layout;
-    double origin[3];        /* of the file */
-    struct model_page *page; /* (pages) */
-    size_t pages;
-};
-OXL_INTERNAL void model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages); /* model.c */
-OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
-                                 size_t row);
-OXL_INTERNAL size_t model_pages_count(const oxl_model *model);
-OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page,
-                                        oxl_model *out);
-/* The rows of a model of oxl_model_open that may be visible. */
-OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
-                                         double near_plane, oxl_model *out);
 
 #endif

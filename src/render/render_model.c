@@ -1,6 +1,7 @@
 /* render_model.c - the public functions: the image of a model, and the gradient of a scalar function of that
  * image. */
 #include "renderer_state.h"
+#include "../formats/formats.h"
 
 /* The depth of the image rendered last. */
 static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)

@@ -7,7 +7,7 @@
  * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of
  * tracks.
  */
-#include "colmap.h"
+#include "sparse.h"
 
 static int order_compare(const void *a, const void *b)
 {
@@ -134,4 +134,24 @@ OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap 
 {
     return c->camera_count ? bsearch(&id, c->camera, c->camera_count, sizeof *c->camera, order_compare)
                            : NULL;
+}
+
+/* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
+OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end)
+{
+    const char *part = name;
+    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
+    for (const char *p = name;; p++) {
+        if (p < end && *p == 0) return 0;
+        if (p < end && *p != '/' && *p != '\\') continue;
+        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
+        if (p == end) return 1;
+        part = p + 1;
+    }
+}
+
+OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
+{
+    OXL_FREE(ctx, c->camera, c->image, c->point, c->track, c->names, c->folder);
+    *c = (struct colmap){0};
 }

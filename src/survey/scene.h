@@ -1,5 +1,5 @@
 /* scene.h - views, points and images of a scene: filled by scene_load.c, scene_views.c, scene_images.c,
- * scene_file.c, imaging.c. */
+ * imaging.c; large/scene_file.c. */
 #ifndef OXL_SCENE_H
 #define OXL_SCENE_H
 
@@ -33,7 +33,7 @@ struct oxl_scene {
     struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
-    struct lpips *lpips;    /* network of evaluations, or NULL: one allocation (src/job/lpips.c) */
+    struct lpips *lpips;    /* network of evaluations, or NULL: one allocation (src/evaluate/lpips.c) */
 
     struct scene_stats stats;
     int from_files;
@@ -58,6 +58,8 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
+/* scene_load.c. Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
+OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
 /* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
 
@@ -112,10 +114,4 @@ enum { SCENE_START_RANDOM = 10000, SCENE_START_HULL = 30000 };
 OXL_INTERNAL size_t scene_start_count(const oxl_scene *scene);
 OXL_INTERNAL oxl_result scene_start_points(oxl_context *ctx, oxl_scene *scene, size_t count, oxl_point **out,
                                            size_t *found);
-/* scene_file.c: writes the scene to a file and maps it again; *out is NULL if the file has another key or
- * does not exist. */
-OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                         const char *key);
-OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
-
 #endif

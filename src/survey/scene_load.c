@@ -172,73 +172,18 @@ done:
 
 /* ---------------- from files */
 
-/* The same folder in the survey's, as other programs take the option; else one that holds an image of the
- * model. */
-static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
-                                    const char *folder, const struct colmap *c)
+OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *o)
 {
-    char like[256] = "", *slash;
-    const char *inside = PATH(path, "%s", folder);
-    if (os_is_folder(inside))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s %s, which is one", folder,
-                        option, inside);
-    if (c && c->image_count) survey_find_like(ctx, path, c->names + c->image[0].name, like, sizeof like);
-    if ((slash = strrchr(like, '/')) != NULL) *slash = 0;
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s names the folder of %s%s%s",
-                    folder, option, c ? "images" : "masks",
-                    like[0] ? "; the first image of the model may be in " : "", like);
-}
-
-static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
-{
-    oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);
-    if (rc == OXL_OK && scene->colmap.is_truncated && !o->allow_truncated)
-        rc = oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: a file there holds fewer rows than its header announces (see the warning), expected all of them\n"
-            "fix: export the model again: colmap model_converter --output_type TXT; or train what is there: --force",
-            scene->colmap.folder);
-    if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
-    scene->from_files = 1;
-    scene->may_miss = o->missing_images;
-    scene->images = o->images                     ? oxl_strdup(ctx, o->images)
-                    : scene->colmap.images_beside ? oxl_strdup(ctx, scene->colmap.folder)
-                                                  : oxl_path_join(ctx, path, "images");
-    scene->masks = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
-    if (rc != OXL_OK) return rc;
-    if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    scene->stats.images_listed = (int)scene->colmap.image_count;
-    if (o->read_images && !os_is_folder(scene->images))
-        return scene_fail_folder(ctx, path, "--images", scene->images, &scene->colmap);
-    if (os_is_folder(scene->masks)) return OXL_OK;
-    if (o->masks) return scene_fail_folder(ctx, path, "--masks", o->masks, NULL);
-    oxl_free(ctx, scene->masks);
-    scene->masks = NULL;
-    return OXL_OK;
-}
-
-oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options,
-                          oxl_scene **out)
-{
-    const oxl_scene_options o = options ? *options : oxl_scene_options_default();
-    oxl_scene *scene = oxl_calloc(ctx, 1, sizeof *scene);
-    oxl_result rc;
-    *out = NULL;
-    if (!scene) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
-    rc = scene_open(ctx, path, &o, scene);
-    if (rc == OXL_OK) rc = scene_build_views(ctx, scene, &o);
-    scene_set_cache(scene, o.image_cache_bytes);
+    oxl_result rc = scene_build_views(ctx, scene, o);
+    scene_set_cache(scene, o->image_cache_bytes);
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_copy_points(ctx, scene);
-    if (rc != OXL_OK) goto done;
-    rc = scene_mark_test_views(ctx, scene, o.test_every);
-    if (rc == OXL_OK && o.read_images) rc = scene_count_masks(ctx, scene);
+    if (rc != OXL_OK) return rc;
+    rc = scene_mark_test_views(ctx, scene, o->test_every);
+    if (rc == OXL_OK && o->read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
-    if (rc == OXL_OK && o.read_images) scene->stats.unregistered = survey_count_unregistered(ctx, scene);
-    if (rc == OXL_OK && o.read_images) rc = scene_decide_alpha(ctx, scene, o.alpha);
-done:
-    if (rc != OXL_OK) oxl_scene_free(ctx, scene);
-    else *out = scene;
+    if (rc == OXL_OK && o->read_images) scene->stats.unregistered = survey_count_unregistered(ctx, scene);
+    if (rc == OXL_OK && o->read_images) rc = scene_decide_alpha(ctx, scene, o->alpha);
     return rc;
 }
 

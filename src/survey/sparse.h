@@ -4,7 +4,7 @@
 
 #include "../core/core.h"
 
-/* ---------------- colmap.c: the files of a COLMAP model, as they are */
+/* ---------------- colmap_order.c: the rows of a COLMAP model, as its files have them */
 
 enum { CAMERA_PARAMETERS = 16 }; /* of the camera model with the most */
 
@@ -73,11 +73,6 @@ struct colmap {
     const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
-OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
-/* The same with another buffer size in bytes, for tests. */
-OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
-                                             struct colmap *out);
 /* colmap_order.c: colmap_order sorts cameras and images by id, and renumbers the images of the tracks.
  * colmap_order_points sorts points;
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
@@ -85,12 +80,9 @@ OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 /* in order; NULL: none */
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
+/* 1: a relative path without "..", up to `end`. */
+OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c);
-/* survey_files.c: a survey of nerfstudio (transforms*.json) or OpenSfM (any other name) in a folder. images:
- * folder that the names start from; NULL: as the file has it. */
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         const char *images, struct colmap *out);
-
 /* ---------------- camera.c: camera models, undistortion */
 
 enum camera_kind {

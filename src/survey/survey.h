@@ -1,15 +1,11 @@
-/* survey.h - a survey: COLMAP files, cameras, images and their cache, the scene, statistics. */
+/* survey.h - a survey in memory: cameras, images and their cache, the scene, statistics. */
 #ifndef OXL_SURVEY_H
 #define OXL_SURVEY_H
 
 #include "image.h"
 
-/* ---------------- survey_files.c: where a survey's files are */
+/* ---------------- survey_files.c: image files of a survey */
 
-/* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations
- * are not kept. images: as in json_survey_read. */
-OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
-                                          const char *images, struct colmap *out);
 /* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "":
  * none. */
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
@@ -76,19 +72,5 @@ struct contrast {
     size_t points, observations;
 };
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
-
-/* ---------------- quality.c: images that differ from those taken next to them */
-
-enum { QUALITY_NEIGHBOURS = 8 };
-#define QUALITY_BLUR 0.6 /* an image below this fraction of its neighbours' sharpness is blurred */
-/* The indices, among `count` views, of the cameras nearest to `of` that look the same way, nearest first;
- * returns their number. */
-OXL_INTERNAL int quality_nearest(const oxl_scene *scene, const int *view, int count, int of,
-                                 int out[QUALITY_NEIGHBOURS]);
-/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one),
- * over the mean:
- * sharpness, whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and
- * a plain surface does not; or NULL. */
-OXL_INTERNAL double quality_sharpness(const struct training_image *image, double *fine);
 
 #endif

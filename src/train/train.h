@@ -19,7 +19,7 @@ struct train_output {
     oxl_nonfinite *nonfinite; /* out: of the whole run; or NULL */
     int *trained;             /* out: 1: the run is complete; or NULL */
     const oxl_model *from;    /* model that replaces the scene's points; or NULL */
-    /* of one block of a survey (src/job/rounds.c): */
+    /* of one block of a survey (src/large/rounds.c): */
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;

@@ -1,0 +1,34 @@
+/* console.h - a program on a console: what main.c and lab/main.c call of console.c. */
+#ifndef CONSOLE_H
+#define CONSOLE_H
+
+#include "cli.h"
+
+struct console {
+    int json;        /* standard error is JSON lines */
+    int quiet, live; /* live: standard error is a terminal, one line is rewritten */
+    int shown;       /* the live line has no newline yet */
+    int twentieth;   /* of the run, last shown */
+    int iteration;   /* at the last line */
+    double seconds;
+    double rate; /* iterations a second, smoothed */
+    struct cli_memory memory;
+};
+
+struct program {
+    /* Returns the exit code of a command that another program runs, or -1: this program runs it. */
+    int (*takes)(char **argv, const struct arguments *a);
+    oxl_result (*run)(oxl_context *ctx, const struct arguments *a, struct console *console);
+};
+
+/* Parses the arguments, prints help, or runs the command in a context of its own; returns the exit code. */
+int console_main(int argc, char **argv, const struct program *program);
+
+void console_clear(struct console *c); /* erases the live line */
+void console_error(const char *kind, const char *text);
+void console_log(void *user, oxl_log_level level, const char *text);
+void console_catch_signals(void); /* the progress functions return 1 after Ctrl-C */
+int console_progress(void *user, const oxl_progress *p);
+int console_count(void *user, const char *what, long done, long total);
+
+#endif

@@ -1,0 +1,74 @@
+/* main.c - the program oceanxl-lab: synthetic surveys and the studies. `oceanxl synth` executes it.
+ *
+ * Its commands, options and help are in the tables of cli/, together with those of oceanxl.
+ */
+#include "lab.h"
+#include "../cli/console.h"
+
+#include <string.h>
+
+static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    synth_options options = a->synth;
+    oxl_result rc;
+    options.out = a->out;
+    options.write_images = !a->no_images;
+    options.progress = console_count;
+    options.user = console;
+    if (a->threads > 0) options.threads = a->threads;
+    console_catch_signals();
+    rc = synth_run(ctx, &options);
+    console_clear(console);
+    if (rc == OXL_OK) print_format(stdout, "survey    %s\n", a->out);
+    return rc;
+}
+
+/* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this
+ * console. */
+static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    study_options o = {.scene = a->path[0],
+                       .out = a->out,
+                       .rows = a->rows,
+                       .seeds = a->seeds,
+                       .budget = a->command == COMMAND_TRADEOFF ? a->budget : 0,
+                       .side_is_given = arguments_given(a, "max-side") != NULL,
+                       .job = a->job,
+                       .memory = &console->memory,
+                       .callback = {console_progress, console},
+                       .log = console_log};
+    oxl_result rc;
+    console_catch_signals();
+    rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(ctx, &o, stdout);
+    console_clear(console);
+    if (rc == OXL_ERR_INTERRUPTED)
+        fputs("oxl: interrupted; what is trained is kept\n     resume: the same command again\n", stderr);
+    return rc;
+}
+
+/* All commands write to a folder that one process at a time may use. */
+static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    oxl_lock *lock = NULL;
+    oxl_result rc = oxl_lock_folder(ctx, a->out, &lock);
+    if (rc == OXL_OK) rc = (a->command == COMMAND_SYNTH ? run_synth : run_study)(ctx, a, console);
+    oxl_unlock_folder(ctx, &lock);
+    return rc;
+}
+
+static int refuse_others(char **argv, const struct arguments *a)
+{
+    char text[200];
+    if (a->command == COMMAND_SYNTH || a->command == COMMAND_ABLATE || a->command == COMMAND_TRADEOFF)
+        return -1;
+    snprintf(text, sizeof text, "%s is a command of oceanxl, not of oceanxl-lab\nfix: oceanxl %s", argv[1],
+             argv[1]);
+    console_error("", text);
+    return EXIT_USAGE;
+}
+
+int main(int argc, char **argv)
+{
+    const struct program program = {refuse_others, run};
+    return console_main(argc, argv, &program);
+}

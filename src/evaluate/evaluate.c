@@ -1,0 +1,274 @@
+/* evaluate.c - compares a model's renders with a survey's images, view by view, and writes the result as
+ * JSON. */
+#include "evaluate.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../survey/scene_alpha.h"
+#include "../survey/survey.h"
+
+/* ---------------- a view as its image was taken */
+
+/* The model's, or where it has none the scene's. */
+static void evaluate_background(const oxl_model *model, const oxl_scene *scene, float out[3])
+{
+    static const float none[3] = {-1, -1, -1};
+    scene_background(scene, model->has_background ? model->background : none, out);
+}
+
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene)
+{
+    float background[3];
+    evaluate_background(model, scene, background);
+    scene_set_background(ctx, scene, background);
+}
+
+/* Without the lamp and the gains. */
+static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
+                                       float *depth)
+{
+    oxl_render_options options = oxl_render_options_default();
+    options.near_plane = (float)scene_near_plane(d->scene);
+    evaluate_background(d->model, d->scene, options.background);
+    renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
+    return renderer_draw(ctx, d->r, d->model, &oxl_scene_view(d->scene, view)->camera, &options, out, depth);
+}
+
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
+                                      float *depth)
+{
+    oxl_result rc = evaluate_draw_medium(ctx, d, view, out, depth);
+    if (rc == OXL_OK && d->imaging) rc = imaging_apply_lamp(ctx, d->scene, d->imaging, view, out);
+    if (rc == OXL_OK && d->imaging) imaging_apply(d->imaging, view, out);
+    return rc;
+}
+
+/* ---------------- what is measured of a view */
+
+struct evaluate_bands { /* what is summed over all views */
+    struct depth_bands of;
+    struct metrics_sum sum[3];
+};
+
+static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, int view,
+                                     const oxl_image *rendered, const oxl_image *image,
+                                     struct evaluate_bands *b)
+{
+    const size_t pixels = (size_t)rendered->width * (size_t)rendered->height;
+    uint8_t *band = oxl_alloc(ctx, pixels, 1);
+    oxl_result rc = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
+                         : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
+        if (band[i]) metrics_add_pixel(rendered, image, i, &b->sum[band[i] - 1]);
+    oxl_free(ctx, band);
+    return rc;
+}
+
+/* What is measured of each view. */
+struct evaluate_pass {
+    struct renderer *r;
+    const oxl_model *model;
+    oxl_scene *scene;
+    struct evaluate_bands *bands; /* NULL: as evaluate_quick */
+};
+
+/* What the light alone explains: a white scene, through the view's lamp and gains. */
+static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pass *p,
+                                     const oxl_image *rendered, const oxl_image *image, oxl_view_metrics *row)
+{
+    oxl_image light = {0};
+    oxl_result rc = oxl_image_create(ctx, image->width, image->height, &light);
+    for (size_t i = 0; rc == OXL_OK && i < 3 * (size_t)image->width * (size_t)image->height; i++)
+        light.rgb[i] = 1;
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, &light);
+    if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, &light);
+    if (rc == OXL_OK) row->explained = structure_explained(rendered, image, &light);
+    oxl_image_free(ctx, &light);
+    return rc;
+}
+
+static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass *p, oxl_image *rendered,
+                                   const oxl_image *image, oxl_view_metrics *row)
+{
+    oxl_result rc = OXL_OK;
+    if (p->bands) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, &p->scene->imaging, row->view, rendered);
+    if (rc == OXL_OK && p->bands) row->half_psnr = metrics_half_psnr(rendered, image);
+    if (rc == OXL_OK) imaging_apply(&p->scene->imaging, row->view, rendered);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
+    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
+    if (rc == OXL_OK) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_structure(ctx, rendered, image, &row->structure, NULL);
+    if (rc == OXL_OK) rc = evaluate_explained(ctx, p, rendered, image, row);
+    if (rc != OXL_OK || !p->bands) return rc;
+    rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
+    if (rc == OXL_OK && p->scene->lpips)
+        rc = lpips_distance(ctx, p->scene->lpips, rendered, image, &row->lpips);
+    return rc == OXL_OK ? evaluate_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
+}
+
+static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image,
+                                oxl_view_metrics *row)
+{
+    const struct drawn d = {p->r, p->model, p->scene, &p->scene->imaging};
+    oxl_image rendered = {0};
+    oxl_result rc = evaluate_draw_medium(ctx, &d, row->view, &rendered, NULL);
+    if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
+    oxl_image_free(ctx, &rendered);
+    return rc;
+}
+
+/* Unreadable or completely masked images are logged and left out, as in training. */
+static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass *p, int view,
+                                    oxl_metrics *out)
+{
+    oxl_image image = {0};
+    oxl_view_metrics row = {.view = view, .lpips = NAN};
+    oxl_result rc = oxl_scene_image(ctx, p->scene, view, &image);
+    if (rc == OXL_OK) rc = evaluate_view(ctx, p, &image, &row);
+    oxl_image_free(ctx, &image);
+    if (rc == OXL_OK) out->views[out->count++] = row;
+    if (rc != OXL_ERR_INPUT) return rc;
+    oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation",
+            oxl_scene_view(p->scene, view)->name, oxl_error_text(ctx));
+    return OXL_OK;
+}
+
+/* Of the views that have them. */
+static void evaluate_sum_up_structure(oxl_metrics *m)
+{
+    int with = 0, explained = 0;
+    m->structure = m->explained = 0, m->structure_least = NAN, m->no_structure = 0;
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        if (!isnan(v->explained)) m->explained += v->explained, explained++;
+        if (isnan(v->structure)) continue;
+        m->structure += v->structure;
+        m->structure_least = with++ ? OXL_MIN(m->structure_least, v->structure) : v->structure;
+        m->no_structure += v->structure < OXL_STRUCTURE_NONE;
+    }
+    m->structure = with ? m->structure / with : NAN;
+    m->explained = explained ? m->explained / explained : NAN;
+}
+
+static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
+{
+    m->lpips = m->count ? 0 : NAN;
+    for (int i = 0; i < m->count; i++) {
+        m->psnr += m->views[i].psnr / m->count;
+        m->plain_psnr += m->views[i].plain_psnr / m->count;
+        m->half_psnr += m->views[i].half_psnr / m->count;
+        m->cc_psnr += m->views[i].cc_psnr / m->count;
+        m->ssim += m->views[i].ssim / m->count;
+        m->ms_ssim += m->views[i].ms_ssim / m->count;
+        m->lpips += m->views[i].lpips / m->count; /* NaN if a view's is */
+    }
+    memcpy(m->depth, bands->of.depth, sizeof m->depth);
+    for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
+}
+
+/* bands: summed over all views; NULL: see evaluate_pass */
+static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                                 struct evaluate_bands *bands, oxl_metrics *out)
+{
+    struct evaluate_pass p = {.model = model, .scene = scene, .bands = bands};
+    const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
+    oxl_result rc = OXL_OK;
+    int *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
+    *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
+    if (!view || !out->views)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
+    if (rc == OXL_OK) count = scene_views_of(scene, split, view);
+    if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
+    evaluate_begin(ctx, model, scene);
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
+        rc = context_stopped(ctx);
+        scene_images_ahead(ctx, scene, view + i, count - i);
+        if (rc == OXL_OK) rc = evaluate_add_view(ctx, &p, view[i], out);
+    }
+    renderer_free(ctx, p.r);
+    oxl_free(ctx, view);
+    evaluate_sum_up_structure(out);
+    if (rc != OXL_OK) oxl_metrics_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *path)
+{
+    oxl_free(ctx, scene->lpips);
+    return lpips_read(ctx, path, &scene->lpips);
+}
+
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                        oxl_metrics *out)
+{
+    struct evaluate_bands bands = {.sum = {{0}}};
+    const oxl_result rc = evaluate_views(ctx, model, scene, split, &bands, out);
+    if (rc == OXL_OK) evaluate_sum_up(out, &bands);
+    depth_bands_free(ctx, &bands.of);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+                                       oxl_split split, oxl_metrics *out)
+{
+    return evaluate_views(ctx, model, scene, split, NULL, out);
+}
+
+void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)
+{
+    if (!metrics) return;
+    oxl_free(ctx, metrics->views);
+    *metrics = (oxl_metrics){0};
+}
+
+static void evaluate_write_depths(struct text *t, const oxl_metrics *m)
+{
+    static const char *const names[] = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
+    const double values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
+    text_add(t, ",\n  \"by_depth\": ");
+    for (int i = 0; i < 5; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", names[i], NUMBER(values[i]));
+    text_add(t, "},\n");
+}
+
+enum { EVALUATE_WRITTEN = 8 };
+
+/* Members of a JSON object; `between` them. lpips NaN: it has no member. */
+static void evaluate_write_values(struct text *t, const char *between, const double values[EVALUATE_WRITTEN],
+                                  double lpips)
+{
+    static const char *const names[] = {"psnr",       "cc_psnr",   "ssim",      "ms_ssim",
+                                        "plain_psnr", "half_psnr", "structure", "explained"};
+    for (int i = 0; i < EVALUATE_WRITTEN; i++)
+        text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
+    if (!isnan(lpips)) text_add(t, "%s\"lpips\": %s", between, NUMBER(lpips));
+}
+
+OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,
+                                            const oxl_metrics *m)
+{
+    text_add(t, "  ");
+    evaluate_write_values(t, ",\n  ",
+                          (double[EVALUATE_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
+                                                     m->half_psnr, m->structure, m->explained},
+                          m->lpips);
+    text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d", NUMBER(m->structure_least),
+             m->no_structure);
+    evaluate_write_depths(t, m);
+    text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        text_add(t, "%s\n    {\"name\": ", i ? "," : "");
+        text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
+        text_add(t, ", ");
+        evaluate_write_values(t, ", ",
+                              (double[EVALUATE_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
+                                                         v->plain_psnr, v->half_psnr, v->structure,
+                                                         v->explained},
+                              v->lpips);
+        text_add(t, "}");
+    }
+    text_add(t, "%s]\n", m->count ? "\n  " : "");
+    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", m->count)
+                     : OXL_OK;
+}

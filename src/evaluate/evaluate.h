@@ -1,0 +1,59 @@
+/* evaluate.h - a model's images compared with a survey's: metrics. */
+#ifndef OXL_EVALUATE_H
+#define OXL_EVALUATE_H
+
+#include "../core/core.h"
+#include "../survey/image.h"
+#include "../survey/imaging.h"
+
+/* ---------------- metrics.c */
+
+/* PSNR of weighted squared errors; NaN of none */
+OXL_INTERNAL double metrics_decibel(double error, double weight);
+
+struct metrics_sum {
+    double error, weight; /* weighted sum of squared differences; sum of the weights */
+    size_t pixels;        /* with a weight above 0 */
+};
+/* Adds pixel i, three channels, with the image's weight. */
+OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
+                                    struct metrics_sum *sum);
+/* PSNR of the right half, after a gain per channel that is fitted on the left half. */
+OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
+
+/* ---------------- lpips.c */
+
+struct lpips; /* the network: one allocation, freed by oxl_free */
+OXL_INTERNAL oxl_result lpips_read(oxl_context *ctx, const char *path, struct lpips **out);
+/* Pixels that b masks count as alike. NaN: a layer would have no pixel (below 31 px a side). */
+OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net, const oxl_image *a,
+                                       const oxl_image *b, double *out);
+/* ---------------- structure.c */
+
+/* oxl_view_metrics.explained; light (3,H,W): what a white scene looks like, before clamping. */
+OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
+                                        const oxl_image *light);
+
+/* ---------------- evaluate.c */
+
+struct drawn { /* what evaluate_draw renders */
+    struct renderer *r;
+    const oxl_model *model;
+    const oxl_scene *scene;
+    /* with its medium, lamp and gains, as the images were taken; NULL: without */
+    const struct imaging *imaging;
+};
+/* Composites the scene's images over the model's background from now on; before the first image is compared.
+ * */
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
+/* depth (H,W), or NULL. */
+OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
+                                      float *depth);
+/* As oxl_evaluate, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+                                       oxl_split split, oxl_metrics *out);
+/* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
+OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,
+                                            const oxl_metrics *m);
+
+#endif

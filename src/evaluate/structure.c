@@ -1,0 +1,228 @@
+/* structure.c - compares what two images show, whatever their brightness and contrast.
+ *
+ * PSNR does not see whether a dark image of low contrast is there at all: a featureless glow has 34 dB on a
+ * seabed under a vehicle's lamp, and SSIM, whose constants are those of a bright image, 0.92. So the mean of
+ * the channels is band-passed (Gaussian of 1 px less Gaussian of 6 px, reflected at the edges), and the
+ * normalised correlation of the two bands is taken: 1 the same structure, 0 none.
+ *
+ * The other measure stays in decibels but takes the image's own contrast as its scale: the variance that is
+ * left of the image once the light, a lamp's shape and the gains, is fitted to it, over the squared error.
+ * 0 dB: a smooth ground under that light would do as well.
+ *
+ * Invariant: rows are summed in order, so the result does not depend on the number of threads.
+ */
+#include "evaluate.h"
+#include "../core/vecmath.h"
+
+enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
+static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; of the map, the third */
+#define STRUCTURE_REACH 4                                          /* sigma: where a window ends */
+enum { STRUCTURE_HALF_MAX = 24 };                                  /* px: STRUCTURE_REACH of the widest */
+/* A band with less, as mean square, is the rounding of images to 8 bits: (1/255)^2 / 12 */
+#define STRUCTURE_NOISE 1.2816e-6
+#define STRUCTURE_DARK 1e-20 /* of a product of mean squares: against division by 0 */
+
+struct structure_work {
+    int width, height;
+    double *weight;             /* (H,W) NULL: all pixels count */
+    double *band[2], *plane[3]; /* (H,W) of a and b; to work on */
+    double *line;               /* (threads, W + 2 STRUCTURE_HALF_MAX) */
+    double *memory;             /* of all of these */
+};
+
+struct structure_window {
+    int half;
+    double at[STRUCTURE_HALF_MAX + 1]; /* by distance; sum over both sides 1 */
+};
+
+static struct structure_window structure_window(int which)
+{
+    const double sigma = STRUCTURE_SIGMA[which];
+    struct structure_window w = {.half = (int)(STRUCTURE_REACH * sigma + 0.5)};
+    double sum = 0;
+    for (int k = 0; k <= w.half; k++) {
+        w.at[k] = vecmath_exp(-k * k / (2 * sigma * sigma));
+        sum += k ? 2 * w.at[k] : w.at[k];
+    }
+    for (int k = 0; k <= w.half; k++) w.at[k] /= sum;
+    return w;
+}
+
+/* Reflects a place outside 0..n-1 at the edge it passed: -1 is 0, n is n - 1. */
+static int structure_reflect(int i, int n)
+{
+    const int period = 2 * n, at = ((i % period) + period) % period;
+    return at < n ? at : period - 1 - at;
+}
+
+static void structure_blur_column_row(const struct structure_work *s, const struct structure_window *w,
+                                      const double *in, int y, double *out)
+{
+    for (int x = 0; x < s->width; x++) out[x] = 0;
+    for (int k = -w->half; k <= w->half; k++) {
+        const double *row = in + (size_t)structure_reflect(y + k, s->height) * (size_t)s->width;
+        const double by = w->at[abs(k)];
+#pragma omp simd
+        for (int x = 0; x < s->width; x++) out[x] += by * row[x];
+    }
+}
+
+/* One row, blurred along y; then along x. */
+static void structure_blur_row(const struct structure_work *s, const struct structure_window *w,
+                               const double *in, int y, double *out)
+{
+    double *line = s->line + (size_t)context_thread() * ((size_t)s->width + 2 * STRUCTURE_HALF_MAX);
+    double *middle = line + STRUCTURE_HALF_MAX;
+    structure_blur_column_row(s, w, in, y, middle);
+    for (int k = 1; k <= w->half; k++) {
+        middle[-k] = middle[structure_reflect(-k, s->width)];
+        middle[s->width - 1 + k] = middle[structure_reflect(s->width - 1 + k, s->width)];
+    }
+    for (int x = 0; x < s->width; x++) out[x] = 0;
+    for (int k = -w->half; k <= w->half; k++) {
+        const double *from = middle + k, by = w->at[abs(k)];
+#pragma omp simd
+        for (int x = 0; x < s->width; x++) out[x] += by * from[x];
+    }
+}
+
+static void structure_blur(oxl_context *ctx, const struct structure_work *s, int which, const double *in,
+                           double *out)
+{
+    const struct structure_window w = structure_window(which);
+    (void)ctx;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < s->height; y++) structure_blur_row(s, &w, in, y, out + (size_t)y * (size_t)s->width);
+}
+
+/* The mean of the pixels that count, each window for itself. `in` is spent; weighted: (H,W) to work on. */
+static void structure_mean(oxl_context *ctx, const struct structure_work *s, int which, const double *in,
+                           double *out, double *weighted)
+{
+    const size_t pixels = (size_t)s->width * (size_t)s->height;
+    structure_blur(ctx, s, which, in, out);
+    if (!s->weight) return;
+    structure_blur(ctx, s, which, s->weight, weighted);
+    for (size_t i = 0; i < pixels; i++) out[i] = weighted[i] > 0 ? out[i] / weighted[i] : 0;
+}
+
+static float structure_shown(float v)
+{
+    return v > 0 ? OXL_MIN(v, 1.0f) : 0;
+}
+
+static void structure_band(oxl_context *ctx, const struct structure_work *s, const oxl_image *of, double *out)
+{
+    const size_t pixels = (size_t)s->width * (size_t)s->height;
+    double *grey = s->plane[0], *coarse = s->plane[1], *work = s->plane[2];
+    for (size_t i = 0; i < pixels; i++) {
+        const double v = ((double)structure_shown(of->rgb[i]) + structure_shown(of->rgb[pixels + i]) +
+                          structure_shown(of->rgb[2 * pixels + i])) /
+                         3;
+        grey[i] = s->weight ? v * s->weight[i] : v;
+    }
+    structure_mean(ctx, s, STRUCTURE_FINE, grey, out, work);
+    structure_mean(ctx, s, STRUCTURE_COARSE, grey, coarse, work);
+    for (size_t i = 0; i < pixels; i++) out[i] = (out[i] - coarse[i]) * (s->weight ? s->weight[i] : 1);
+}
+
+static oxl_result structure_begin(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
+                                  struct structure_work *s)
+{
+    const size_t pixels = (size_t)a->width * (size_t)a->height, planes = 5 + (b->weight != NULL);
+    const size_t line = (size_t)a->width + 2 * STRUCTURE_HALF_MAX;
+    *s = (struct structure_work){.width = a->width, .height = a->height};
+    s->memory = oxl_alloc(ctx, planes * pixels + line * (size_t)ctx->threads, sizeof *s->memory);
+    if (!s->memory)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the structure of %d x %d px", a->width,
+                        a->height);
+    for (int k = 0; k < 2; k++) s->band[k] = s->memory + (size_t)k * pixels;
+    for (int k = 0; k < 3; k++) s->plane[k] = s->memory + (size_t)(2 + k) * pixels;
+    if (b->weight) s->weight = s->memory + 5 * pixels;
+    s->line = s->memory + planes * pixels;
+    for (size_t i = 0; b->weight && i < pixels; i++) s->weight[i] = b->weight[i] > 0.5f;
+    return OXL_OK;
+}
+
+/* Mean products of the bands over the pixels that count: aa, bb, ab. */
+static double structure_products(const struct structure_work *s, double product[3])
+{
+    double counted = 0;
+    product[0] = product[1] = product[2] = 0;
+    for (int y = 0; y < s->height; y++) {
+        double row[3] = {0};
+        for (size_t i = (size_t)y * (size_t)s->width, end = i + (size_t)s->width; i < end; i++) {
+            row[0] += s->band[0][i] * s->band[0][i];
+            row[1] += s->band[1][i] * s->band[1][i];
+            row[2] += s->band[0][i] * s->band[1][i];
+            counted += s->weight ? s->weight[i] : 1;
+        }
+        for (int k = 0; k < 3; k++) product[k] += row[k];
+    }
+    for (int k = 0; k < 3 && counted > 0; k++) product[k] /= counted;
+    return counted;
+}
+
+/* The same around each pixel: the correlation of what is there. NaN: the image has no detail there. */
+static void structure_map(oxl_context *ctx, const struct structure_work *s, float *map)
+{
+    const size_t pixels = (size_t)s->width * (size_t)s->height;
+    double *product = s->plane[0], *blurred[3] = {s->plane[1], s->plane[2], NULL};
+    for (int k = 0; k < 2; k++) {
+        for (size_t i = 0; i < pixels; i++) product[i] = s->band[k][i] * s->band[k][i];
+        structure_blur(ctx, s, STRUCTURE_LOCAL, product, blurred[k]);
+    }
+    for (size_t i = 0; i < pixels; i++) product[i] = s->band[0][i] * s->band[1][i];
+    structure_blur(ctx, s, STRUCTURE_LOCAL, product, s->band[0]);
+    for (size_t i = 0; i < pixels; i++)
+        map[i] = blurred[1][i] > STRUCTURE_NOISE
+                     ? (float)(s->band[0][i] / sqrt(blurred[0][i] * blurred[1][i] + STRUCTURE_DARK))
+                     : NAN;
+}
+
+oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out, float *map)
+{
+    struct structure_work s;
+    double product[3];
+    oxl_result rc;
+    *out = NAN;
+    if (!a->rgb || !b->rgb || a->width != b->width || a->height != b->height || a->width < 1 || a->height < 1)
+        return oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "images of %d x %d and %d x %d px cannot be compared\nfix: render at the image's size", a->width,
+            a->height, b->width, b->height);
+    rc = structure_begin(ctx, a, b, &s);
+    if (rc != OXL_OK) return rc;
+    structure_band(ctx, &s, a, s.band[0]);
+    structure_band(ctx, &s, b, s.band[1]);
+    if (structure_products(&s, product) > 0 && product[1] > STRUCTURE_NOISE)
+        *out = product[2] / sqrt(product[0] * product[1] + STRUCTURE_DARK);
+    if (map) structure_map(ctx, &s, map);
+    oxl_free(ctx, s.memory);
+    return OXL_OK;
+}
+
+/* ---------------- decibels of the image's own contrast */
+
+/* The contrast: what is left of the image when its channels are fitted by the light. */
+OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
+                                        const oxl_image *light)
+{
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    double error = 0, contrast = 0;
+    for (size_t c = 0; c < 3; c++) {
+        const float *x = rendered->rgb + c * pixels, *y = image->rgb + c * pixels,
+                    *l = light->rgb + c * pixels;
+        double ll = 0, ly = 0;
+        for (size_t i = 0; i < pixels; i++) {
+            const double w = image->weight ? image->weight[i] : 1;
+            ll += w * l[i] * l[i], ly += w * l[i] * structure_shown(y[i]);
+        }
+        for (size_t i = 0; i < pixels; i++) {
+            const double w = image->weight ? image->weight[i] : 1, v = structure_shown(y[i]);
+            const double e = structure_shown(x[i]) - v, rest = v - (ll > 0 ? ly / ll : 0) * l[i];
+            error += w * e * e, contrast += w * rest * rest;
+        }
+    }
+    return contrast > 0 ? metrics_decibel(error, contrast) : NAN;
+}

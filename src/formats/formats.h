@@ -1,0 +1,91 @@
+/* formats.h - readers and writers of files: surveys, models. */
+#ifndef OXL_FORMATS_H
+#define OXL_FORMATS_H
+
+#include "../model/model.h"
+#include "../survey/imaging.h"
+#include "../survey/sparse.h"
+
+/* ---------------- survey_find.c: the survey of a folder */
+
+/* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations
+ * are not kept. images: as in json_survey_read. */
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
+                                          const char *images, struct colmap *out);
+/* A survey of nerfstudio (transforms*.json) or OpenSfM (any other name) in a folder. images:
+ * folder that the names start from; NULL: as the file has it. */
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
+                                         const char *images, struct colmap *out);
+
+/* colmap.c. Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
+/* The same with another buffer size in bytes, for tests. */
+OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
+                                             struct colmap *out);
+
+/* ---------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
+
+/* All values finite, no lobes: checked in model_file.c. */
+OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
+OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
+OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model);
+
+/* ---------------- model_file.c, model_write.c: models as PLY */
+
+/* model_file.c: infinite logits and logarithms that are limits; the message about rows that are left out. */
+OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model);
+OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count);
+
+/* Layout of a PLY file written by this module. */
+struct model_file_layout {
+    uint64_t data, lobe_data; /* offsets of the first row of elements vertex and dog */
+    size_t rows, row_bytes, lobes;
+    int degree, offset[OXL_PLANES]; /* of a plane's value in a row */
+};
+/* *has 0: the file has another layout. The model gets the file's origin and scale. */
+OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
+                                          oxl_model *model, int *has);
+/* Reads model->count rows, starting at row `first`. */
+OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
+                                             struct os_reader *file, size_t first, oxl_model *model);
+/* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes
+ * are included. */
+OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
+                                             int file_degree);
+/* Several models of the same origin as one file; those in files are read page by page. */
+OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
+                                                int count, int file_degree);
+
+/* ---------------- model_pages.c: a model that stays in its file */
+
+struct model_page {
+    double centre[3], radius, sigma; /* relative to the file's origin */
+};
+
+struct oxl_model_pages {
+    char *path;
+    struct model_file_layout layout;
+    double origin[3];        /* of the file */
+    struct model_page *page; /* (pages) */
+    size_t pages;
+};
+OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
+                                 size_t row);
+OXL_INTERNAL size_t model_pages_count(const oxl_model *model);
+OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page,
+                                        oxl_model *out);
+/* The rows of a model of oxl_model_open that may be visible. */
+OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                                         double near_plane, oxl_model *out);
+
+/* ---------------- imaging_file.c: imaging.txt */
+
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                      const struct imaging *m);
+/* Images that are not in the scene are ignored. */
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                     struct imaging *out);
+
+#endif

@@ -1,0 +1,248 @@
+/* imaging_file.c - imaging.txt, the formation of images beside a model: gains, medium, lamp.
+ */
+#include "formats.h"
+#include "../survey/imaging.h"
+#include "../survey/scene.h"
+#include "../core/vecmath.h"
+
+#define IMAGING_MEDIUM_MAX 1e6   /* of bD, bB (1/unit) and Binf in a file */
+#define IMAGING_DISTANCE_MAX 1e9 /* units */
+
+/* A line of the file: a word, `count` numbers, and the name of an image or NULL. */
+static void imaging_write_line(struct text *t, const char *word, const float *values, int count,
+                               const char *name)
+{
+    text_add(t, "%s", word);
+    for (int k = 0; k < count; k++) {
+        text_add(t, " ");
+        text_add_number(t, (double)values[k]);
+    }
+    text_add(t, name ? " %s\n" : "\n", name);
+}
+
+static void imaging_write_medium(struct text *t, const struct medium *m)
+{
+    const float falloff[2] = {m->falloff, m->reference};
+    if (m->on) {
+        text_add(
+            t,
+            "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
+        imaging_write_line(t, "bD", m->attenuation, 3, NULL);
+        imaging_write_line(t, "bB", m->backscatter, 3, NULL);
+        imaging_write_line(t, "Binf", m->veiling_light, 3, NULL);
+    }
+    if (m->has_falloff) {
+        text_add(t, "# falloff P R: J times (R / r)^P\n");
+        imaging_write_line(t, "falloff", falloff, 2, NULL);
+    }
+}
+
+static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const struct imaging *m)
+{
+    if (m->lamps > 0)
+        text_add(
+            t,
+            "# lamp all; lamp ... NAME: of the camera that took NAME; log gain over the image, products of Legendre polynomials of "
+            "degree 0 to 4 in y and x\n");
+    for (int i = 0; i < m->lamps; i++)
+        imaging_write_line(t, m->lamp[i].view < 0 ? "lamp all" : "lamp", m->lamp[i].shape, LAMP_TERMS,
+                           m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
+}
+
+static int imaging_read_values(const char **at, const char *end, double lowest, double highest, float *values,
+                               int count)
+{
+    for (int k = 0; k < count; k++) {
+        double value;
+        while (*at < end && **at == ' ') ++*at;
+        if (!parse_double(at, end, &value) || !(value >= lowest && value <= highest)) return 0;
+        values[k] = (float)value;
+    }
+    while (*at < end && **at == ' ') ++*at;
+    return 1;
+}
+
+/* 1: `count` numbers from lowest to highest, and no more. */
+static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values,
+                                int count)
+{
+    return imaging_read_values(&at, end, lowest, highest, values, count) && (at == end || *at == '\r');
+}
+
+/* Views are ordered by name. -1: none of that name. */
+static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
+{
+    for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
+        const int middle = low + (high - low) / 2;
+        const char *at = oxl_scene_view(scene, middle)->name;
+        int order = strncmp(at, name, length);
+        if (order == 0 && strlen(at) != length) order = strlen(at) > length ? 1 : -1; /* a zero in `name` */
+        if (order == 0) return middle;
+        if (order < 0) low = middle + 1;
+        else high = middle - 1;
+    }
+    return -1;
+}
+
+/* Of the rest of a line. */
+static int imaging_find_name(const oxl_scene *scene, const char *at, const char *end)
+{
+    while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
+    return imaging_find(scene, at, (size_t)(end - at));
+}
+
+static int imaging_skip_word(const char **at, const char *end, const char *word)
+{
+    const size_t length = strlen(word);
+    if ((size_t)(end - *at) <= length || strncmp(*at, word, length) != 0 || (*at)[length] != ' ') return 0;
+    *at += length + 1;
+    return 1;
+}
+
+/* 1: the line was of the medium and whole. */
+static int imaging_read_medium(const char *at, const char *end, struct medium *m)
+{
+    static const char *const names[3] = {"bD", "bB", "Binf"};
+    float *const values[3] = {m->attenuation, m->backscatter, m->veiling_light};
+    float falloff[2];
+    for (int k = 0; k < 3; k++)
+        if (imaging_skip_word(&at, end, names[k]))
+            return m->on = imaging_read_numbers(at, end, 0, IMAGING_MEDIUM_MAX, values[k], 3);
+    if (!imaging_skip_word(&at, end, "falloff") ||
+        !imaging_read_numbers(at, end, 0, IMAGING_DISTANCE_MAX, falloff, 2))
+        return 0;
+    m->falloff = OXL_MIN(falloff[0], LAMP_FALLOFF_MAX);
+    m->reference = falloff[1];
+    return m->has_falloff = falloff[1] > 0;
+}
+
+/* 1: the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
+static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
+{
+    struct lamp lamp = {.view = -1};
+    int which = 0;
+    if (!imaging_skip_word(&at, end, "lamp")) return 0;
+    if (imaging_skip_word(&at, end, "all")) {
+        if (!imaging_read_numbers(at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
+    } else {
+        if (!imaging_read_values(&at, end, -LAMP_SHAPE_MAX, LAMP_SHAPE_MAX, lamp.shape, LAMP_TERMS)) return 0;
+        lamp.view = imaging_find_name(scene, at, end);
+        if (lamp.view < 0) return 1;
+    }
+    while (which < m->lamps && m->lamp[which].view != lamp.view) which++;
+    if (which == LAMP_MAX) return 0;
+    m->lamps = OXL_MAX(m->lamps, which + 1);
+    m->lamp[which] = lamp;
+    return 1;
+}
+
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                      const struct imaging *m)
+{
+    struct text t = {.ctx = ctx};
+    oxl_result rc;
+    text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION
+                 ", docs/IMAGING.md\n"
+                 "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
+    imaging_write_medium(&t, &m->medium);
+    imaging_write_lamps(&t, scene, m);
+    for (int i = 0; i < m->views; i++) {
+        if (!m->known[i]) continue;
+        text_add(&t, "gain");
+        for (int c = 0; c < 3; c++) {
+            text_add(&t, " ");
+            text_add_number(&t, vecmath_exp(m->log_gain[3 * i + c]));
+        }
+        text_add(&t, " %s\n", oxl_scene_view(scene, i)->name);
+    }
+    checksum_end_text(&t);
+    rc = os_write_text(ctx, path, &t);
+    text_free(&t);
+    return rc;
+}
+
+/* Of a file that ends in a checksum, it is the text's; none has a zero byte. */
+static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const struct os_file_map *map)
+{
+    const char *zero = memchr(map->data, 0, map->size);
+    int line = 1;
+    for (const char *at = map->data; zero && at < zero; at++) line += *at == '\n';
+    if (zero)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s:%d: found a byte of value 0, expected text\nfix: write the file again by training", path,
+            line);
+    if (checksum_of_text(map->data, map->size) != CHECKSUM_WRONG) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: its checksum is not that of its lines: it was damaged, or edited\n"
+                    "fix: write the file again by training, or remove its last line if you have edited it",
+                    path);
+}
+
+/* A line "gain R G B NAME" of the file. */
+static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at,
+                                    const char *end, const oxl_scene *scene, struct imaging *out)
+{
+    double gain[3];
+    int view;
+    for (int c = 0; c < 3; c++) {
+        while (at < end && *at == ' ') at++;
+        if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_MIN && gain[c] <= 1 / EXPOSURE_MIN))
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s:%d: the gain of channel %d is missing or is not a number from %g to %g\nfix: write the file again by training",
+                path, line, c, EXPOSURE_MIN, 1 / EXPOSURE_MIN);
+    }
+    while (at < end && *at == ' ') at++;
+    view = imaging_find_name(scene, at, end);
+    if (view < 0) return OXL_OK; /* of another part of the survey */
+    out->known[view] = 1;
+    out->on = 1;
+    for (int c = 0; c < 3; c++) out->log_gain[3 * view + c] = (float)vecmath_log(gain[c]);
+    return OXL_OK;
+}
+
+/* Names that are not in the scene are skipped. */
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                     struct imaging *out)
+{
+    struct os_file_map map = {0};
+    oxl_result rc = imaging_create(ctx, oxl_scene_view_count(scene), out);
+    int line = 0;
+    if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, out);
+    if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
+    if (rc == OXL_OK) rc = imaging_check_bytes(ctx, path, &map);
+    for (const char *at = map.data, *end = map.data + map.size; rc == OXL_OK && at < end;) {
+        const char *stop = memchr(at, '\n', (size_t)(end - at));
+        if (!stop) stop = end;
+        line++;
+        if (stop - at > 5 && strncmp(at, "gain ", 5) == 0)
+            rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
+        else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
+                 !imaging_read_lamp(at, stop, scene, out))
+            rc = oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s:%d: not a complete line of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
+                path, line);
+        at = stop + 1;
+    }
+    os_release_file(ctx, &map);
+    if (rc != OXL_OK) imaging_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
+{
+    const char *name = path_base_name(model_path);
+    const char *path = PATH("", "%.*simaging.txt", (int)(name - model_path), model_path);
+    struct imaging read = {0};
+    oxl_result rc = OXL_OK;
+    if (os_is_file(path)) {
+        rc = imaging_read(ctx, path, scene, &read);
+        imaging_free(ctx, &scene->imaging);
+        scene->imaging = read;
+    }
+    if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0)
+        scene->imaging.medium = (struct medium){0}; /* is in its colours */
+    return rc;
+}

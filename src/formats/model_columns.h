@@ -1,0 +1,56 @@
+/* model_columns.h - the columns of the standard PLY, shared by its reader and its writer. */
+#ifndef OXL_MODEL_COLUMNS_H
+#define OXL_MODEL_COLUMNS_H
+
+#include "formats.h"
+
+enum { MODEL_FILE_COLUMNS = 62 /* of the standard layout */ };
+
+struct model_file_column {
+    char name[20];
+    int plane; /* -1: zero on output, not needed on input */
+};
+
+/* The columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order. f_rest is
+ * channel-major: all coefficients of red, then of green, then of blue. Returns their number: 62 when
+ * file_degree is 3. */
+OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
+                                    struct model_file_column out[MODEL_FILE_COLUMNS]);
+
+/* The float columns of element dog, one for each plane from OXL_LOBE on. */
+static const char *const MODEL_FILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0",
+                                                               "scale_factor_1", "scale_factor_2"};
+
+static inline int model_file_finite(float x)
+{
+    return fabsf(x) <= FLT_MAX;
+}
+
+static inline oxl_result model_file_no_memory(oxl_context *ctx, const char *path)
+{
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
+}
+
+/* Extensions are compared without regard to case. */
+static inline int model_file_ends_in(const char *path, const char *extension)
+{
+    const size_t n = strlen(path), m = strlen(extension);
+    for (size_t i = 0; i < m && n >= m; i++) {
+        const char c = path[n - m + i];
+        if ((c >= 'A' && c <= 'Z' ? c + 'a' - 'A' : c) != extension[i]) return 0;
+    }
+    return n >= m;
+}
+
+enum model_format {
+    MODEL_FORMAT_PLY,
+    MODEL_FORMAT_SPLAT,
+    MODEL_FORMAT_SPZ,
+    MODEL_FORMAT_GLB,
+    MODEL_FORMAT_SOG,    /* of other programs, not read: this one */
+    MODEL_FORMAT_KSPLAT, /* and this one */
+    MODEL_FORMAT_UNKNOWN
+};
+OXL_INTERNAL enum model_format model_format_by_name(const char *path);
+
+#endif

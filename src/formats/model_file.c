@@ -1,0 +1,459 @@
+/* model_file.c - reads model files: the standard 3DGS PLY, with an element for second lobes; other formats by
+ * extension (spz.c, splat_file.c).
+ *
+ * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
+ *
+ *     element dog   byte  0  opacity_factor  float     4  scale_factor  3 float
+ *
+ * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
+ *
+ * Invariant: rows with values that are not finite are dropped, and their number is logged; infinities that
+ * are the limits of opacity and width are not among them.
+ */
+#include "model_columns.h"
+#include "ply.h"
+
+#include "../core/bytes.h"
+
+#define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
+#define MODEL_FILE_FLAT -87.0f     /* of the smallest: a width of 0 */
+#define MODEL_FILE_OPAQUE 20.0f    /* logit of alpha 1, to the last bit of a float */
+
+enum {
+    MODEL_FILE_ROWS = 256, /* converted at a time */
+    MODEL_FILE_LOBE_BYTES = 16,
+    MODEL_FILE_HEADER = 1 << 16 /* bytes: longer ones are not read some rows at a time */
+};
+
+/* ---------------- the columns of the standard PLY */
+
+static struct model_file_column model_file_column(const char *prefix, int index, int plane)
+{
+    struct model_file_column c = {.plane = plane};
+    snprintf(c.name, sizeof c.name, "%s%d", prefix, index);
+    return c;
+}
+
+OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
+                                    struct model_file_column out[MODEL_FILE_COLUMNS])
+{
+    const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients a channel */
+    const int kept = (sh_degree + 1) * (sh_degree + 1);
+    int n = 0;
+    for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{(char)('x' + i)}, OXL_MEAN + i};
+    for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{'n', (char)('x' + i)}, -1};
+    for (int i = 0; i < 3; i++) out[n++] = model_file_column("f_dc_", i, OXL_SH + i);
+    for (int i = 0; i < 3 * rest; i++) {
+        const int channel = i / rest, k = 1 + i % rest;
+        out[n++] = model_file_column("f_rest_", i, k < kept ? OXL_SH + 3 * k + channel : -1);
+    }
+    out[n++] = (struct model_file_column){"opacity", OXL_OPACITY};
+    for (int i = 0; i < 3; i++) out[n++] = model_file_column("scale_", i, OXL_LOG_SCALE + i);
+    for (int i = 0; i < 4; i++) out[n++] = model_file_column("rot_", i, OXL_ROTATION + i);
+    return n;
+}
+
+/* ---------------- rows that are not finite */
+
+/* Opacity is a logit and size a logarithm: alpha 0 and 1 and a width of 0 are infinite there, and become
+ * finite values that give the same. Returns the number of rows with one of them. */
+OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
+{
+    size_t settled = 0;
+    for (size_t i = 0; i < model->count; i++) {
+        float *opacity = &model->plane[OXL_OPACITY][i];
+        int has = isinf(*opacity);
+        if (has) *opacity = *opacity > 0 ? MODEL_FILE_OPAQUE : -MODEL_FILE_OPAQUE;
+        for (int a = 0; a < 3; a++) {
+            float *scale = &model->plane[OXL_LOG_SCALE + a][i];
+            if (!(isinf(*scale) && *scale < 0)) continue;
+            *scale = MODEL_FILE_FLAT;
+            has = 1;
+        }
+        for (int k = 0; k < MODEL_LOBE_PLANES && i < model->lobes; k++) {
+            float *factor = &model->plane[OXL_LOBE + k][i];
+            if (!isinf(*factor) || (k > 0 && *factor > 0)) continue;
+            *factor = k > 0 ? MODEL_FILE_FLAT : *factor > 0 ? MODEL_FILE_OPAQUE : -MODEL_FILE_OPAQUE;
+            has = 1;
+        }
+        settled += (size_t)has;
+    }
+    return settled;
+}
+
+OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, size_t dropped, size_t count)
+{
+    if (dropped)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path, dropped,
+                count);
+}
+
+static size_t model_file_count_unturned(const oxl_model *m)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < m->count; i++)
+        count += m->plane[OXL_ROTATION][i] == 0 && m->plane[OXL_ROTATION + 1][i] == 0 &&
+                 m->plane[OXL_ROTATION + 2][i] == 0 && m->plane[OXL_ROTATION + 3][i] == 0;
+    return count;
+}
+
+/* Keeps the rows of finite values and sizes in their order. */
+static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
+{
+    const size_t count = model->count, limits = model_file_settle_limits(model);
+    size_t unturned;
+    uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
+    if (!keep) return model_file_no_memory(ctx, path);
+    for (size_t i = 0; i < count; i++) {
+        keep[i] = (uint8_t)model_row_is_finite(model, i);
+        for (int a = 0; a < 3; a++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MAX;
+    }
+    model_keep_rows(model, keep);
+    oxl_free(ctx, keep);
+    model->not_finite = count - model->count;
+    if (count > 0 && model->count == 0)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: all %zu Gaussians hold values that are not finite, so nothing is left\n"
+            "fix: export the model again; its training has diverged, or its columns are in another order",
+            path, count);
+    model_file_report_dropped(ctx, path, model->not_finite, count);
+    unturned = model_file_count_unturned(model);
+    if (limits)
+        oxl_log(ctx, OXL_LOG_INFO,
+                "%s: %zu Gaussians are at the limit of opacity or width (infinite), and are kept", path,
+                limits);
+    if (unturned)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %zu of %zu Gaussians have the rotation 0 0 0 0, and are taken as not turned", path,
+                unturned, model->count);
+    return OXL_OK;
+}
+
+/* ---------------- PLY in */
+
+static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply,
+                                         const struct ply_element *vertex, const char *name)
+{
+    const int packed = ply_find_property(vertex, "packed_position") >= 0;
+    const int points = ply_find_property(vertex, "x") >= 0 && ply_find_property(vertex, "f_dc_0") < 0;
+    struct text seen = {.ctx = ctx};
+    oxl_result rc;
+    for (int c = 0; c < vertex->properties && seen.size < 400; c++)
+        text_add(&seen, "%s%s", c ? " " : "", vertex->property[c].name);
+    rc = oxl_fail(
+        ctx, OXL_ERR_INPUT, "%s: element vertex has no property '%s'; it has: %s\nfix: %s", ply->path, name,
+        seen.data ? seen.data : "none",
+        packed ? "this is a compressed PLY; write a plain one: splat-transform IN.compressed.ply OUT.ply"
+        : points
+            ? "this is a point cloud or a mesh; a model of Gaussians has f_dc_0, opacity, scale_0, rot_0 and more"
+            : "convert the file to the standard 3DGS layout");
+    text_free(&seen);
+    return rc;
+}
+
+/* The SH degree for a number of f_rest columns. */
+static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply,
+                                         const struct ply_element *vertex, int *degree)
+{
+    int rest = 0;
+    for (int c = 0; c < vertex->properties; c++) rest += !strncmp(vertex->property[c].name, "f_rest_", 7);
+    for (*degree = 0; *degree <= 3; ++*degree)
+        if (rest == 3 * ((*degree + 1) * (*degree + 1) - 1)) return OXL_OK;
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s: %d properties f_rest_*, expected 0, 9, 24 or 45\nfix: export spherical harmonics of degree 0 to 3",
+        ply->path, rest);
+}
+
+/* Models without f_dc_* may have red green blue instead, as nerfstudio writes them in its mode rgb. */
+static const char *const MODEL_FILE_RGB[3] = {"red", "green", "blue"};
+
+static int model_file_has_rgb(const struct ply_element *vertex)
+{
+    int has = ply_find_property(vertex, "f_dc_0") < 0;
+    for (int i = 0; i < 3; i++) has &= ply_find_property(vertex, MODEL_FILE_RGB[i]) >= 0;
+    return has;
+}
+
+static const char *model_file_name(const struct model_file_column *column, int rgb)
+{
+    return rgb && column->plane >= OXL_SH && column->plane < OXL_SH + 3
+               ? MODEL_FILE_RGB[column->plane - OXL_SH]
+               : column->name;
+}
+
+static void model_file_from_rgb(const struct ply_element *vertex, oxl_model *model)
+{
+    for (int c = 0; c < 3; c++) {
+        const double white = ply_white(vertex->property[ply_find_property(vertex, MODEL_FILE_RGB[c])].type);
+        float *plane = model->plane[OXL_SH + c];
+        for (size_t i = 0; i < model->count; i++) plane[i] = (float)((plane[i] / white - 0.5) / MODEL_SH0);
+    }
+}
+
+static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element,
+                                           oxl_model *out)
+{
+    const struct ply_element *vertex = &ply->element[element];
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    struct ply_target *target = NULL;
+    const int rgb = model_file_has_rgb(vertex);
+    int degree, columns;
+    oxl_result rc = model_file_read_degree(ctx, ply, vertex, &degree);
+    if (rc != OXL_OK) return rc;
+    columns = model_file_columns(degree, degree, column);
+    for (int c = 0; c < columns; c++)
+        if (column[c].plane >= 0 && ply_find_property(vertex, model_file_name(&column[c], rgb)) < 0)
+            return model_file_no_property(ctx, ply, vertex, column[c].name);
+    rc = oxl_model_create(ctx, (size_t)vertex->rows, degree, out);
+    if (rc != OXL_OK) return rc;
+    target = oxl_calloc(ctx, (size_t)vertex->properties, sizeof *target);
+    if (!target) return model_file_no_memory(ctx, ply->path);
+    for (int c = 0; c < columns; c++)
+        if (column[c].plane >= 0)
+            target[ply_find_property(vertex, model_file_name(&column[c], rgb))].as_float =
+                out->plane[column[c].plane];
+    rc = ply_read(ctx, ply, element, target);
+    if (rc == OXL_OK && rgb) model_file_from_rgb(vertex, out);
+    oxl_free(ctx, target);
+    return rc;
+}
+
+/* ---------------- PLY in, some rows at a time */
+
+/* The bytes before each plane's value; 0: a property is missing, or not a float. */
+static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog,
+                              struct model_file_layout *out)
+{
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int columns = model_file_columns(out->degree, out->degree, column);
+    int plain = vertex->row_bytes == 4 * (size_t)vertex->properties;
+    for (int c = 0; c < vertex->properties; c++) plain &= vertex->property[c].type == PLY_FLOAT32;
+    for (int c = 0; c < columns; c++) {
+        const int at = ply_find_property(vertex, column[c].name);
+        plain &= column[c].plane < 0 || at >= 0;
+        if (column[c].plane >= 0) out->offset[column[c].plane] = 4 * at;
+    }
+    for (int k = 0; k < MODEL_LOBE_PLANES && dog; k++) {
+        plain &= dog->properties == MODEL_LOBE_PLANES && ply_find_property(dog, MODEL_FILE_LOBE[k]) == k &&
+                 dog->property[k].type == PLY_FLOAT32;
+        out->offset[OXL_LOBE + k] = 4 * k;
+    }
+    return plain && !vertex->has_list;
+}
+
+OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
+                                          oxl_model *model, int *has)
+{
+    struct ply ply = {0};
+    const struct ply_element *e;
+    struct os_reader file = {0};
+    *out = (struct model_file_layout){0};
+    *has = 0;
+    /* its reader reports the error */
+    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK;
+    if (os_reader_open(ctx, path, &file) != OXL_OK) goto done;
+    e = ply.element;
+    if (ply.format == PLY_LITTLE && ply.elements >= 1 && ply.elements <= 2 && !strcmp(e[0].name, "vertex") &&
+        (ply.elements == 1 || !strcmp(e[1].name, "dog")) &&
+        model_file_read_degree(ctx, &ply, e, &out->degree) == OXL_OK) {
+        *has = model_file_offsets(e, ply.elements > 1 ? e + 1 : NULL, out);
+        out->rows = (size_t)e->rows;
+        out->row_bytes = e->row_bytes;
+        out->lobes = ply.elements > 1 ? (size_t)e[1].rows : 0;
+        out->data = ply.data;
+        out->lobe_data = ply.data + e->rows * e->row_bytes;
+        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_FILE_LOBE_BYTES <= file.size;
+    }
+    for (int c = 0; c < ply.comments && *has; c++) model_read_comment(ctx, path, ply.comment[c], model);
+done:
+    os_reader_close(&file);
+    ply_close(ctx, &ply);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l,
+                                             struct os_reader *file, size_t first, oxl_model *model)
+{
+    unsigned char *rows = oxl_alloc(ctx, model->count + 1, l->row_bytes);
+    size_t got = 0;
+    oxl_result rc = rows ? OXL_OK : model_file_no_memory(ctx, file->path);
+    if (rc == OXL_OK) rc = os_reader_seek(ctx, file, l->data + (uint64_t)first * l->row_bytes);
+    if (rc == OXL_OK) rc = os_reader_read(ctx, file, rows, model->count * l->row_bytes, &got);
+    for (int k = 0; k < oxl_model_planes(model) && rc == OXL_OK; k++)
+        for (size_t i = 0; i < got / l->row_bytes; i++)
+            model->plane[k][i] = bytes_float(rows + i * l->row_bytes + l->offset[k]);
+    if (rc == OXL_OK && got < model->count * l->row_bytes)
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
+    if (rc == OXL_OK && model->lobes)
+        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_FILE_LOBE_BYTES);
+    if (rc == OXL_OK && model->lobes)
+        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_FILE_LOBE_BYTES, &got);
+    for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++)
+        for (size_t i = 0; i < model->lobes; i++)
+            model->plane[OXL_LOBE + k][i] =
+                bytes_float(rows + i * MODEL_FILE_LOBE_BYTES + l->offset[OXL_LOBE + k]);
+    oxl_free(ctx, rows);
+    return rc;
+}
+
+/* ---------------- second lobes in */
+
+/* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
+static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index,
+                                          float *factor)
+{
+    const struct ply_element *dog = &ply->element[element];
+    struct ply_target *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
+    oxl_result rc;
+    if (!target) return model_file_no_memory(ctx, ply->path);
+    for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
+        const char *name = k < 0 ? "vertex_index" : MODEL_FILE_LOBE[k];
+        const int at = ply_find_property(dog, name);
+        if (k < 0 && at < 0) {
+            for (size_t i = 0; i < (size_t)dog->rows; i++) index[i] = (double)i;
+            continue;
+        }
+        if (at < 0) {
+            rc = oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element dog has no property '%s', expected opacity_factor and scale_factor_0 to _2\n"
+                "fix: write the file again with oceanxl, or leave element dog out",
+                ply->path, name);
+            goto done;
+        }
+        if (k < 0) target[at].as_double = index;
+        else target[at].as_float = factor + (size_t)k * (size_t)dog->rows;
+    }
+    rc = ply_read(ctx, ply, element, target);
+done:
+    oxl_free(ctx, target);
+    return rc;
+}
+
+/* Marks the vertices of element dog; each at most once. */
+static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index,
+                                        size_t rows, size_t vertices, uint8_t *active)
+{
+    for (size_t i = 0; i < rows; i++) {
+        if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element dog, row %zu: vertex_index is %.10g, expected a whole number below %zu\n"
+                "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
+                ply->path, i, index[i], vertices);
+        if (active[(size_t)index[i]]++)
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s: element dog, row %zu: vertex_index %.0f was there before, expected one lobe a vertex\n"
+                "fix: remove the repeated row",
+                ply->path, i, index[i]);
+    }
+    return OXL_OK;
+}
+
+static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element,
+                                        oxl_model *model)
+{
+    /* rows without properties need no bytes, so the header can state any number */
+    const uint64_t declared = ply->element[element].rows;
+    const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
+    double *index = oxl_alloc(ctx, rows + 1, sizeof *index);
+    float *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
+    uint8_t *active = oxl_calloc(ctx, vertices + 1, 1);
+    /* (vertices) row in dog, for vertices with a lobe */
+    size_t *row = oxl_alloc(ctx, vertices + 1, sizeof *row);
+    oxl_result rc = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
+    if (rc == OXL_OK && declared > vertices)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: element dog announces %llu rows for %zu vertices, expected at most one each\n"
+                      "fix: write the file again with oceanxl, or leave element dog out",
+                      ply->path, (unsigned long long)declared, vertices);
+    if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
+    if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
+    if (rc == OXL_OK) rc = model_make_lobes(ctx, model, active);
+    for (size_t i = 0, lobe = 0; rc == OXL_OK && i < vertices; i++) {
+        row[i] = lobe;
+        lobe += active[i];
+    }
+    for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+        for (size_t i = 0; rc == OXL_OK && i < rows; i++)
+            model->plane[OXL_LOBE + k][row[(size_t)index[i]]] = factor[(size_t)k * rows + i];
+    OXL_FREE(ctx, row, active, factor, index);
+    return rc;
+}
+
+static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
+{
+    struct ply ply;
+    int vertex, dog;
+    oxl_result rc = ply_open(ctx, path, &ply);
+    if (rc != OXL_OK) return rc;
+    vertex = ply_find_element(&ply, "vertex");
+    dog = ply_find_element(&ply, "dog");
+    if (vertex >= 0) rc = model_file_read_vertices(ctx, &ply, vertex, out);
+    else
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
+                      ply.elements);
+    if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
+    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
+    ply_close(ctx, &ply);
+    return rc;
+}
+
+/* ---------------- the public function */
+
+/* What a file is, by its first bytes; else by its name. */
+static enum model_format model_file_format(const char *path)
+{
+    unsigned char head[4] = {0};
+    FILE *file = os_open(path, "rb");
+    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
+    if (file) fclose(file);
+    if (size == sizeof head && !memcmp(head, "ply", 3)) return MODEL_FORMAT_PLY;
+    if (size == sizeof head && (!memcmp(head, "\x1f\x8b", 2) || !memcmp(head, "NGSP", 4)))
+        return MODEL_FORMAT_SPZ;
+    if (size == sizeof head && !memcmp(head, "glTF", 4)) return MODEL_FORMAT_GLB;
+    if (size == sizeof head && !memcmp(head, "PK\3\4", 4)) return MODEL_FORMAT_SOG;
+    return model_format_by_name(path);
+}
+
+OXL_INTERNAL enum model_format model_format_by_name(const char *path)
+{
+    static const char *const endings[] = {".ply", ".splat", ".spz", ".glb", ".sog", ".ksplat"};
+    for (size_t i = 0; i < OXL_COUNT(endings); i++)
+        if (model_file_ends_in(path, endings[i])) return (enum model_format)i;
+    return MODEL_FORMAT_UNKNOWN;
+}
+
+static oxl_result model_file_refuse(oxl_context *ctx, const char *path, enum model_format format)
+{
+    if (format == MODEL_FORMAT_GLB)
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: .glb files are written, not read\nfix: use the .ply or .spz that it was made from", path);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: a model in the format %s, which is not read\nfix: splat-transform IN%s OUT.ply",
+                    path, format == MODEL_FORMAT_SOG ? "SOG (a zip file)" : "of GaussianSplats3D, KSPLAT",
+                    format == MODEL_FORMAT_SOG ? ".sog" : ".ksplat");
+}
+
+oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
+{
+    const enum model_format format = model_file_format(path);
+    oxl_result rc;
+    *out = (oxl_model){0};
+    rc = format == MODEL_FORMAT_SPLAT ? splat_file_read(ctx, path, out)
+         : format == MODEL_FORMAT_SPZ ? spz_read(ctx, path, out)
+         : format == MODEL_FORMAT_PLY || format == MODEL_FORMAT_UNKNOWN
+             ? model_file_read_ply(ctx, path, out)
+             : model_file_refuse(ctx, path, format);
+    if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
+    if (rc == OXL_OK && out->count == 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
+    if (rc != OXL_OK) oxl_model_free(ctx, out);
+    return rc;
+}

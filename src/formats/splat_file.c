@@ -1,0 +1,134 @@
+/* splat_file.c - models as .splat, the format of web viewers: 32 bytes per Gaussian, no view-dependent
+ * colour.
+ *
+ *     byte  0  position  3 float        24  colour   R G B A, 8 bits each
+ *          12  scale     3 float        28  rotation w x y z, q * 128 + 128
+ *
+ * Source: antimatter15's viewer.
+ */
+#include "formats.h"
+
+#include "../core/bytes.h"
+#include "../core/vecmath.h"
+
+enum { SPLAT_FILE_BYTES = 32 };
+
+static void splat_file_put(const oxl_model *model, size_t row, unsigned char *p)
+{
+    double q[4];
+    model_rotation(model, row, q);
+    for (int i = 0; i < 3; i++) {
+        const double scale = vecmath_exp(model->plane[OXL_LOG_SCALE + i][row]);
+        bytes_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
+        bytes_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
+        p[24 + i] = model_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
+    }
+    p[27] = model_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
+    for (int i = 0; i < 4; i++) p[28 + i] = model_byte(128 * q[i] + 128);
+}
+
+/* Limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step, scale 0 becomes the
+ * smallest normal float, so that both convert back to the same byte. */
+static void splat_file_get(const unsigned char *p, oxl_model *model, size_t row)
+{
+    const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
+    int zero = 1;
+    for (int i = 0; i < 3; i++) {
+        const float scale = bytes_float(p + 12 + 4 * i);
+        model->plane[OXL_MEAN + i][row] = bytes_float(p + 4 * i);
+        model->plane[OXL_LOG_SCALE + i][row] =
+            (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
+        model->plane[OXL_SH + i][row] = (float)((p[24 + i] / 255.0 - 0.5) / MODEL_SH0);
+    }
+    model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
+    for (int i = 0; i < 4; i++) zero &= p[28 + i] == 128;
+    for (int i = 0; i < 4; i++)
+        model->plane[OXL_ROTATION + i][row] = zero ? i == 0 : (float)((p[28 + i] - 128) / 128.0);
+}
+
+struct splat_file_rank {
+    double weight; /* opacity x volume */
+    size_t row;
+};
+
+static int splat_file_by_weight(const void *a, const void *b)
+{
+    const struct splat_file_rank *x = a, *y = b;
+    if (x->weight != y->weight) return x->weight > y->weight ? -1 : 1;
+    return x->row < y->row ? -1 : x->row > y->row;
+}
+
+/* A .splat stores neither origin nor scale. */
+static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    const double *o = model->origin;
+    char text[3][NUMBER_TEXT_MAX];
+    for (int i = 0; i < 3; i++) format_shortest(text[i], o[i]);
+    if (o[0] != 0 || o[1] != 0 || o[2] != 0)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: a .splat cannot store the origin %s %s %s%s: eval and render will not match the survey's cameras\n"
+            "fix: keep the .ply or an .spz, too",
+            path, text[0], text[1], text[2], model->scale > 0 ? " and the scale" : "");
+    else if (model->scale > 0)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
+            "fix: keep the .ply or an .spz, too",
+            path, model->scale);
+    if (model->antialias)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: a .splat cannot store that the model is anti-aliased: viewers draw it too bright and thick",
+            path);
+    if (model->has_background)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: a .splat cannot store the background: viewers draw on their own",
+                path);
+}
+
+/* Most visible first, for viewers that load a .splat progressively. */
+OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    struct splat_file_rank *rank = oxl_alloc(ctx, model->count, sizeof *rank);
+    struct os_writer w = {0};
+    oxl_result rc;
+    if (!rank) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
+    for (size_t i = 0; i < model->count; i++) {
+        const double sum = (double)model->plane[OXL_LOG_SCALE][i] + model->plane[OXL_LOG_SCALE + 1][i] +
+                           model->plane[OXL_LOG_SCALE + 2][i];
+        rank[i] =
+            (struct splat_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
+    }
+    qsort(rank, model->count, sizeof *rank, splat_file_by_weight);
+    if (model->sh_degree > 0)
+        oxl_log(ctx, OXL_LOG_INFO, "%s: .splat files cannot store spherical harmonics above degree 0", path);
+    splat_file_warn_place(ctx, path, model);
+    rc = os_writer_open(ctx, path, &w);
+    if (rc == OXL_OK) {
+        for (size_t i = 0; i < model->count; i++) {
+            unsigned char splat[SPLAT_FILE_BYTES];
+            splat_file_put(model, rank[i].row, splat);
+            fwrite(splat, 1, sizeof splat, w.file); /* os_writer_close reports errors */
+        }
+        rc = os_writer_close(ctx, &w, rc);
+    }
+    oxl_free(ctx, rank);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result splat_file_read(oxl_context *ctx, const char *path, oxl_model *out)
+{
+    struct os_file_map file = {0};
+    oxl_result rc = os_read_file(ctx, path, &file);
+    if (rc != OXL_OK) return rc;
+    if (file.size % SPLAT_FILE_BYTES)
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: %zu bytes, expected a multiple of 32\nfix: the file was cut short or is no .splat; copy it again",
+            path, file.size);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / SPLAT_FILE_BYTES, 0, out);
+    for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
+        splat_file_get((const unsigned char *)file.data + SPLAT_FILE_BYTES * i, out, i);
+    os_release_file(ctx, &file);
+    return rc;
+}

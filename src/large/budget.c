@@ -1,0 +1,194 @@
+/* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of
+ * cost.c.
+ *
+ * The image cache is reduced first, then trials are given up (they copy the model; `auto` then decides
+ * nothing and depth weights stay fixed), then the SH degree, the expected number of Gaussians and the size of
+ * the blocks are reduced.
+ * Without --ram, a run that would exceed the free memory is planned as if --ram were that much; partition.txt
+ * records the number.
+ *
+ * Invariant: the result depends on the survey, the options and that number alone, not on the memory that a
+ * later machine has free.
+ */
+#include "large.h"
+#include "../survey/scene.h"
+
+#define BUDGET_MARGIN 0.9 /* of the budget is planned with: the arithmetic is right within about 10 % */
+/* of the budget at most goes to images: others are read from files (docs/SCALE.md) */
+#define BUDGET_CACHE 0.1
+#define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
+#define BUDGET_POINTS 1000 /* smaller blocks are not tried */
+/* SH degree where memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md) */
+#define BUDGET_SH 1
+
+OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
+{
+    return o->ram ? OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram))
+                  : o->scene.image_cache_bytes;
+}
+
+/* Returns the largest count up to `most` that fits --ram, by bisection; 0: none does. */
+static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
+{
+    double low = 0, high = OXL_MIN(JOB_GAUSSIANS_MAX, most) + 1;
+    while (high - low > 1) {
+        const double middle = floor((low + high) / 2);
+        if (cost_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
+        else high = middle;
+    }
+    return low;
+}
+
+static void budget_disable_trials(oxl_job_options *o)
+{
+    if (o->train.sh_degree < 0) o->train.sh_degree = 3;
+    if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
+}
+
+OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o)
+{
+    oxl_job_options bare = *o;
+    bare.scene.image_cache_bytes = budget_cache(o);
+    budget_disable_trials(&bare);
+    return budget_gaussians(&bare, load, JOB_GAUSSIANS_MAX);
+}
+
+OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians)
+{
+    oxl_job_options bare = *o;
+    budget_disable_trials(&bare);
+    return o->ram == 0 || cost_memory(&bare, load, gaussians) <= BUDGET_MARGIN * (double)o->ram;
+}
+
+OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load,
+                                        oxl_job_options *o)
+{
+    const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    const int is_given = o->train.sh_degree >= 0;
+    double gaussians;
+    if (o->ram == 0) return 1;
+    o->scene.image_cache_bytes = budget_cache(o);
+    if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_disable_trials(o);
+    gaussians = budget_gaussians(o, load, most);
+    if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(most)) {
+        o->train.sh_degree = BUDGET_SH;
+        gaussians = budget_gaussians(o, load, most);
+    }
+    o->train.max_gaussians = (int)gaussians;
+    return gaussians >= 1;
+}
+
+OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
+{
+    oxl_job_options fitted = *o;
+    /* images allow no more */
+    const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    if (o->ram == 0) return 1;
+    if (!budget_limit_gaussians(ctx, load, &fitted) ||
+        fitted.train.max_gaussians < OXL_MIN(BUDGET_GROWTH * (double)load->points, most))
+        return 0;
+    *o = fitted;
+    return 1;
+}
+
+/* The least budget that does, in MiB. */
+static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o)
+{
+    double low = 0, high = 1 << 24;
+    while (high - low > 1) {
+        const double middle = floor((low + high) / 2);
+        oxl_job_options tried = *o;
+        tried.ram = (size_t)(middle * 1048576);
+        if (tried.ram > 0 && budget_fit(ctx, load, &tried)) high = middle;
+        else low = middle;
+    }
+    return high;
+}
+
+OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
+                                      const oxl_job_options *o)
+{
+    const double needed = budget_needed(ctx, load, o);
+    return oxl_fail(
+        ctx, OXL_ERR_BUDGET,
+        "%.0f MB are too little for %zu points and images of %.1f megapixels, which need %.0f MB\n"
+        "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
+        (double)o->ram / 1e6, load->points, load->largest / 1e6, needed * 1048576 / 1e6, needed);
+}
+
+/* ---------------- blocks that fit */
+
+/* 1 when each block does; else *worst is the load of one that does not. */
+static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
+                           struct cost_load *worst)
+{
+    for (int k = 0; k < p->block_count; k++) {
+        oxl_job_options tried = *o;
+        *worst = cost_load_of_block(p, k);
+        if (!budget_fit(ctx, worst, &tried)) return 0;
+    }
+    return 1;
+}
+
+/* 1: the number of blocks is left to memory, and it is known. */
+static int budget_may_choose_blocks(const oxl_job_options *o)
+{
+    return o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 &&
+           o->partition.block_points == 0 && os_memory_free() > 0;
+}
+
+OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o)
+{
+    const struct cost_load load = cost_load_of_scene(scene);
+    const double most = (double)schedule_gaussian_cap(scene, &o->train), free = (double)os_memory_free();
+    if (!budget_may_choose_blocks(o) || cost_memory(o, &load, most) <= BUDGET_MARGIN * free) return o->ram;
+    return (size_t)free;
+}
+
+/* Blocks of half the points, until each fits. */
+static oxl_result budget_halve_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                      struct partition *out)
+{
+    oxl_partition_options tried = o->partition;
+    const size_t points = scene->stats.points;
+    struct cost_load worst;
+    oxl_result rc = OXL_OK;
+    if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
+    while (rc == OXL_OK && !budget_fits_all(ctx, out, o, &worst)) {
+        if (tried.blocks > 0) { /* more than were asked for */
+            tried.block_points = (int)(points / (size_t)tried.blocks);
+            tried.blocks = 0;
+        }
+        if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS)
+            rc = budget_refuse(ctx, &worst, o);
+        partition_free(ctx, out);
+        tried.block_points /= 2;
+        if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
+        if (rc == OXL_OK)
+            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points", (double)o->ram / 1e6,
+                    tried.block_points);
+    }
+    return rc;
+}
+
+OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                         struct partition *out)
+{
+    oxl_job_options limited = *o;
+    oxl_result rc = partition_make(ctx, scene, &o->partition, out);
+    limited.ram = budget_limit(scene, o);
+    if (rc == OXL_OK && o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram)
+        rc = oxl_fail(ctx, OXL_ERR_BUDGET,
+                      "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
+                      (double)os_peak_rss() / 1e6, (double)o->ram / 1e6,
+                      ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
+    if (rc == OXL_OK && limited.ram) rc = budget_halve_blocks(ctx, scene, &limited, out);
+    if (rc == OXL_ERR_BUDGET && o->ram == 0) { /* not asked for: it may swap */
+        oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size",
+                (double)limited.ram / 1e6);
+        rc = partition_make(ctx, scene, &o->partition, out);
+        limited.ram = 0;
+    }
+    out->memory = (double)limited.ram;
+    return rc;
+}

@@ -1,0 +1,126 @@
+/* cost.c - predicted Gaussians, memory and time of training.
+ *
+ * Gaussians and memory are computed from counts, with the measured constants below. Time is extrapolated from
+ * timed steps
+ * (predict_time.c); for blocks, and where timing takes too long, it is computed from counts as well.
+ */
+#include "partition.h"
+#include "large.h"
+
+#include "../core/simd.h"
+#include "../survey/sparse.h"
+#include "../survey/scene.h"
+
+/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */
+/* (Gaussian, pixel) pairs evaluated forward; backward costs 2.5 times as much */
+#define COST_PAIRS_PER_PIXEL 40.0
+#define COST_PAIR_RATE 1.0e9      /* pairs a second and thread, AVX2 or better */
+#define COST_PAIR_RATE_BASE 0.2e9 /* without AVX2 */
+#define COST_PIXEL_COST 1.0e-7    /* s: SSIM forward and backward, image to float */
+#define COST_GAUSSIAN_COST 6.0e-8 /* s: projection, binning and Adam */
+#define COST_PIXEL_BYTES 160.0    /* of working memory: images, SSIM's maps */
+#define COST_PROGRAM_BYTES 1.2e7  /* measured: 9 to 10 MB */
+/* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
+#define COST_CONTEXT 1.25
+#define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
+#define COST_RANDOM_GROWTH 3.0   /* Gaussians for each random point: 1.3 to 3 (docs/log/LEGO.md) */
+#define COST_WITHIN 3.0          /* factor of uncertainty of times computed from counts */
+
+OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
+{
+    const double more = OXL_MAX(1, (double)images / OXL_MAX(1, o->iterations_for));
+    const double most = (double)COST_STEPS_PER_IMAGE * OXL_MAX(1, images);
+    if (o->iterations_for == 0) return o->train.iterations;
+    return (int)OXL_MIN(OXL_MIN(more * o->train.iterations, most), INT_MAX);
+}
+
+OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
+{
+    const struct scene_stats *stats = &scene->stats;
+    struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
+                             .random = stats->points == 0,
+                             .observations = stats->observations,
+                             .views = stats->views,
+                             .schedule_pixels = schedule_pixels(scene)};
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        const double pixels = (double)c->width * c->height;
+        load.pixels += pixels;
+        load.largest = OXL_MAX(load.largest, pixels);
+        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(scene, i));
+    }
+    return load;
+}
+
+OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block)
+{
+    const struct partition_plan *plan = p->plan;
+    const struct partition_block *b = &p->block[block];
+    const double size = (double)OXL_MAX(b->points, (size_t)1);
+    struct cost_load load = {.points = b->points, .context = OXL_MAX(0, (double)b->start_points / size - 1)};
+    for (size_t v = 0; v < plan->visibility->views; v++) {
+        const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
+        if (plan->role[(size_t)block * plan->visibility->views + v] == PARTITION_OUT) continue;
+        load.views++;
+        load.pixels += (double)c->width * c->height;
+        load.largest = OXL_MAX(load.largest, (double)c->width * c->height);
+        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
+        load.observations += plan->visibility->first[v + 1] - plan->visibility->first[v];
+    }
+    load.schedule_pixels =
+        schedule_pixels(plan->scene) * size / (double)OXL_MAX(plan->scene->stats.points, (size_t)1);
+    return load;
+}
+
+OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load *load, double gaussians)
+{
+    const int degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
+    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
+    const double cache =
+        image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const double depths = parts_bytes(&o->train, (double)load->observations, load->views);
+    /* sets of planes: parameters and two moments; a trial holds three copies */
+    const int sets = parts_trials(&o->train) > 0 ? 9 : 3;
+    return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES +
+           gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
+           gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) +
+           (double)load->observations * sizeof(struct colmap_track) + depths;
+}
+
+OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *o,
+                                       const struct cost_load *load)
+{
+    const double a_view = load->pixels / OXL_MAX(1, load->views);
+    const double rate = (ctx->isa == ISA_BASE ? COST_PAIR_RATE_BASE : COST_PAIR_RATE) * ctx->threads;
+    const size_t cap = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    struct cost cost = {.gaussians = load->random
+                                         ? OXL_MIN(COST_RANDOM_GROWTH * (double)load->points, (double)cap)
+                                         : predict_time_expected(&o->train, load->points, cap)};
+    const double step = 3.5 * COST_PAIRS_PER_PIXEL * a_view / rate +
+                        (COST_PIXEL_COST * a_view + COST_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
+    cost.seconds = o->train.iterations * step;
+    if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
+    cost.memory = cost_memory(o, load, cost.gaussians);
+    return cost;
+}
+
+/* 1: the options ask for several blocks. */
+static int cost_has_blocks(const oxl_job_options *o, size_t points)
+{
+    const size_t most = (size_t)o->partition.block_points;
+    return o->partition.kind != OXL_PARTITION_NONE &&
+           (o->partition.blocks > 1 || (most > 0 && points > most));
+}
+
+OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                 const struct cost *cost, double range[2])
+{
+    const double limit = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
+    const double all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
+    double timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
+    const int fits = o->ram == 0 || cost->memory <= (double)o->ram; /* timed steps need as much memory */
+    double seconds = fits ? predict_time(ctx, scene, &o->train, cost->gaussians, timed) : 0;
+    if (!(seconds > 0)) seconds = cost->seconds;
+    for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);
+    return OXL_MIN(seconds * all, limit);
+}

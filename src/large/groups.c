@@ -1,0 +1,496 @@
+/* groups.c - the last stage of a run in blocks, where the merged model does not fit into memory: it is
+ * trained in groups of views.
+ *
+ * Memory holds the Gaussians visible in the views of one group, with gradients and moments. A task trains
+ * them, whichever block they belong to, on the group's views. Moments are stored with the Gaussians and each
+ * group has several turns, so the result is close to that of training on all views in random order
+ * (docs/SCALE.md).
+ *
+ * OUT/blocks/whole has groups.txt, imaging.V.txt, and for each block KKK.model.V.ply, KKK.mean.V.ply and
+ * KKK.square.V.ply; V is the number of the task that wrote them. Invariant: a task writes files with its own
+ * number, then groups.txt; if it is stopped, it is repeated and gives the same bytes.
+ */
+#include "job_state.h"
+#include "../formats/formats.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
+
+#define GROUPS_PASSES 8 /* turns of each group */
+
+struct groups {
+    struct job *job;
+    const char *folder;
+    double limit; /* Gaussians that fit */
+    int views;    /* of the survey */
+    int count;    /* groups */
+    int done;     /* tasks */
+    int step;     /* of the task, as reported last */
+    int gains;    /* version of imaging.V.txt; 0: none */
+    int *of;      /* (views) group; -1: none */
+    int *version; /* (blocks) 0: the block's own model */
+    double seconds;
+    uint8_t **keep; /* (blocks) (rows) 1: in the task's model */
+};
+
+static void groups_free(struct groups *g)
+{
+    for (int k = 0; g->keep && k < g->job->partition.block_count; k++) oxl_free(g->job->ctx, g->keep[k]);
+    OXL_FREE(g->job->ctx, g->keep, g->of, g->version);
+}
+
+/* ---------------- files */
+
+static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, int block, const char *what,
+                               int version)
+{
+    if (block < 0) return path_in(out, g->folder, "%s.%d.txt", what, version);
+    if (version > 0) return path_in(out, g->folder, "%03d.%s.%d.ply", block, what, version);
+    return path_in(out, JOB_BLOCK(g->job, block), "model.ply");
+}
+#define GROUPS_PATH(...) groups_path((char[PATH_LENGTH]){0}, __VA_ARGS__)
+
+static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
+
+/* Parameters and moments of a block. */
+static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
+{
+    oxl_context *ctx = g->job->ctx;
+    const int version = g->version[block];
+    oxl_result rc = OXL_OK;
+    *m = (struct trained_model){0};
+    for (int k = 0; k < (version > 0 ? TRAINED_PARTS : 1) && rc == OXL_OK; k++) {
+        const char *path = GROUPS_PATH(g, block, GROUPS_PART[k], version);
+        rc = oxl_model_read(ctx, path, model_trained_part(m, k));
+        if (rc == OXL_OK && model_trained_part(m, k)->count != m->model.count)
+            rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: its rows differ from those of its model", path);
+    }
+    if (rc == OXL_OK && version == 0) rc = model_trained_begin(ctx, m);
+    memcpy(m->mean.origin, m->model.origin, sizeof m->mean.origin);
+    memcpy(m->square.origin, m->model.origin, sizeof m->square.origin);
+    if (rc != OXL_OK) model_trained_free(ctx, m);
+    return rc;
+}
+
+static oxl_result groups_write(const struct groups *g, int block, int version, struct trained_model *m)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
+        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version),
+                                  model_trained_part(m, k), m->model.sh_degree);
+    return rc;
+}
+
+static void groups_remove(const struct groups *g, int block, int version)
+{
+    for (int k = 0; k < (block < 0 ? 1 : TRAINED_PARTS) && version > 0; k++)
+        os_remove(GROUPS_PATH(g, block, block < 0 ? "imaging" : GROUPS_PART[k], version));
+}
+
+static oxl_result groups_write_state(const struct groups *g)
+{
+    struct text t = {.ctx = g->job->ctx};
+    oxl_result rc;
+    text_add(
+        &t,
+        "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\n"
+        "groups %d %d %d %.17g\n",
+        g->count, g->done, g->gains, g->seconds);
+    for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
+    for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);
+    text_add(&t, "\n%s\n", g->job->key.data);
+    checksum_end_text(&t);
+    rc = os_write_text(g->job->ctx, PATH(g->folder, "groups.txt"), &t);
+    text_free(&t);
+    return rc;
+}
+
+/* A damaged file, or one of another run, is ignored: count stays 0. */
+static oxl_result groups_read_state(struct groups *g)
+{
+    struct os_file_map map = {0};
+    const int blocks = g->job->partition.block_count;
+    const char *path = PATH(g->folder, "groups.txt"), *s = NULL;
+    int used = 0, good;
+    const oxl_result rc = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
+    if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
+        strstr(map.data, g->job->key.data))
+        s = strstr(map.data, "\ngroups ");
+    good = s &&
+           sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
+           g->count > 0 && g->count <= g->views && g->done >= 0 && g->gains >= 0 && g->seconds >= 0;
+    for (int i = 0; i < blocks + g->views && good; i++) {
+        s += used;
+        good = sscanf(s, "%d%n", i < blocks ? &g->version[i] : &g->of[i - blocks], &used) == 1 &&
+               (i < blocks ? g->version[i] >= 0 : g->of[i - blocks] >= -1 && g->of[i - blocks] < g->count);
+    }
+    if (!good) {
+        g->count = g->done = g->gains = 0, g->seconds = 0;
+        memset(g->version, 0, (size_t)blocks * sizeof *g->version);
+    }
+    os_release_file(g->job->ctx, &map);
+    return rc;
+}
+
+/* A file of another version than in groups.txt is left by a process that was killed before it removed or
+ * named the file. */
+static void groups_remove_other_version(void *user, const char *name)
+{
+    const struct groups *g = user;
+    int block = -1, version = 0;
+    if (sscanf(name, "imaging.%d.", &version) == 1 && version != g->gains) groups_remove(g, -1, version);
+    else if (sscanf(name, "%d.%*[a-z].%d.", &block, &version) == 2 && block >= 0 &&
+             block < g->job->partition.block_count && version != g->version[block])
+        groups_remove(g, block, version);
+}
+
+static oxl_result groups_remove_temporaries(struct groups *g)
+{
+    if (!os_is_folder(g->folder)) return OXL_OK;
+    os_list_folder(g->job->ctx, g->folder, groups_remove_other_version, g);
+    return os_remove_temporaries(g->job->ctx, g->folder, BLOCK_FILES " groups.txt *.ply *.txt");
+}
+
+/* ---------------- groups */
+
+/* keep (rows): 1 for those that one of `count` views may show. Returns their number. */
+static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m,
+                                  uint8_t *keep)
+{
+    const double near = scene_near_plane(g->job->scene);
+    size_t kept = 0;
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(g->job->ctx->threads)
+    for (int64_t i = 0; i < (int64_t)m->count; i++) {
+        keep[i] = 0;
+        for (int v = 0; v < count && !keep[i]; v++)
+            keep[i] =
+                (uint8_t)model_row_shows(&oxl_scene_view(g->job->scene, view[v])->camera, near, m, (size_t)i);
+    }
+    for (size_t i = 0; i < m->count; i++) kept += keep[i];
+    return kept;
+}
+
+static oxl_result groups_count(const struct groups *g, const int *view, int count, double *rows)
+{
+    oxl_result rc = OXL_OK;
+    *rows = 0;
+    for (int k = 0; k < g->job->partition.block_count && rc == OXL_OK; k++) {
+        oxl_model m = {0};
+        uint8_t *keep = NULL;
+        rc = job_read_model(g->job, k, 0, &m);
+        if (rc == OXL_OK && !(keep = oxl_alloc(g->job->ctx, m.count + 1, 1))) rc = job_no_memory(g->job);
+        if (rc == OXL_OK) *rows += (double)groups_mark_visible(g, view, count, &m, keep);
+        oxl_free(g->job->ctx, keep);
+        oxl_model_free(g->job->ctx, &m);
+    }
+    return rc;
+}
+
+/* The views as one group, or halved until each fits. */
+static oxl_result groups_divide(struct groups *g, const int *view, int count)
+{
+    double rows = 0;
+    oxl_result rc = context_stopped(g->job->ctx);
+    if (rc == OXL_OK) rc = groups_count(g, view, count, &rows);
+    if (rc != OXL_OK) return rc;
+    if (rows > g->limit && count > 1) {
+        rc = groups_divide(g, view, count / 2);
+        return rc == OXL_OK ? groups_divide(g, view + count / 2, count - count / 2) : rc;
+    }
+    if (rows > g->limit) {
+        oxl_log(
+            g->job->ctx, OXL_LOG_WARNING,
+            "%s shows %.0f Gaussians, more than the %.0f that fit into memory: it is left out of the last stage",
+            oxl_scene_view(g->job->scene, view[0])->name, rows, g->limit);
+        return OXL_OK;
+    }
+    for (int v = 0; v < count; v++) g->of[view[v]] = g->count;
+    g->count++;
+    return OXL_OK;
+}
+
+/* The training views, those of a block together: it has the largest window in them. */
+static oxl_result groups_order(const struct groups *g, int *view, int *count)
+{
+    const int blocks = g->job->partition.block_count;
+    double *largest = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *largest);
+    int *owner = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *owner);
+    oxl_result rc = largest && owner ? OXL_OK : job_no_memory(g->job);
+    *count = 0;
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        struct block_plan plan = {0};
+        rc = block_plan_read(g->job, k, &plan);
+        for (int i = 0; i < plan.views; i++) {
+            const double area = (double)plan.window[i].width * plan.window[i].height;
+            if (area > largest[i]) largest[i] = area, owner[i] = k;
+        }
+        block_plan_free(g->job->ctx, &plan);
+    }
+    for (int k = 0; k < blocks && rc == OXL_OK; k++)
+        for (int i = 0; i < g->views; i++)
+            if (owner[i] == k && !oxl_scene_view(g->job->scene, i)->is_test) view[(*count)++] = i;
+    OXL_FREE(g->job->ctx, largest, owner);
+    return rc;
+}
+
+static oxl_result groups_make(struct groups *g)
+{
+    int *view = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
+    oxl_result rc = view ? groups_order(g, view, &count) : job_no_memory(g->job);
+    for (int i = 0; i < g->views; i++) g->of[i] = -1;
+    if (rc == OXL_OK) rc = groups_divide(g, view, count);
+    if (rc == OXL_OK)
+        oxl_log(g->job->ctx, OXL_LOG_INFO, "the merged model does not fit into memory: %d groups of views",
+                g->count);
+    if (rc == OXL_OK) rc = os_make_folder(g->job->ctx, g->folder);
+    if (rc == OXL_OK) rc = groups_write_state(g);
+    oxl_free(g->job->ctx, view);
+    return rc;
+}
+
+/* ---------------- a task */
+
+/* The last step of a task; steps are divided by views. */
+static int groups_last_step(const struct groups *g, int task, int steps)
+{
+    int below = 0, all = 0;
+    for (int i = 0; i < g->views; i++) {
+        below += g->of[i] >= 0 && g->of[i] <= task % g->count;
+        all += g->of[i] >= 0;
+    }
+    return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_PASSES + 0.5);
+}
+
+static oxl_result groups_load(struct groups *g, const int *view, int views, struct trained_model *all)
+{
+    oxl_context *ctx = g->job->ctx;
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++) {
+        oxl_model *to = model_trained_part(all, k);
+        rc = oxl_model_create(ctx, 0, 0, to);
+        memcpy(to->origin, g->job->origin, sizeof to->origin);
+    }
+    for (int b = 0; b < g->job->partition.block_count && rc == OXL_OK; b++) {
+        struct trained_model m;
+        rc = groups_read(g, b, &m);
+        oxl_free(ctx, g->keep[b]);
+        g->keep[b] = rc == OXL_OK ? oxl_alloc(ctx, m.model.count + 1, 1) : NULL;
+        if (rc == OXL_OK && !g->keep[b]) rc = job_no_memory(g->job);
+        if (rc == OXL_OK) groups_mark_visible(g, view, views, &m.model, g->keep[b]);
+        for (int k = 0; k < TRAINED_PARTS && rc == OXL_OK; k++)
+            rc = merge_rows(ctx, model_trained_part(&m, k), g->keep[b], model_trained_part(all, k));
+        model_trained_free(ctx, &m);
+    }
+    return rc;
+}
+
+/* Row `from` becomes row `to`. */
+static void groups_copy_row(const oxl_model *all, size_t from, oxl_model *m, size_t to)
+{
+    for (int p = 0; p < oxl_model_planes(m); p++) m->plane[p][to] = all->plane[p][from];
+    for (int p = OXL_LOBE; p < OXL_PLANES && to < m->lobes; p++) m->plane[p][to] = all->plane[p][from];
+}
+
+/* The rows of a block from the task's model, in which those with lobes come first. A row that is not finite
+ * stays as it was. */
+static oxl_result groups_store_block(struct groups *g, int block, int version, struct trained_model *all,
+                                     size_t at[2])
+{
+    const uint8_t *keep = g->keep[block];
+    size_t kept = 0;
+    struct trained_model m;
+    oxl_result rc = groups_read(g, block, &m);
+    if (rc == OXL_OK) rc = model_trained_set_degree(g->job->ctx, &m, all->model.sh_degree);
+    for (size_t i = 0; i < m.model.count && rc == OXL_OK; i++) {
+        const size_t from = keep[i] ? at[i >= m.model.lobes]++ : 0;
+        kept += keep[i];
+        for (int k = 0; k < TRAINED_PARTS && keep[i] && model_row_is_finite(&all->model, from); k++)
+            groups_copy_row(model_trained_part(all, k), from, model_trained_part(&m, k), i);
+    }
+    if (rc == OXL_OK && kept > 0) rc = groups_write(g, block, version, &m);
+    if (rc == OXL_OK && kept > 0) g->version[block] = version;
+    model_trained_free(g->job->ctx, &m);
+    return rc;
+}
+
+static oxl_result groups_store(struct groups *g, struct trained_model *all)
+{
+    const int blocks = g->job->partition.block_count, version = g->done + 1;
+    const int gains = g->gains;
+    size_t at[2] = {0, all->model.lobes};
+    int *old = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
+    oxl_result rc = old ? OXL_OK : job_no_memory(g->job);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++) {
+        old[b] = g->version[b];
+        rc = groups_store_block(g, b, version, all, at);
+    }
+    if (rc == OXL_OK && imaging_is_needed(&g->job->scene->imaging)) {
+        rc = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene,
+                           &g->job->scene->imaging);
+        g->gains = version;
+    }
+    g->done = version;
+    if (rc == OXL_OK) rc = groups_write_state(g);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++)
+        if (old[b] != g->version[b]) groups_remove(g, b, old[b]);
+    if (rc == OXL_OK && gains != g->gains) groups_remove(g, -1, gains);
+    if (rc == OXL_OK) checkpoint_remove(g->folder, 0);
+    oxl_free(g->job->ctx, old);
+    return rc;
+}
+
+static int groups_progress(void *user, const oxl_progress *progress)
+{
+    struct groups *g = user;
+    g->step = progress->iteration;
+    return job_progress(g->job, progress);
+}
+
+static oxl_result groups_train(struct groups *g, const struct image_window *window, struct trained_model *all,
+                               int from, int until)
+{
+    struct job *job = g->job;
+    const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
+    oxl_train_options o = block_refinement(&job->options.train, all->model.sh_degree, steps);
+    struct text key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
+    oxl_model out = {0};
+    struct train_output place = {.folder = g->folder,
+                                 .log = &log,
+                                 .notes = &notes,
+                                 .start = &all->model,
+                                 .moments = all,
+                                 .window = window,
+                                 .first = from,
+                                 .until = until};
+    const double started = os_seconds();
+    oxl_result rc;
+    text_add(&key, "task %d, %s", g->done, job->key.data);
+    place.key = key.data;
+    rc = key.failed ? job_no_memory(job) : OXL_OK;
+    job_limit_time(job, &o);
+    if (rc == OXL_OK)
+        rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
+    if (rc == OXL_OK) oxl_model_free(job->ctx, &all->model), all->model = out;
+    else oxl_model_free(job->ctx, &out);
+    g->seconds += os_seconds() - started;
+    text_free(&key);
+    text_free(&log);
+    text_free(&notes);
+    return rc;
+}
+
+static oxl_result groups_task(struct groups *g, int from, int until)
+{
+    oxl_context *ctx = g->job->ctx;
+    struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
+    int *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
+    struct trained_model all = {{0}, {0}, {0}};
+    oxl_result rc = window && view ? OXL_OK : job_no_memory(g->job);
+    for (int i = 0; i < g->views && rc == OXL_OK; i++) {
+        const oxl_camera *c = &oxl_scene_view(g->job->scene, i)->camera;
+        if (g->of[i] != g->done % g->count) continue;
+        window[i] = (struct image_window){0, 0, c->width, c->height};
+        view[views++] = i;
+    }
+    if (rc == OXL_OK) rc = groups_load(g, view, views, &all);
+    if (rc == OXL_OK) rc = groups_train(g, window, &all, from, until);
+    if (rc == OXL_OK && g->step >= until) rc = groups_store(g, &all);
+    else if (rc == OXL_OK) g->job->unfinished++; /* the time allowed is over */
+    model_trained_free(ctx, &all);
+    OXL_FREE(ctx, window, view);
+    return rc;
+}
+
+/* ---------------- all tasks */
+
+/* The gains as the last task has left them, or the blocks'. */
+static oxl_result groups_read_gains(const struct groups *g)
+{
+    const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
+    imaging_free(g->job->ctx, &g->job->scene->imaging);
+    if (g->gains == 0 || !os_is_file(path)) return job_join_imaging(g->job, &g->job->scene->imaging);
+    return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
+}
+
+/* A block's model with the medium in its colours, for viewers; not refined. */
+static oxl_result groups_bake(const struct groups *g, int block)
+{
+    const struct imaging *imaging = &g->job->scene->imaging;
+    oxl_model model = {0};
+    oxl_result rc =
+        oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
+    if (rc == OXL_OK) {
+        model_drop_lobes(&model);
+        medium_bake(g->job->scene, &(struct imaging){.medium = imaging->medium}, 0, &model);
+        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, "standard", 1), &model, model.sh_degree);
+    }
+    oxl_model_free(g->job->ctx, &model);
+    return rc;
+}
+
+/* The blocks' models side by side, or with `standard` those for viewers. */
+static oxl_result groups_merge(const struct groups *g, int standard)
+{
+    const int blocks = g->job->partition.block_count;
+    char **path = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
+    oxl_result rc = path ? OXL_OK : job_no_memory(g->job);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++) {
+        const char *from =
+            GROUPS_PATH(g, b, standard ? "standard" : GROUPS_PART[0], standard ? 1 : g->version[b]);
+        if (standard) rc = groups_bake(g, b);
+        if (rc == OXL_OK && !(path[b] = oxl_strdup(g->job->ctx, from))) rc = job_no_memory(g->job);
+    }
+    if (rc == OXL_OK)
+        rc = merge_files(g->job->ctx, path, blocks, g->job->origin,
+                         PATH(g->folder, standard ? "model_standard.ply" : "model.ply"));
+    for (int b = 0; b < blocks && path; b++) {
+        if (standard && path[b]) os_remove(path[b]);
+        oxl_free(g->job->ctx, path[b]);
+    }
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
+/* model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
+static oxl_result groups_finish(struct groups *g)
+{
+    const int blocks = g->job->partition.block_count;
+    struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
+    oxl_result rc = groups_merge(g, 0);
+    if (rc == OXL_OK && imaging_alters_colours(&g->job->scene->imaging)) rc = groups_merge(g, 1);
+    if (rc == OXL_OK)
+        rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
+    if (rc == OXL_OK) groups_remove(g, -1, g->gains);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
+{
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    const int blocks = job->partition.block_count, steps = job->stage_until;
+    struct groups g = {.job = job,
+                       .folder = folder,
+                       .limit = budget_max_gaussians(&load, &job->options),
+                       .views = oxl_scene_view_count(job->scene),
+                       .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
+                       .keep = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
+    oxl_result rc = (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep
+                        ? OXL_OK
+                        : job_no_memory(job);
+    if (rc == OXL_OK) rc = groups_read_state(&g);
+    if (rc == OXL_OK) rc = groups_remove_temporaries(&g);
+    if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
+    if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
+    if (rc == OXL_OK) rc = groups_read_gains(&g);
+    job_set_cache(job, budget_cache(&job->options));
+    while (rc == OXL_OK && g.done < GROUPS_PASSES * g.count && !job->unfinished) {
+        const int from = g.done > 0 ? groups_last_step(&g, g.done - 1, steps) : 0,
+                  until = groups_last_step(&g, g.done, steps);
+        if (until > from) rc = groups_task(&g, from, until);
+        else g.done++;
+    }
+    if (rc == OXL_OK && !job->unfinished) rc = groups_finish(&g);
+    groups_free(&g);
+    return rc;
+}

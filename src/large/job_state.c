@@ -1,0 +1,259 @@
+/* job_state.c - what the files of a job share: names in OUT, the survey, decoded images, progress, records,
+ * the blocks' models.
+ *
+ * Invariant: nothing here trains; job_run.c, rounds.c and groups.c call these functions, but none of theirs
+ * is called here.
+ */
+#include "job_state.h"
+#include "../formats/formats.h"
+#include "../survey/scene.h"
+
+#define JOB_MEMORY_FRACTION 4 /* a merged model of more than --ram over this stays in its file */
+#define JOB_SECONDS_MIN 1e-3  /* of the time left: 0 would be no limit */
+#define JOB_DISK 4            /* times the files' size must be free: a full disk must not stop the run */
+
+/* ---------------- files of OUT */
+
+OXL_INTERNAL oxl_result job_no_memory(struct job *job)
+{
+    return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
+}
+
+OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t)
+{
+    return os_write_text(job->ctx, PATH(job->out, "%s", name), t);
+}
+
+OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block)
+{
+    const int blocks = job->partition.block_count;
+    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
+    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
+}
+
+static int job_is_block(const char *name)
+{
+    return (name[0] && !name[strspn(name, "0123456789")]) || !strcmp(name, "coarse") ||
+           !strcmp(name, "whole") || !strcmp(name, "start");
+}
+
+struct job_entries {
+    struct job *job;
+    oxl_result rc;
+};
+
+static void job_refuse_link(void *user, const char *name)
+{
+    struct job_entries *e = user;
+    if (e->rc == OXL_OK && (job_is_block(name) || !strcmp(name, "decoded")))
+        e->rc = os_refuse_links(e->job->ctx, PATH(e->job->out, "blocks"), name);
+}
+
+OXL_INTERNAL oxl_result job_refuse_links(struct job *job)
+{
+    static const char *const folders[] = {"blocks", "renders", "training_views"};
+    struct job_entries e = {job, OXL_OK};
+    for (size_t k = 0; k < OXL_COUNT(folders) && e.rc == OXL_OK; k++)
+        e.rc = os_refuse_links(job->ctx, job->out, folders[k]);
+    if (e.rc == OXL_OK && os_is_folder(PATH(job->out, "blocks"))) {
+        const oxl_result rc = os_list_folder(job->ctx, PATH(job->out, "blocks"), job_refuse_link, &e);
+        if (rc != OXL_OK) return rc;
+    }
+    return e.rc;
+}
+
+/* ---------------- the survey, and its decoded images in files */
+
+OXL_INTERNAL void job_set_cache(const struct job *job, size_t most)
+{
+    const size_t part = (size_t)(3 * schedule_pixels(job->scene) / OXL_MAX(job->partition.block_count, 1));
+    scene_set_cache(job->scene, job->decoded ? OXL_MIN(most, part) : most);
+}
+
+static oxl_result job_use_decoded(struct job *job)
+{
+    job_set_cache(job, job->options.scene.image_cache_bytes);
+    return scene_set_decoded(job->ctx, job->scene, job->decoded);
+}
+
+OXL_INTERNAL oxl_result job_load(struct job *job)
+{
+    oxl_result rc = OXL_OK;
+    if (job->partition.block_count > 1)
+        rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
+    if (rc == OXL_OK && !job->scene)
+        rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    return rc == OXL_OK ? job_use_decoded(job) : rc;
+}
+
+/* KEY of scene_images.c, or KEY.PID.tmp of a process that was killed. */
+static void job_remove_decoded_file(void *user, const char *name)
+{
+    size_t digits = strspn(name, "0123456789abcdef");
+    if (digits != IMAGE_FILE_NAME) return;
+    if (name[digits] == '.') digits += 1 + strspn(name + digits + 1, "0123456789");
+    if (!name[digits] || !strcmp(name + digits, ".tmp"))
+        os_remove(PATH(((struct job *)user)->decoded, "%s", name));
+}
+
+OXL_INTERNAL void job_remove_decoded(struct job *job)
+{
+    if (!job->decoded || job->options.keep_decoded || !os_is_folder(job->decoded)) return;
+    os_list_folder(job->ctx, job->decoded, job_remove_decoded_file, job);
+    os_remove_folder(job->decoded);
+}
+
+/* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
+OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
+{
+    const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
+    const char *folder = PATH(job->out, "blocks/decoded");
+    oxl_result rc = OXL_OK;
+    if (!os_is_folder(folder)) { /* else another process has decided */
+        const int wanted =
+            job->scene && (job->partition.block_count > 1 || bytes > (double)budget_cache(&job->options));
+        if (wanted) rc = os_make_folder(job->ctx, folder);
+        if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
+    }
+    oxl_free(job->ctx, job->decoded);
+    job->decoded = NULL;
+    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder)))
+        rc = job_no_memory(job);
+    return rc == OXL_OK && job->scene ? job_use_decoded(job) : rc;
+}
+
+/* ---------------- progress and records */
+
+/* The run's progress from the block's. */
+OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
+{
+    struct job *job = user;
+    oxl_progress p = *progress;
+    const double here = os_seconds() - job->started, limit = job->options.train.max_seconds;
+    const double done = job->done + job->stage * (p.iteration - job->stage_first) /
+                                        OXL_MAX(1, job->stage_until - job->stage_first);
+    p.memory = os_peak_rss();
+    p.block = job->block;
+    p.blocks = job->partition.block_count;
+    if (p.blocks > 1 && done > job->done_before) /* the rest as what this process has done */
+        p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before);
+    if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
+    return context_report(job->callback, &p);
+}
+
+OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out)
+{
+    int whole = 1;
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, out);
+    if (rc == OXL_OK && out->exists && checkpoint_step(job->ctx, folder, job->key.data) <= out->iterations)
+        rc = block_check(job->ctx, folder, out, &whole);
+    if (rc != OXL_OK || (whole && !out->damaged)) return rc;
+    oxl_log(job->ctx, OXL_LOG_WARNING, "%s: %s is damaged; what it belongs to is trained again", folder,
+            out->damaged ? "block.json" : "model.ply or imaging.txt");
+    os_remove(PATH(folder, "block.json"));
+    *out = (struct block_record){0};
+    return OXL_OK;
+}
+
+OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
+{
+    struct block_record *total = &job->total;
+    total->exists |= r->exists;
+    total->iterations += r->iterations;
+    total->gaussians += r->gaussians;
+    total->seconds += r->seconds;
+    total->peak = OXL_MAX(total->peak, r->peak);
+    total->predicted_peak = OXL_MAX(total->predicted_peak, r->predicted_peak);
+    total->predicted_seconds = total->predicted_seconds + r->predicted_seconds;
+    nonfinite_add(&total->nonfinite, &r->nonfinite);
+    job->unfinished += !r->finished;
+}
+
+/* The time allowed is the run's: what comes later has what is left of it. */
+OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
+{
+    if (o->max_seconds > 0)
+        o->max_seconds = OXL_MAX(JOB_SECONDS_MIN, o->max_seconds - (os_seconds() - job->started));
+}
+
+static void job_drop_checkpoint(void *user, const char *name)
+{
+    struct job *job = user;
+    if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
+}
+
+/* --restart of a whole run discards what is unfinished. */
+OXL_INTERNAL void job_drop_checkpoints(struct job *job)
+{
+    const char *blocks = PATH(job->out, "blocks");
+    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
+}
+
+/* ---------------- models of the blocks */
+
+/* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
+{
+    const char *folder = JOB_BLOCK(job, block);
+    const int refined =
+        standard &&
+        os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
+    const int whole = block > job->partition.block_count;
+    const size_t most = whole && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
+    return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
+}
+
+/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view
+ * so far. */
+OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
+{
+    for (int i = 0; i < all->views; i++) {
+        if (!block->known[i]) continue;
+        all->known[i] = 1;
+        count[i]++;
+        for (int c = 0; c < 3; c++) {
+            float *a = &all->log_gain[3 * i + c];
+            *a = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
+        }
+    }
+    all->on |= block->on;
+    if (imaging_alters_colours(block)) all->medium = block->medium;
+    if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
+}
+
+OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
+{
+    const int views = oxl_scene_view_count(job->scene);
+    int *count = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
+    const double none[] = {0, 0, 0};
+    oxl_result rc = imaging_create(job->ctx, views, out);
+    if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
+    if (rc == OXL_OK && !count) rc = job_no_memory(job);
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        const char *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
+        struct imaging own = {0};
+        if (os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
+        if (rc == OXL_OK && imaging_is_needed(&own)) imaging_merge(out, count, &own);
+        imaging_free(job->ctx, &own);
+    }
+    if (rc == OXL_OK) imaging_centre(out, none);
+    oxl_free(job->ctx, count);
+    return rc;
+}
+
+/* The blocks' gains, lamp and medium become the scene's. */
+OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
+{
+    oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
+    memcpy(out->origin, job->origin, sizeof job->origin);
+    if (rc == OXL_OK && !job->scene) rc = job_load(job);
+    if (rc == OXL_OK) imaging_free(job->ctx, &job->scene->imaging);
+    if (rc == OXL_OK) rc = job_join_imaging(job, &job->scene->imaging);
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        oxl_model part;
+        rc = job_read_model(job, k, standard, &part);
+        if (rc == OXL_OK) rc = merge_rows(job->ctx, &part, NULL, out);
+        oxl_model_free(job->ctx, &part);
+    }
+    return rc;
+}

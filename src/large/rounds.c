@@ -1,0 +1,607 @@
+/* rounds.c - several blocks, trained as one model (docs/SCALE.md).
+ *
+ * 1. The coarse model: the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
+ * 2. Each block continues the run with the coarse model's Gaussians in its box, on the windows of the views
+ * in which they are visible.
+ *    The context, all other Gaussians, is rendered and not trained. So the merged model is the blocks' models
+ *    side by side.
+ * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with
+ * which it shares a view, as of
+ *    this round if they precede it, else as of the round before: two neighbours never correct the same error
+ *    at the same time. It sees other blocks in the coarse model.
+ * 4. The last stage of the run trains the merged model on all views, in blocks/whole, and lets it grow once
+ * to the allowed number; if the
+ *    model does not fit into memory, in groups (groups.c).
+ *
+ * Invariant: the context of a round is a function of survey and options, not of the process or the order of
+ * training. A process with
+ * --block K trains that block, and others while it waits for them.
+ */
+#include "job_state.h"
+#include "../formats/formats.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+#include "../model/model.h"
+
+#define ROUNDS_GROWTH 0.25 /* of the merged model's part: Gaussians split once more (docs/log/SCALE.md) */
+
+struct rounds {
+    struct job *job;
+    struct block_plan *plan; /* (blocks) */
+    uint8_t *checked;        /* (blocks) 1: by rounds_check_shared */
+    oxl_model coarse;        /* relative to the survey's origin */
+};
+
+/* ---------------- the coarse model */
+
+/* A medium that the tracks do not give is trained from MEDIUM_FIT_FROM of a run on; the coarse model ends
+ * before. */
+static void rounds_warn_of_medium(const struct job *job)
+{
+    if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
+    oxl_log(
+        job->ctx, OXL_LOG_WARNING,
+        "--medium on: the tracks do not show a medium, and several blocks do not train it: it stays off\nfix: --partition none");
+}
+
+static oxl_result rounds_train_coarse(struct job *job, const char *folder)
+{
+    const oxl_callback callback = {job_progress, job};
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .train = job->options.train,
+                              .until = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
+    oxl_result rc = job->scene ? OXL_OK : job_load(job);
+    job->block = job->partition.block_count;
+    job->stage = JOB_COARSE;
+    job->stage_first = 0, job->stage_until = task.until;
+    if (rc == OXL_OK) {
+        const struct cost_load load = cost_load_of_scene(job->scene);
+        oxl_job_options o = job->options;
+        if (!budget_limit_gaussians(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
+        job_set_cache(job, o.scene.image_cache_bytes);
+        task.train = o.train;
+        task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
+    }
+    task.train.keep.kind = OXL_KEEP_ALL;
+    if (task.train.dropout < 0) task.train.dropout = 0; /* of blocks, `auto` is off */
+    job_limit_time(job, &task.train);
+    if (backend_device(job->ctx))
+        oxl_log(job->ctx, OXL_LOG_WARNING, "%s renders whole images only: blocks are trained on the CPU",
+                backend_device(job->ctx));
+    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
+    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    if (rc == OXL_OK) rounds_warn_of_medium(job);
+    return rc;
+}
+
+static int rounds_coarse_is_done(const struct job *job, const struct block_record *record)
+{
+    return record->exists &&
+           record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
+}
+
+/* The coarse model and the plans that follow from it. */
+static oxl_result rounds_prepare(struct job *job)
+{
+    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    struct block_record record = {0};
+    struct block_plan last = {0};
+    oxl_model coarse = {0};
+    int missing = 0; /* a plan; a damaged one is made again from the same model */
+    oxl_result rc = job_read_record(job, folder, &record);
+    if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
+        rc = rounds_train_coarse(job, folder);
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+        job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
+    }
+    job->done = JOB_COARSE;
+    for (int k = job->partition.block_count - 1; k >= 0 && rc == OXL_OK && !job->unfinished && !missing;
+         k--) {
+        block_plan_free(job->ctx, &last);
+        rc = block_plan_read(job, k, &last);
+        missing = last.views == 0;
+    }
+    if (rc == OXL_OK && !job->unfinished && missing) {
+        rc = job->scene ? OXL_OK : job_load(job);
+        if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
+        if (rc == OXL_OK) rc = block_plan_make(job, &coarse);
+    }
+    block_plan_free(job->ctx, &last);
+    oxl_model_free(job->ctx, &coarse);
+    return rc;
+}
+
+/* The same by several processes: one trains, the others wait. */
+static oxl_result rounds_prepare_shared(struct job *job)
+{
+    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    oxl_lock *lock = NULL;
+    struct block_plan last = {0};
+    oxl_result rc = OXL_OK;
+    while (rc == OXL_OK && !lock && last.views == 0) {
+        rc = block_plan_read(job, job->partition.block_count - 1, &last);
+        if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
+        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, JOB_WAIT);
+    }
+    if (rc == OXL_OK && lock) rc = rounds_prepare(job);
+    job->done = JOB_COARSE;
+    block_plan_free(job->ctx, &last);
+    oxl_unlock_folder(job->ctx, &lock);
+    return rc;
+}
+
+/* ---------------- what a block sees of the others */
+
+/* keep (count): 1 for Gaussians that may show in a view of the block. */
+static void rounds_mark_visible(const struct rounds *r, const struct block_plan *plan, const oxl_model *model,
+                                uint8_t *keep)
+{
+    const oxl_scene *scene = r->job->scene;
+    const double near = scene_near_plane(scene);
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(r->job->ctx->threads)
+    for (int64_t i = 0; i < (int64_t)model->count; i++) {
+        keep[i] = 0;
+        for (int v = 0; v < plan->views && !keep[i]; v++)
+            keep[i] =
+                plan->shows[v] && model_row_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
+    }
+}
+
+/* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has
+ * begun, else of the coarse model. */
+static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_model *context)
+{
+    struct job *job = r->job;
+    const struct block_plan *plan = &r->plan[block];
+    const char *folder = JOB_BLOCK(job, of);
+    uint8_t *keep = NULL;
+    struct block_record record = {0};
+    oxl_model model = {0}, rest = {0};
+    oxl_result rc = OXL_OK;
+    if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
+    if (rc == OXL_OK)
+        rc = record.exists ? job_read_model(job, of, 0, &model)
+                           : block_plan_split(job, of, &r->coarse, &model, &rest);
+    if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = job_no_memory(job);
+    if (rc == OXL_OK) rounds_mark_visible(r, plan, &model, keep);
+    if (rc == OXL_OK) rc = merge_rows(job->ctx, &model, keep, context);
+    oxl_model_free(job->ctx, &model);
+    oxl_model_free(job->ctx, &rest);
+    oxl_free(job->ctx, keep);
+    return rc;
+}
+
+static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context)
+{
+    oxl_result rc = oxl_model_create(r->job->ctx, 0, 0, context);
+    memcpy(context->origin, r->coarse.origin, sizeof context->origin);
+    for (int of = 0; of < r->job->partition.block_count && rc == OXL_OK; of++)
+        if (of != block) rc = rounds_add_block(r, block, of, context);
+    return rc;
+}
+
+/* ---------------- a block's round */
+
+/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' fractions of the
+ * pixels. */
+static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
+{
+    oxl_train_options o = job->options.train;
+    const double scale = (double)plan->iterations / o.iterations;
+    o.survey_iterations = o.iterations;
+    o.iterations = plan->iterations;
+    o.densify_every = (int)OXL_MAX(1, o.densify_every * scale + 0.5);
+    o.max_gaussians = (int)OXL_MIN(plan->gaussians, INT_MAX);
+    if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->fraction));
+    if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->fraction;
+    if (o.medium == OXL_ON) o.medium = OXL_AUTO; /* as the coarse model has it */
+    if (o.dropout < 0) o.dropout = 0;
+    return o;
+}
+
+/* The block begins with the coarse model's gains, and keeps its lamp and medium. */
+static oxl_result rounds_read_imaging(struct job *job)
+{
+    imaging_free(job->ctx, &job->scene->imaging);
+    return oxl_scene_read_imaging(job->ctx, job->scene,
+                                  PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
+}
+
+/* --ram, less what the context takes. */
+static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
+                                struct block_task *task)
+{
+    const double beside = (double)context->count * (4.0 * oxl_model_planes(context) + COST_SPLAT_BYTES);
+    struct cost_load load = cost_load_of_scene(job->scene);
+    oxl_job_options o = job->options;
+    o.train = task->train;
+    load.points = own->count;
+    if (o.ram) {
+        o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
+        if (!budget_fit(job->ctx, &load, &o)) return budget_refuse(job->ctx, &load, &o);
+        o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
+    }
+    job_set_cache(job, o.scene.image_cache_bytes);
+    task->train = o.train;
+    task->predicted_peak = cost_estimate(job->ctx, &o, &load).memory + beside;
+    return OXL_OK;
+}
+
+/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays
+ * as the coarse model has it. */
+static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
+{
+    int windows = 0;
+    for (int v = 0; v < plan->views; v++) windows += plan->window[v].width > 0;
+    return own->count == 0 || windows == 0;
+}
+
+static oxl_result rounds_write_block(struct job *job, int block, const struct block_task *task,
+                                     const oxl_model *own)
+{
+    const struct block_record record = {.iterations = task->until, .gaussians = own->count, .idle = 1};
+    const char *path = PATH(JOB_BLOCK(job, block), "model.ply");
+    oxl_result rc = model_file_write_ply(job->ctx, path, own, own->sh_degree);
+    if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
+    return rc;
+}
+
+static oxl_result rounds_train(struct rounds *r, int block, int round, const char *folder)
+{
+    struct job *job = r->job;
+    const struct block_plan *plan = &r->plan[block];
+    const oxl_callback callback = {job_progress, job};
+    oxl_model own = {0}, others = {0}, context = {0};
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .train = rounds_options(job, plan),
+                              .start = &own,
+                              .context = &context,
+                              .window = plan->window,
+                              .first = plan->first,
+                              .until = block_plan_until(plan, round)};
+    oxl_result rc;
+    task.predicted_seconds = job->survey.seconds * plan->work;
+    job->block = block;
+    job->stage = plan->work / JOB_ROUNDS;
+    job->stage_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first,
+    job->stage_until = task.until;
+    job_limit_time(job, &task.train);
+    rc = rounds_read_imaging(job);
+    if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
+    oxl_model_free(job->ctx, &others);
+    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own))
+        rc = rounds_write_block(job, block, &task, &own);
+    else {
+        if (rc == OXL_OK) rc = rounds_context(r, block, &context);
+        if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
+        if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    }
+    oxl_model_free(job->ctx, &own);
+    oxl_model_free(job->ctx, &context);
+    return rc;
+}
+
+/* Rounds that a block has finished. */
+static oxl_result rounds_completed(struct rounds *r, int block, int *done)
+{
+    const char *folder = JOB_BLOCK(r->job, block);
+    struct block_record record = {0};
+    const oxl_result rc = block_read(r->job->ctx, folder, r->job->key.data, &record);
+    *done = 0;
+    while (rc == OXL_OK && *done < JOB_ROUNDS && record.exists &&
+           record.iterations >= block_plan_until(&r->plan[block], *done))
+        ++*done;
+    return rc;
+}
+
+static oxl_result rounds_step(struct rounds *r, int block, int round)
+{
+    struct job *job = r->job;
+    const char *folder = JOB_BLOCK(job, block);
+    int done = 0;
+    oxl_result rc = rounds_train(r, block, round, folder);
+    if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
+    job->unfinished += rc == OXL_OK && done <= round;
+    job->done += job->stage;
+    return rc;
+}
+
+/* ---------------- what a fault has changed */
+
+/* 1: the block's files are those of the rounds that its record states, and those of its neighbours are as far
+ * as they were then. A model that is newer than its record will be written again, from the checkpoint. */
+static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
+{
+    struct job *job = r->job;
+    const char *folder = JOB_BLOCK(job, block);
+    struct block_record record = {0};
+    int done = 0, step;
+    oxl_result rc = block_read(job->ctx, folder, job->key.data, &record);
+    *good = !record.damaged;
+    if (rc != OXL_OK || !record.exists) return rc;
+    step = checkpoint_step(job->ctx, folder, job->key.data);
+    if (record.iterations < r->plan[block].last && !record.idle) *good = step >= record.iterations;
+    if (*good && step <= record.iterations) rc = block_check(job->ctx, folder, &record, good);
+    if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
+    for (int j = 0; j < job->partition.block_count && rc == OXL_OK && *good && done > 0; j++) {
+        int other = 0;
+        if (j == block || !r->plan[block].neighbour[j]) continue;
+        rc = rounds_completed(r, j, &other);
+        *good = other >= (j < block ? done : done - 1);
+    }
+    return rc;
+}
+
+/* The same bytes again take the same context again: all blocks go back to the coarse model. */
+static void rounds_go_back(struct rounds *r, int block)
+{
+    struct job *job = r->job;
+    oxl_log(
+        job->ctx, OXL_LOG_WARNING,
+        "%s: the state of this block is damaged or missing, and others have been trained beside it: all blocks "
+        "begin again with the coarse model",
+        JOB_BLOCK(job, block));
+    for (int k = 0; k < job->partition.block_count; k++) {
+        os_remove(PATH(JOB_BLOCK(job, k), "block.json"));
+        checkpoint_remove(JOB_BLOCK(job, k), 0);
+    }
+}
+
+static oxl_result rounds_check_all(struct rounds *r)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < r->job->partition.block_count && rc == OXL_OK; k++) {
+        int good = 1;
+        rc = rounds_check_block(r, k, &good);
+        if (rc != OXL_OK || good) continue;
+        rounds_go_back(r, k);
+        break;
+    }
+    return rc;
+}
+
+/* Of one process of several: others may be at work on the other blocks. */
+static oxl_result rounds_check_shared(struct rounds *r, int block)
+{
+    int good = 1;
+    const oxl_result rc = r->checked[block] ? OXL_OK : rounds_check_block(r, block, &good);
+    r->checked[block] = 1;
+    if (rc != OXL_OK || good) return rc;
+    return oxl_fail(
+        r->job->ctx, OXL_ERR_INPUT,
+        "%s: the state of this block is damaged or missing, and others have been trained beside it\n"
+        "fix: when no other process trains here: oceanxl train %s -o %s, which begins all blocks again",
+        JOB_BLOCK(r->job, block), SHELL_WORD(r->job->scene_path), SHELL_WORD(r->job->out));
+}
+
+/* ---------------- all rounds of all blocks */
+
+static oxl_result rounds_run_blocks(struct rounds *r)
+{
+    oxl_result rc = OXL_OK;
+    for (int round = 0; round < JOB_ROUNDS; round++)
+        for (int k = 0; k < r->job->partition.block_count && rc == OXL_OK && !r->job->unfinished; k++) {
+            int done = 0;
+            rc = rounds_completed(r, k, &done);
+            if (rc == OXL_OK && done > round)
+                r->job->done += r->plan[k].work / JOB_ROUNDS, r->job->done_before = r->job->done;
+            else if (rc == OXL_OK) rc = rounds_step(r, k, round);
+        }
+    return rc;
+}
+
+/* 1: the neighbours are as far as the block's next round needs. */
+static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
+{
+    oxl_result rc = OXL_OK;
+    *ready = 1;
+    for (int j = 0; j < r->job->partition.block_count && rc == OXL_OK && *ready; j++) {
+        int done = JOB_ROUNDS;
+        if (j != block && r->plan[block].neighbour[j]) rc = rounds_completed(r, j, &done);
+        *ready = done >= (j < block ? round + 1 : round);
+    }
+    return rc;
+}
+
+/* The next round of a block, if it can be trained now. *trained: it was. */
+static oxl_result rounds_try(struct rounds *r, int block, int *trained)
+{
+    struct job *job = r->job;
+    const char *folder = JOB_BLOCK(job, block);
+    oxl_lock *lock = NULL;
+    int round = 0, ready = 0;
+    oxl_result rc = lock_folder_if_free(job->ctx, folder, &lock);
+    *trained = 0;
+    if (rc == OXL_OK && lock) rc = rounds_check_shared(r, block);
+    if (rc == OXL_OK && lock) rc = rounds_completed(r, block, &round);
+    if (rc == OXL_OK && lock && round < JOB_ROUNDS) rc = rounds_is_ready(r, block, round, &ready);
+    if (rc == OXL_OK && ready) {
+        rc = rounds_step(r, block, round);
+        *trained = 1;
+    }
+    oxl_unlock_folder(job->ctx, &lock);
+    return rc;
+}
+
+/* One block to its end; while it waits for others, they are trained unless another process does that. */
+static oxl_result rounds_run_block(struct rounds *r, int block)
+{
+    const int blocks = r->job->partition.block_count;
+    int done = 0, trained = 0;
+    oxl_result rc = rounds_completed(r, block, &done);
+    while (rc == OXL_OK && done < JOB_ROUNDS && !r->job->unfinished) {
+        trained = 0;
+        for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++)
+            rc = rounds_try(r, (block + k) % blocks, &trained);
+        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, JOB_WAIT);
+        if (rc == OXL_OK) rc = rounds_completed(r, block, &done);
+    }
+    return rc;
+}
+
+static oxl_result rounds_begin(struct rounds *r)
+{
+    struct job *job = r->job;
+    const int blocks = job->partition.block_count;
+    oxl_result rc = job_read_model(job, blocks, 0, &r->coarse);
+    r->plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
+    r->checked = oxl_calloc(job->ctx, (size_t)blocks, 1);
+    if (rc == OXL_OK && (!r->plan || !r->checked)) rc = job_no_memory(job);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        rc = block_plan_read(job, k, &r->plan[k]);
+        if (rc == OXL_OK && r->plan[k].views == 0)
+            rc = oxl_fail(
+                job->ctx, OXL_ERR_INPUT,
+                "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
+                job->out, k, SHELL_WORD(job->out));
+    }
+    if (rc == OXL_OK && !job->scene) rc = job_load(job);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++)
+        if (!block_plan_fits(&r->plan[k], job->scene))
+            rc = oxl_fail(job->ctx, OXL_ERR_INPUT,
+                          "%s/blocks/%03d/plan.txt is of other views\nfix: delete %s/blocks, and train again",
+                          job->out, k, SHELL_WORD(job->out));
+    return rc;
+}
+
+static void rounds_end(struct rounds *r)
+{
+    for (int k = 0; k < r->job->partition.block_count && r->plan; k++)
+        block_plan_free(r->job->ctx, &r->plan[k]);
+    OXL_FREE(r->job->ctx, r->plan, r->checked);
+    oxl_model_free(r->job->ctx, &r->coarse);
+}
+
+/* ---------------- the merged model */
+
+/* 1: memory holds it. */
+static int rounds_merged_fits(const struct job *job)
+{
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    return budget_fits(&load, &job->options, (double)job->total.gaussians);
+}
+
+/* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs
+ * them. */
+static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
+{
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    const int step = (int)ceil(ROUNDS_GROWTH * job->stage_until);
+    oxl_job_options o = job->options;
+    o.train = block_refinement(&job->options.train, sh_degree, job->stage_until);
+    if (block_plan_merged_fraction(job) == JOB_MERGED && job->options.train.densify_until > 0 &&
+        budget_limit_gaussians(job->ctx, &load, &o)) {
+        job_set_cache(job, o.scene.image_cache_bytes); /* beside which the Gaussians have to fit */
+        o.train.densify_every = step;
+        o.train.densify_until = (float)((step + 0.5) / job->stage_until);
+    }
+    return o.train;
+}
+
+static oxl_result rounds_run_merged(struct job *job, const char *folder)
+{
+    const oxl_callback callback = {job_progress, job};
+    oxl_model merged = {0};
+    struct block_task task = {.folder = folder,
+                              .key = job->key.data,
+                              .callback = &callback,
+                              .start = &merged,
+                              .standard = block_standard_steps(&job->options.train)};
+    oxl_result rc = job_merge(job, 0, &merged);
+    task.train = rounds_merged_options(job, merged.sh_degree);
+    task.predicted_seconds = block_plan_merged_fraction(job) * job->survey.seconds;
+    job_limit_time(job, &task.train);
+    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    oxl_model_free(job->ctx, &merged);
+    return rc;
+}
+
+/* After all blocks: the merged model. */
+static oxl_result rounds_train_merged(struct job *job)
+{
+    const char *folder = JOB_BLOCK(job, job->partition.block_count + 1);
+    struct block_record record = {0};
+    oxl_result rc = job_read_record(job, folder, &record);
+    const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
+    job->block = job->partition.block_count + 1;
+    job->stage = block_plan_merged_fraction(job);
+    job->stage_first = 0, job->stage_until = steps;
+    if (rc == OXL_OK && !record.finished) {
+        if (!job->scene) rc = job_load(job);
+        if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
+        if (rc == OXL_OK)
+            rc = rounds_merged_fits(job) ? rounds_run_merged(job, folder) : groups_run(job, folder);
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+        job->unfinished += rc == OXL_OK && !record.finished;
+    }
+    if (rc == OXL_OK && record.exists) {
+        job_add_record(job, &record);
+        job->total.iterations = job->options.train.iterations;
+    }
+    return rc;
+}
+
+/* ---------------- records */
+
+static oxl_result rounds_block_is_missing(struct job *job, int block, const struct block_record *record,
+                                          int *missing)
+{
+    struct block_plan plan = {0};
+    const oxl_result rc = block_plan_read(job, block, &plan);
+    const int done = plan.views > 0 && record->exists && record->iterations >= plan.last;
+    if (rc == OXL_OK && !done && *missing < 0) *missing = block;
+    block_plan_free(job->ctx, &plan);
+    return rc;
+}
+
+/* The records of coarse model and blocks; `missing` names the first block that is not finished, or NULL. */
+static oxl_result rounds_add_records(struct job *job, int *missing)
+{
+    oxl_result rc = OXL_OK;
+    *missing = -1;
+    for (int k = 0; k <= job->partition.block_count && rc == OXL_OK; k++) {
+        const char *folder = JOB_BLOCK(job, k);
+        struct block_record record = {0};
+        rc = block_read(job->ctx, folder, job->key.data, &record);
+        if (k == job->partition.block_count)
+            record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
+        else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
+        record.finished = 1; /* as far as it is asked for */
+        if (rc == OXL_OK) job_add_record(job, &record);
+    }
+    /* a step on a window counts as its fraction of the image */
+    job->total.iterations = job->options.train.iterations;
+    return rc;
+}
+
+OXL_INTERNAL oxl_result rounds_run(struct job *job)
+{
+    struct rounds r = {.job = job};
+    int missing;
+    oxl_result rc = job->options.block >= 0 ? rounds_prepare_shared(job) : rounds_prepare(job);
+    job->done_before = job->done;
+    if (rc != OXL_OK || job->unfinished) return rc;
+    rc = rounds_begin(&r);
+    if (rc == OXL_OK && job->options.block < 0) rc = rounds_check_all(&r);
+    if (rc == OXL_OK)
+        rc = job->options.block >= 0 ? rounds_run_block(&r, job->options.block) : rounds_run_blocks(&r);
+    rounds_end(&r);
+    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
+    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_train_merged(job);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result rounds_collect(struct job *job)
+{
+    int missing = -1;
+    oxl_result rc = rounds_add_records(job, &missing);
+    if (rc != OXL_OK) return rc;
+    if (missing < 0) return rounds_train_merged(job);
+    return oxl_fail(job->ctx, OXL_ERR_INPUT,
+                    "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
+                    job->out, missing, SHELL_WORD(job->scene_path), SHELL_WORD(job->out), missing);
+}
