@@ -350,7 +350,7 @@ OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_cha
 OXL_INTERNAL oxl_result step_densify(struct train *t)
 {
     const oxl_train_options *o = t->options;
-    struct density_rules rules = {.gradient = o->densify_gradient,
+    struct density_rules rules = {.gradient = schedule_densify_gradient(t->scene, o),
                                   .f_mid = 1,
                                   .f_far = 1,
                                   .extent = oxl_scene_extent(t->scene),

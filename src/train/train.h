@@ -38,6 +38,10 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 
 /* ---------------- schedule.c: functions of options and step */
 
+/* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS in scenes without points, whose
+ * Gaussians all come from growth (docs/log/LEGO.md). */
+#define SCHEDULE_GRADIENT_POINTLESS 0.0002f
+OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options);
 /* Largest number of Gaussians for this scene. */
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* Factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
