@@ -1,5 +1,4 @@
-/* model_file.c - reads model files: the standard 3DGS PLY, with an element for second lobes; other formats by
- * extension (spz.c, splat_file.c).
+/* model_file.c - reads models as PLY: the standard of 3DGS, with an element for second lobes.
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
  *
@@ -99,7 +98,7 @@ static size_t model_file_count_unturned(const oxl_model *m)
 }
 
 /* Keeps the rows of finite values and sizes in their order. */
-static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
+OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count, limits = model_file_settle_limits(model);
     size_t unturned;
@@ -385,7 +384,7 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
     return rc;
 }
 
-static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
+OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct ply ply;
     int vertex, dog;
@@ -401,59 +400,5 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
     for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
-    return rc;
-}
-
-/* ---------------- the public function */
-
-/* What a file is, by its first bytes; else by its name. */
-static enum model_format model_file_format(const char *path)
-{
-    unsigned char head[4] = {0};
-    FILE *file = os_open(path, "rb");
-    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
-    if (file) fclose(file);
-    if (size == sizeof head && !memcmp(head, "ply", 3)) return MODEL_FORMAT_PLY;
-    if (size == sizeof head && (!memcmp(head, "\x1f\x8b", 2) || !memcmp(head, "NGSP", 4)))
-        return MODEL_FORMAT_SPZ;
-    if (size == sizeof head && !memcmp(head, "glTF", 4)) return MODEL_FORMAT_GLB;
-    if (size == sizeof head && !memcmp(head, "PK\3\4", 4)) return MODEL_FORMAT_SOG;
-    return model_format_by_name(path);
-}
-
-OXL_INTERNAL enum model_format model_format_by_name(const char *path)
-{
-    static const char *const endings[] = {".ply", ".splat", ".spz", ".glb", ".sog", ".ksplat"};
-    for (size_t i = 0; i < OXL_COUNT(endings); i++)
-        if (model_file_ends_in(path, endings[i])) return (enum model_format)i;
-    return MODEL_FORMAT_UNKNOWN;
-}
-
-static oxl_result model_file_refuse(oxl_context *ctx, const char *path, enum model_format format)
-{
-    if (format == MODEL_FORMAT_GLB)
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: .glb files are written, not read\nfix: use the .ply or .spz that it was made from", path);
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: a model in the format %s, which is not read\nfix: splat-transform IN%s OUT.ply",
-                    path, format == MODEL_FORMAT_SOG ? "SOG (a zip file)" : "of GaussianSplats3D, KSPLAT",
-                    format == MODEL_FORMAT_SOG ? ".sog" : ".ksplat");
-}
-
-oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
-{
-    const enum model_format format = model_file_format(path);
-    oxl_result rc;
-    *out = (oxl_model){0};
-    rc = format == MODEL_FORMAT_SPLAT ? splat_file_read(ctx, path, out)
-         : format == MODEL_FORMAT_SPZ ? spz_read(ctx, path, out)
-         : format == MODEL_FORMAT_PLY || format == MODEL_FORMAT_UNKNOWN
-             ? model_file_read_ply(ctx, path, out)
-             : model_file_refuse(ctx, path, format);
-    if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
-    if (rc == OXL_OK && out->count == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
-    if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }
