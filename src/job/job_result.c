@@ -16,7 +16,7 @@
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
-    const int blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
+    const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
     oxl_result rc = job_read_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
@@ -207,7 +207,8 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     job_add_partition_decision(job, t);
     for (int k = 0; k < 2 && job->partition.block_count > 1 && rc == OXL_OK; k++) {
         text_add(t, k ? ", \"merged\": {" : ", \"coarse\": {");
-        rc = block_read_member(job->ctx, JOB_BLOCK(job, job->partition.block_count + k), "decisions", t);
+        rc = block_read_member(job->ctx, JOB_BLOCK(job, k ? JOB_MERGED_MODEL : JOB_COARSE_MODEL), "decisions",
+                               t);
         text_add(t, "}");
     }
     text_add(t, ", \"blocks\": [");

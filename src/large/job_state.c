@@ -26,9 +26,8 @@ OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struc
 
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block)
 {
-    const int blocks = job->partition.block_count;
-    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
-    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
+    if (block >= 0) return path_in(out, job->out, "blocks/%03d", block);
+    return path_in(out, job->out, "blocks/%s", block == JOB_COARSE_MODEL ? "coarse" : "whole");
 }
 
 static int job_is_block(const char *name)
@@ -133,7 +132,10 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     const double done = job->done + job->stage * (p.iteration - job->stage_first) /
                                         OXL_MAX(1, job->stage_until - job->stage_first);
     p.memory = os_peak_rss();
-    p.block = job->block;
+    p.block = OXL_MAX(job->block, 0);
+    p.stage = job->block == JOB_COARSE_MODEL   ? OXL_STAGE_COARSE
+              : job->block == JOB_MERGED_MODEL ? OXL_STAGE_MERGED
+                                               : OXL_STAGE_BLOCK;
     p.blocks = job->partition.block_count;
     if (p.blocks > 1 && done > job->done_before) /* the rest as what this process has done */
         p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before);
@@ -198,8 +200,8 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard,
     const int refined =
         standard &&
         os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
-    const int whole = block > job->partition.block_count;
-    const size_t most = whole && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
+    const size_t most =
+        block == JOB_MERGED_MODEL && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
     return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
 }
 

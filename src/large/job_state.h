@@ -38,7 +38,7 @@ struct job {
     struct text key;           /* both: what a block depends on */
     struct text notes;         /* log lines outside of the blocks' training */
     struct block_record total; /* over the blocks */
-    int block;                 /* now in training */
+    int block;                 /* now in training; or JOB_COARSE_MODEL, JOB_MERGED_MODEL */
     int unfinished;            /* blocks that were stopped by --max-time */
     char *decoded;             /* OUT/blocks/decoded, for decoded images; or NULL */
     double started;
@@ -55,8 +55,9 @@ struct job {
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
 OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
-/* OUT/blocks/KKK, a temporary like PATH. Block block_count: OUT/blocks/coarse; block_count + 1:
- * OUT/blocks/whole. */
+/* What is trained in a folder beside the blocks 0 .. block_count - 1; takes their place as a block's number. */
+enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
+/* OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */

@@ -53,7 +53,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
                               .train = job->options.train,
                               .until = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
     oxl_result rc = job->scene ? OXL_OK : job_load(job);
-    job->block = job->partition.block_count;
+    job->block = JOB_COARSE_MODEL;
     job->stage = JOB_COARSE;
     job->stage_first = 0, job->stage_until = task.until;
     if (rc == OXL_OK) {
@@ -85,7 +85,7 @@ static int rounds_coarse_is_done(const struct job *job, const struct block_recor
 /* The coarse model and the plans that follow from it. */
 static oxl_result rounds_prepare(struct job *job)
 {
-    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
     struct block_record record = {0};
     struct block_plan last = {0};
     oxl_model coarse = {0};
@@ -105,7 +105,7 @@ static oxl_result rounds_prepare(struct job *job)
     }
     if (rc == OXL_OK && !job->unfinished && missing) {
         rc = job->scene ? OXL_OK : job_load(job);
-        if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
+        if (rc == OXL_OK) rc = job_read_model(job, JOB_COARSE_MODEL, 0, &coarse);
         if (rc == OXL_OK) rc = block_plan_make(job, &coarse);
     }
     block_plan_free(job->ctx, &last);
@@ -116,7 +116,7 @@ static oxl_result rounds_prepare(struct job *job)
 /* The same by several processes: one trains, the others wait. */
 static oxl_result rounds_prepare_shared(struct job *job)
 {
-    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
     oxl_lock *lock = NULL;
     struct block_plan last = {0};
     oxl_result rc = OXL_OK;
@@ -205,8 +205,7 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
 static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, &job->scene->imaging);
-    return oxl_scene_read_imaging(job->ctx, job->scene,
-                                  PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
+    return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
 /* --ram, less what the context takes. */
@@ -447,7 +446,7 @@ static oxl_result rounds_begin(struct rounds *r)
 {
     struct job *job = r->job;
     const int blocks = job->partition.block_count;
-    oxl_result rc = job_read_model(job, blocks, 0, &r->coarse);
+    oxl_result rc = job_read_model(job, JOB_COARSE_MODEL, 0, &r->coarse);
     r->plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
     r->checked = oxl_calloc(job->ctx, (size_t)blocks, 1);
     if (rc == OXL_OK && (!r->plan || !r->checked)) rc = job_no_memory(job);
@@ -523,11 +522,11 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
 /* After all blocks: the merged model. */
 static oxl_result rounds_train_merged(struct job *job)
 {
-    const char *folder = JOB_BLOCK(job, job->partition.block_count + 1);
+    const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
     struct block_record record = {0};
     oxl_result rc = job_read_record(job, folder, &record);
     const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
-    job->block = job->partition.block_count + 1;
+    job->block = JOB_MERGED_MODEL;
     job->stage = block_plan_merged_fraction(job);
     job->stage_first = 0, job->stage_until = steps;
     if (rc == OXL_OK && !record.finished) {
@@ -564,12 +563,12 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
     oxl_result rc = OXL_OK;
     *missing = -1;
     for (int k = 0; k <= job->partition.block_count && rc == OXL_OK; k++) {
-        const char *folder = JOB_BLOCK(job, k);
+        const int block = k < job->partition.block_count ? k : JOB_COARSE_MODEL;
         struct block_record record = {0};
-        rc = block_read(job->ctx, folder, job->key.data, &record);
-        if (k == job->partition.block_count)
+        rc = block_read(job->ctx, JOB_BLOCK(job, block), job->key.data, &record);
+        if (block == JOB_COARSE_MODEL)
             record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
-        else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
+        else if (rc == OXL_OK) rc = rounds_block_is_missing(job, block, &record, missing);
         record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);
     }
