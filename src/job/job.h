@@ -22,8 +22,13 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run);
 /* o borrows run's strings */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o);
-/* A line for each member of "job" and "found" that differs between two runs. */
-OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current);
+struct manifest_changes {
+    int count;             /* members of "job" and "found" that differ between two runs */
+    int iterations, start; /* 1: this one does */
+};
+/* t: a line for each of them, or NULL. */
+OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, const char *current,
+                                             struct text *t, struct manifest_changes *changes);
 /* *same: two lines "job": {...} differ in the names of the same folders only, or, where what was `found` is
  * the same, in those of folders that have moved. */
 OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,

@@ -91,9 +91,11 @@ static int job_is_of_another_run(const struct job *job, const struct oxl_manifes
 static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx}, there = t;
+    struct manifest_changes changes;
     oxl_result rc;
     text_add(&there, "%s, %s", run->line, run->found ? run->found : "");
-    rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(&t, there.data, job->key.data);
+    rc = there.failed ? OXL_ERR_MEMORY
+                      : manifest_differences(job->ctx, there.data, job->key.data, &t, &changes);
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                       "%s holds the %s of a run with other options or of another survey:\n%s"

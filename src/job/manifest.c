@@ -150,26 +150,31 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
 /* ---------------- differences of two runs */
 
 struct manifest_comparison {
-    struct text *t;
+    oxl_context *ctx;
     const char *old, *current; /* "job": {...} and "found": {...} of both */
-    int count;
+    struct text *t;            /* or NULL */
+    struct manifest_changes changes;
 };
 
-/* Adds a line for a member with different values. */
+/* Counts a member with different values, and adds its line. */
 static oxl_result manifest_compare(struct manifest_comparison *c, const char *member, const char *label)
 {
     char *old = NULL, *current = NULL;
-    oxl_result rc = manifest_read_value(c->t->ctx, manifest_find(c->old, member), &old);
-    if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->current, member), &current);
-    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0) &&
-        c->count++ < MANIFEST_DIFFERENCES)
-        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given",
-                 current ? current : "not given");
-    OXL_FREE(c->t->ctx, old, current);
+    oxl_result rc = manifest_read_value(c->ctx, manifest_find(c->old, member), &old);
+    if (rc == OXL_OK) rc = manifest_read_value(c->ctx, manifest_find(c->current, member), &current);
+    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0)) {
+        c->changes.iterations |= !strcmp(member, "iterations");
+        c->changes.start |= !strcmp(member, "start");
+        if (c->changes.count++ < MANIFEST_DIFFERENCES && c->t)
+            text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given",
+                     current ? current : "not given");
+    }
+    OXL_FREE(c->ctx, old, current);
     return rc;
 }
 
-OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current)
+OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, const char *current,
+                                             struct text *t, struct manifest_changes *changes)
 {
     static const char *const others[][2] = {{"version", "version"},
                                             {"scene", "survey"},
@@ -179,7 +184,7 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, co
                                             {"points", "points of the survey"},
                                             {"extent", "extent of the survey"},
                                             {"start", "model to start from"}};
-    struct manifest_comparison c = {t, old, current, 0};
+    struct manifest_comparison c = {.ctx = ctx, .old = old, .current = current, .t = t};
     oxl_result rc = OXL_OK;
     for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {
         char member[40], label[48];
@@ -189,7 +194,9 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, co
     }
     for (size_t i = 0; i < OXL_COUNT(others) && rc == OXL_OK; i++)
         rc = manifest_compare(&c, others[i][0], others[i][1]);
-    if (c.count > MANIFEST_DIFFERENCES) text_add(t, "  and %d more\n", c.count - MANIFEST_DIFFERENCES);
+    if (c.changes.count > MANIFEST_DIFFERENCES && t)
+        text_add(t, "  and %d more\n", c.changes.count - MANIFEST_DIFFERENCES);
+    *changes = c.changes;
     return rc;
 }
 

@@ -138,7 +138,7 @@ OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block
     *out = (struct block_plan){0};
     if (os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
     if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
-        strstr(map.data, job->key.data))
+        text_has_line(map.data, job->key.data))
         rc = plan_parse(job, map.data, out);
     if (rc == OXL_ERR_INPUT || (rc == OXL_OK && out->views == 0)) block_plan_free(job->ctx, out), rc = OXL_OK;
     if (rc != OXL_OK) block_plan_free(job->ctx, out);

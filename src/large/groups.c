@@ -114,7 +114,7 @@ static oxl_result groups_read_state(struct groups *g)
     int used = 0, good;
     const oxl_result rc = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
     if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
-        strstr(map.data, g->job->key.data))
+        text_has_line(map.data, g->job->key.data))
         s = strstr(map.data, "\ngroups ");
     good = s &&
            sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
