@@ -19,8 +19,7 @@
 #define MODEL_FILE_OPAQUE 20.0f    /* logit of alpha 1, to the last bit of a float */
 
 enum {
-    MODEL_FILE_ROWS = 256, /* converted at a time */
-    MODEL_FILE_LOBE_BYTES = 16,
+    MODEL_FILE_ROWS = 256,      /* converted at a time */
     MODEL_FILE_HEADER = 1 << 16 /* bytes: longer ones are not read some rows at a time */
 };
 
@@ -264,7 +263,7 @@ OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, st
         out->lobes = ply.elements > 1 ? (size_t)e[1].rows : 0;
         out->data = ply.data;
         out->lobe_data = ply.data + e->rows * e->row_bytes;
-        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_FILE_LOBE_BYTES <= file.size;
+        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_LOBE_BYTES <= file.size;
     }
     for (int c = 0; c < ply.comments && *has; c++) model_read_comment(ctx, path, ply.comment[c], model);
 done:
@@ -287,13 +286,13 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
     if (rc == OXL_OK && got < model->count * l->row_bytes)
         rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
     if (rc == OXL_OK && model->lobes)
-        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_FILE_LOBE_BYTES);
+        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_LOBE_BYTES);
     if (rc == OXL_OK && model->lobes)
-        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_FILE_LOBE_BYTES, &got);
+        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_LOBE_BYTES, &got);
     for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++)
         for (size_t i = 0; i < model->lobes; i++)
             model->plane[OXL_LOBE + k][i] =
-                bytes_float(rows + i * MODEL_FILE_LOBE_BYTES + l->offset[OXL_LOBE + k]);
+                bytes_float(rows + i * MODEL_LOBE_BYTES + l->offset[OXL_LOBE + k]);
     oxl_free(ctx, rows);
     return rc;
 }

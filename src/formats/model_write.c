@@ -8,8 +8,7 @@
 #include "../core/bytes.h"
 
 enum {
-    MODEL_WRITE_ROWS = 256, /* converted at a time */
-    MODEL_WRITE_LOBE_BYTES = 16
+    MODEL_WRITE_ROWS = 256 /* converted at a time */
 };
 
 /* ---------------- values that are not finite */
@@ -104,7 +103,7 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
 {
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
-        unsigned char row[MODEL_WRITE_LOBE_BYTES];
+        unsigned char row[MODEL_LOBE_BYTES];
         for (int k = 0; k < MODEL_LOBE_PLANES; k++)
             bytes_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
         rc = model_write_put(ctx, w, row, sizeof row);

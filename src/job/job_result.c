@@ -51,9 +51,8 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
     const int made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
     oxl_result rc =
         made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
-    model_drop_lobes(out);
-    if (rc == OXL_OK && !made && job_alters_colours(job))
-        medium_bake(job->scene, &(struct imaging){.medium = job->scene->imaging.medium}, 0, out);
+    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, out);
+    else model_drop_lobes(out);
     return rc;
 }
 

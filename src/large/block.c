@@ -334,8 +334,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     oxl_result rc;
     *done = 0;
     b->before = b->task->train.iterations;
-    model_drop_lobes(model);
-    if (hides) medium_bake(scene, &(struct imaging){.medium = scene->imaging.medium}, 0, model);
+    medium_make_standard(scene, model);
     scene->imaging.medium = (struct medium){0};
     o.medium = OXL_OFF;
     o.lr_sh *= hides ? BLOCK_REFINE_SH : 1;

@@ -415,13 +415,11 @@ static oxl_result groups_read_gains(const struct groups *g)
 /* A block's model with the medium in its colours, for viewers; not refined. */
 static oxl_result groups_bake(const struct groups *g, int block)
 {
-    const struct imaging *imaging = &g->job->scene->imaging;
     oxl_model model = {0};
     oxl_result rc =
         oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
-        model_drop_lobes(&model);
-        medium_bake(g->job->scene, &(struct imaging){.medium = imaging->medium}, 0, &model);
+        medium_make_standard(g->job->scene, &model);
         rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, "standard", 1), &model, model.sh_degree);
     }
     oxl_model_free(g->job->ctx, &model);

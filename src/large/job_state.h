@@ -75,9 +75,6 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 /* the blocks' models and imaging, merged */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
-/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added
- * so far. */
-OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 /* The imaging of several blocks: log gains of mean 0, lamp and medium. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);

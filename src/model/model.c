@@ -202,6 +202,11 @@ OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size
     return model_lay_out(ctx, model, model->capacity, model->sh_degree, lobes);
 }
 
+OXL_INTERNAL double model_row_bytes(int sh_degree)
+{
+    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1));
+}
+
 OXL_INTERNAL void model_drop_lobes(oxl_model *model)
 {
     model->lobes = 0;

@@ -4,7 +4,7 @@
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
-#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 /* of J: what is seen through more of the medium than this lets through is no evidence of it */
 #define MEDIUM_MIN 0.02
@@ -94,4 +94,11 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
                 row += (double)transmittance[i] * drgb[(size_t)c * plane + i];
             sum[MEDIUM_VEILING_LIGHT + c] += row;
         }
+}
+
+OXL_INTERNAL void medium_make_standard(oxl_scene *scene, oxl_model *model)
+{
+    const struct imaging medium = {.medium = scene->imaging.medium};
+    model_drop_lobes(model);
+    if (imaging_alters_colours(&medium)) medium_bake(scene, &medium, 0, model);
 }
