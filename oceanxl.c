@@ -173,6 +173,5 @@
 #include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
-#include "src/job/seam.c"              /* image error at the borders between blocks */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

@@ -50,17 +50,6 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
                                     /* OXL_ERR_USAGE: several blocks can only start from the survey */
                                     int blocks);
 
-/* ---------------- seam.c: PSNR near the borders between blocks */
-
-struct seam { /* over all unmasked pixels of a split, not the mean over views; NaN without pixels */
-    double near_psnr, elsewhere_psnr;
-    size_t near_pixels, elsewhere_pixels;
-};
-OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model,
-                                     oxl_scene *scene, oxl_split split, struct seam *out);
-/* a member of an object and its comma */
-OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam);
-
 /* ---------------- render_names.c, render_files.c, training_views.c */
 
 /* What may be written of a view, and the temporary names of these and of the list. */

@@ -143,7 +143,6 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
 {
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
-    struct seam seam;
     oxl_result rc =
         job->options.lpips ? oxl_scene_read_lpips(job->ctx, job->scene, job->options.lpips) : OXL_OK;
     if (rc == OXL_OK) rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_evaluated_split(job), &m);
@@ -165,11 +164,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
             m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
-    if (rc == OXL_OK && job->partition.block_count > 1)
-        rc =
-            seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_evaluated_split(job), &seam);
     if (rc != OXL_OK) goto done;
-    if (job->partition.block_count > 1) seam_add_json(&t, &seam);
     rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;

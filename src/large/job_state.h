@@ -55,7 +55,7 @@ struct job {
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
 OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
-/* What is trained in a folder beside the blocks 0 .. block_count - 1; takes their place as a block's number. */
+/* What is trained in a folder beside blocks 0 .. block_count - 1; takes the place of a block's number. */
 enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
 /* OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
