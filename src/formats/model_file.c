@@ -53,8 +53,9 @@ OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
 
 /* ---------------- rows that are not finite */
 
-/* Opacity is a logit and size a logarithm: alpha 0 and 1 and a width of 0 are infinite there, and become
- * finite values that give the same. Returns the number of rows with one of them. */
+/* Replaces infinities that are limits: opacity is a logit and size a logarithm, so alpha 0 and 1 and a
+ * width of 0 are infinite there, and become finite values that give the same. Returns the number of rows
+ * with one of them. */
 OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
 {
     size_t settled = 0;
@@ -151,7 +152,7 @@ static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply
     return rc;
 }
 
-/* The SH degree for a number of f_rest columns. */
+/* Returns the SH degree for a number of f_rest columns. */
 static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply,
                                          const struct ply_element *vertex, int *degree)
 {
@@ -221,7 +222,7 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
 
 /* ---------------- PLY in, some rows at a time */
 
-/* The bytes before each plane's value; 0: a property is missing, or not a float. */
+/* Counts the bytes before each plane's value; 0: a property is missing, or not a float. */
 static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog,
                               struct model_file_layout *out)
 {
@@ -299,7 +300,8 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
 
 /* ---------------- second lobes in */
 
-/* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
+/* Reads the rows of element dog: index (rows) as double, the row number without vertex_index; factor (4,
+ * rows). */
 static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index,
                                           float *factor)
 {

@@ -71,7 +71,7 @@ static int model_format_ends(const char *path, const char *ending)
     return n >= m;
 }
 
-/* NULL: no row has this ending. */
+/* Finds the row by the file's name. NULL: no row has this ending. */
 static const struct model_format *model_format_by_name(const char *path)
 {
     for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS); i++)

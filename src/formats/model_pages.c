@@ -20,8 +20,8 @@ enum { PAGES_ROWS = 1024 };
 
 /* ---------------- what a view may show */
 
-/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a
- * view. */
+/* Returns 1 if a Gaussian with its centre within `radius` of a point and standard deviations up to sigma
+ * may show in a view. */
 static int pages_sphere_shows(const oxl_camera *c, double near_plane, const double centre[3], double radius,
                               double sigma)
 {
@@ -65,7 +65,7 @@ static size_t pages_rows(const struct oxl_model_pages *p, size_t page)
     return OXL_MIN(p->layout.rows - page * PAGES_ROWS, PAGES_ROWS);
 }
 
-/* The finite rows of a page, as a model relative to the file's origin; lobes: of the whole model. */
+/* Reads the finite rows of a page, as a model relative to the file's origin. lobes: of the whole model. */
 static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, struct os_reader *file,
                              size_t page, size_t lobed, oxl_model *out)
 {

@@ -113,7 +113,7 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
 
 enum model_write_which { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
 
-/* Some rows of a model, page by page if they are in a file. */
+/* Writes some rows of a model, page by page if they are in a file. */
 static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
                                    enum model_write_which which, int file_degree)
 {

@@ -13,7 +13,7 @@
 
 /* ---------------- models */
 
-/* The model of the one block, or of all: trained after merging, or merged now. */
+/* Reads the model of the one block, or of all, trained after merging. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
     const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
@@ -27,7 +27,8 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-/* The medium lies between the model's colours and the images: scene.ply is a model for viewers without it. */
+/* Returns 1 if a medium lies between the model's colours and the images: scene.ply is then a model for
+ * viewers without it. */
 static int job_alters_colours(const struct job *job)
 {
     return job->scene && imaging_alters_colours(&job->scene->imaging);
@@ -45,7 +46,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
-/* Without lobes and medium; of an unfinished run, not refined. */
+/* Makes the model without lobes and medium; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
@@ -56,9 +57,9 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
     return rc;
 }
 
-/* scene.ply has the model's SH degree, and the lobes, or with a medium the standard model; scene_clear.ply
- * then has the former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of
- * the file that the metrics are of, and of the standard model's. */
+/* Writes scene.ply with the model's SH degree, and the lobes, or with a medium the standard model;
+ * scene_clear.ply then has the former. Unless scene.ply has the standard columns already,
+ * scene_standard.ply has. bytes: of the file that the metrics are of, and of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
     const int hides = job_alters_colours(job),
@@ -98,7 +99,7 @@ static oxl_split job_evaluated_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
+/* Evaluates what a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
                                    oxl_metrics *m)
 {
@@ -193,7 +194,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
         job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
-/* What was decided, and on what evidence, block by block. */
+/* Adds what was decided, and on what evidence, block by block. */
 static oxl_result job_add_decisions(struct job *job, struct text *t)
 {
     oxl_result rc = OXL_OK;
@@ -251,7 +252,7 @@ static oxl_result job_render_views(struct job *job)
     return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
 
-/* imaging.txt beside scene.ply, where the run has gains. */
+/* Writes imaging.txt beside scene.ply, where the run has gains. */
 static oxl_result job_write_gains(struct job *job)
 {
     const char *path = PATH(job->out, "imaging.txt");
@@ -261,7 +262,8 @@ static oxl_result job_write_gains(struct job *job)
     return OXL_OK;
 }
 
-/* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
+/* Writes everything that belongs to the result; of an unfinished run of one block, the model as far as it
+ * is. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
     oxl_model standard = {0};

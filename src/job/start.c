@@ -13,7 +13,7 @@
 
 #include "../core/json.h"
 
-/* A copy, whole or not at all; a file that is not there is removed there, too. */
+/* Copies a file, whole or not at all; one that is not there is removed there, too. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
 {
     struct os_file_map map = {0};
@@ -26,7 +26,7 @@ static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to,
     return rc;
 }
 
-/* blocks/start from blocks/000. */
+/* Copies blocks/000 to blocks/start. */
 static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *start)
 {
     oxl_result rc = os_make_folder(ctx, start);
@@ -34,7 +34,8 @@ static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *s
     return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }
 
-/* Iterations of the finished run that is continued; 0: it is none that differs by more iterations alone. */
+/* Finds the iterations of the finished run that is continued; 0: it is none that differs by more iterations
+ * alone. */
 static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
                                     const char *key, int iterations, int *after)
 {
