@@ -85,7 +85,8 @@ OXL_INTERNAL oxl_result job_load(struct job *job)
     return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 
-/* KEY of scene_images.c, or KEY.PID.tmp of a process that was killed. */
+/* Returns 1 for a file of decoded images: KEY of scene_images.c, or KEY.PID.tmp of a process that was
+ * killed. */
 static void job_remove_decoded_file(void *user, const char *name)
 {
     size_t digits = strspn(name, "0123456789abcdef");
@@ -102,7 +103,8 @@ OXL_INTERNAL void job_remove_decoded(struct job *job)
     os_remove_folder(job->decoded);
 }
 
-/* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
+/* Decides whether decoded images are kept in files: where each would be decoded several times, in blocks,
+ * or when memory does not hold them all. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
     const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
@@ -123,7 +125,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 
 /* ---------------- progress and records */
 
-/* The run's progress from the block's. */
+/* Reports the run's progress from the block's. */
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 {
     struct job *job = user;
@@ -171,7 +173,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
-/* The time allowed is the run's: what comes later has what is left of it. */
+/* Limits a part of the run to the time that is left of the whole. */
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
     if (o->max_seconds > 0)
@@ -184,7 +186,7 @@ static void job_drop_checkpoint(void *user, const char *name)
     if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
 }
 
-/* --restart of a whole run discards what is unfinished. */
+/* Discards what is unfinished, at --restart of a whole run. */
 OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 {
     const char *blocks = PATH(job->out, "blocks");
@@ -193,7 +195,7 @@ OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 
 /* ---------------- models of the blocks */
 
-/* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
+/* Reads a block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
     const char *folder = JOB_BLOCK(job, block);
@@ -225,7 +227,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
     return rc;
 }
 
-/* The blocks' gains, lamp and medium become the scene's. */
+/* Makes the blocks' gains, lamp and medium the scene's. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);

@@ -34,8 +34,8 @@ struct rounds {
 
 /* ---------------- the coarse model */
 
-/* A medium that the tracks do not give is trained from MEDIUM_FIT_FROM of a run on; the coarse model ends
- * before. */
+/* Warns of a medium that the tracks do not give: it is trained from MEDIUM_FIT_FROM of a run on; the coarse
+ * model ends before. */
 static void rounds_warn_of_medium(const struct job *job)
 {
     if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
@@ -82,7 +82,7 @@ static int rounds_coarse_is_done(const struct job *job, const struct block_recor
            record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
 }
 
-/* The coarse model and the plans that follow from it. */
+/* Trains the coarse model and makes the plans that follow from it. */
 static oxl_result rounds_prepare(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
@@ -113,7 +113,7 @@ static oxl_result rounds_prepare(struct job *job)
     return rc;
 }
 
-/* The same by several processes: one trains, the others wait. */
+/* Does the same by several processes: one trains, the others wait. */
 static oxl_result rounds_prepare_shared(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
@@ -134,7 +134,7 @@ static oxl_result rounds_prepare_shared(struct job *job)
 
 /* ---------------- what a block sees of the others */
 
-/* keep (count): 1 for Gaussians that may show in a view of the block. */
+/* Marks in keep (count) the Gaussians that may show in a view of the block. */
 static void rounds_mark_visible(const struct rounds *r, const struct block_plan *plan, const oxl_model *model,
                                 uint8_t *keep)
 {
@@ -184,8 +184,8 @@ static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context
 
 /* ---------------- a block's round */
 
-/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' fractions of the
- * pixels. */
+/* Returns the options of the block's part of the run Numbers of Gaussians and bytes are divided by the
+ * blocks' fractions of the pixels. */
 static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
 {
     oxl_train_options o = job->options.train;
@@ -201,14 +201,14 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     return o;
 }
 
-/* The block begins with the coarse model's gains, and keeps its lamp and medium. */
+/* Reads the coarse model's gains, with which the block begins; it keeps that model's lamp and medium. */
 static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, &job->scene->imaging);
     return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
-/* --ram, less what the context takes. */
+/* Fits the block into --ram, less what the context takes. */
 static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
                                 struct block_task *task)
 {
@@ -228,8 +228,8 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     return OXL_OK;
 }
 
-/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays
- * as the coarse model has it. */
+/* Finishes a block without Gaussians, or with too little in every view, as of a survey that is wholly
+ * black: it stays as the coarse model has it. */
 static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
 {
     int windows = 0;
@@ -311,8 +311,9 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
 
 /* ---------------- what a fault has changed */
 
-/* 1: the block's files are those of the rounds that its record states, and those of its neighbours are as far
- * as they were then. A model that is newer than its record will be written again, from the checkpoint. */
+/* Returns 1 if the block's files are those of the rounds that its record states, and those of its
+ * neighbours are as far as they were then. A model that is newer than its record will be written again,
+ * from the checkpoint. */
 static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
 {
     struct job *job = r->job;
@@ -335,7 +336,7 @@ static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
     return rc;
 }
 
-/* The same bytes again take the same context again: all blocks go back to the coarse model. */
+/* Sends all blocks back to the coarse model: the same bytes again take the same context again. */
 static void rounds_go_back(struct rounds *r, int block)
 {
     struct job *job = r->job;
@@ -363,7 +364,7 @@ static oxl_result rounds_check_all(struct rounds *r)
     return rc;
 }
 
-/* Of one process of several: others may be at work on the other blocks. */
+/* Checks the block of one process of several: others may be at work on the other blocks. */
 static oxl_result rounds_check_shared(struct rounds *r, int block)
 {
     int good = 1;
@@ -393,7 +394,7 @@ static oxl_result rounds_run_blocks(struct rounds *r)
     return rc;
 }
 
-/* 1: the neighbours are as far as the block's next round needs. */
+/* Returns 1 if the neighbours are as far as the block's next round needs. */
 static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
 {
     oxl_result rc = OXL_OK;
@@ -406,7 +407,7 @@ static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *r
     return rc;
 }
 
-/* The next round of a block, if it can be trained now. *trained: it was. */
+/* Trains the next round of a block, if that can be done now. *trained: it was. */
 static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 {
     struct job *job = r->job;
@@ -426,7 +427,8 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
     return rc;
 }
 
-/* One block to its end; while it waits for others, they are trained unless another process does that. */
+/* Trains one block to its end; while it waits for others, they are trained unless another process does
+ * that. */
 static oxl_result rounds_run_block(struct rounds *r, int block)
 {
     const int blocks = r->job->partition.block_count;
@@ -477,15 +479,14 @@ static void rounds_end(struct rounds *r)
 
 /* ---------------- the merged model */
 
-/* 1: memory holds it. */
+/* Returns 1 if memory holds the merged model. */
 static int rounds_merged_fits(const struct job *job)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
     return budget_fits(&load, &job->options, (double)job->total.gaussians);
 }
 
-/* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs
- * them. */
+/* Lets the merged model have the Gaussians that blocks have left of what is allowed, and memory holds. */
 static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -519,7 +520,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
     return rc;
 }
 
-/* After all blocks: the merged model. */
+/* Trains the merged model, after all blocks. */
 static oxl_result rounds_train_merged(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
@@ -557,7 +558,8 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
     return rc;
 }
 
-/* The records of coarse model and blocks; `missing` names the first block that is not finished, or NULL. */
+/* Adds the records of coarse model and blocks; `missing` names the first block that is not finished, or
+ * NULL. */
 static oxl_result rounds_add_records(struct job *job, int *missing)
 {
     oxl_result rc = OXL_OK;
