@@ -57,16 +57,17 @@
 #include "src/formats/nerfstudio_names.c" /* its images: names, sizes, which are held out */
 #include "src/formats/nerfstudio.c"       /* transforms.json */
 #include "src/formats/opensfm.c"          /* reconstruction.json */
-#include "src/formats/survey_find.c"      /* the files of a survey, and who reads them */
+#include "src/formats/survey_find.c"      /* the formats of surveys, a row each; which sub-model */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
 #include "src/formats/spz.c"              /* models as SPZ */
 #include "src/formats/gltf.c"             /* models as binary glTF */
 #include "src/formats/splat_file.c"       /* models as .splat */
 #include "src/formats/model_columns.h"    /* the columns of the standard PLY */
-#include "src/formats/model_file.c"       /* models from PLY; selects the format */
+#include "src/formats/model_file.c"       /* models from PLY */
 #include "src/formats/model_pages.c"      /* a model that stays in its file */
-#include "src/formats/model_write.c"      /* models as PLY; selects the format */
+#include "src/formats/model_write.c"      /* models as PLY */
+#include "src/formats/model_formats.c"    /* the formats of models, a row each */
 
 /* forward and backward pass of one image */
 #include "src/render/real.h"    /* the number type of the kernels and its arithmetic */
@@ -172,6 +173,5 @@
 #include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
-#include "src/job/seam.c"              /* image error at the borders between blocks */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

@@ -16,7 +16,7 @@ static int survey_is_distorted(const struct colmap *c)
     return count;
 }
 
-/* "3 cameras, the first OPENCV 1920 x 1080, distorted (undistorted on load)" */
+/* Writes a line as "3 cameras, the first OPENCV 1920 x 1080, distorted (undistorted on load)" */
 static void survey_cameras(const struct colmap *c, oxl_survey *s)
 {
     const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
@@ -29,7 +29,7 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
              s->cameras_distorted ? "distorted (undistorted on load)" : "without distortion");
 }
 
-/* The size that most of the memory is for. */
+/* Finds the size of the largest view, which most of the memory is for. */
 static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 {
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
@@ -66,7 +66,7 @@ static void survey_write(oxl_survey *s, const char *format, ...)
     va_end(args);
 }
 
-/* "about 4 min (3 to 6)" */
+/* Writes a time as "about 4 min (3 to 6)". */
 OXL_INTERNAL void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
 {
     const double unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
@@ -102,7 +102,7 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_write(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
 }
 
-/* How many steps, and why. */
+/* States how many steps, and why. */
 static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
 {
     const int images = s->images - s->images_missing;
@@ -115,7 +115,7 @@ static void survey_write_iterations(const oxl_job_options *o, int iterations, ox
     survey_write(s, "\n");
 }
 
-/* How many blocks, and why. */
+/* States how many blocks, and why. */
 static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                       oxl_survey *s)
 {
@@ -136,7 +136,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return OXL_OK;
 }
 
-/* 1: all camera centres coincide, within a millionth of the points' extent. */
+/* Returns 1 if all camera centres coincide, within a millionth of the points' extent. */
 static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 {
     double apart = 0, size = 0;

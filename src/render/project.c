@@ -158,7 +158,7 @@ SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const
     return g;
 }
 
-/* How many of a pack's rows have a second lobe. */
+/* Returns how many of a pack's rows have a second lobe. */
 static int project_lobes(const struct gaussians *in, size_t first)
 {
     return first < in->lobes ? (int)OXL_MIN(in->lobes - first, (size_t)PACK) : 0;
@@ -383,7 +383,7 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
     }
 }
 
-/* The same for the second lobes, whose sums follow the splat's. */
+/* Does the same for the second lobes, whose sums follow the splat's. */
 static void project_gather_lobes(const struct project_job *job, size_t first, unsigned seen, int lobes,
                                  real sums[SPLAT_SUMS][PACK])
 {

@@ -58,7 +58,7 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
-/* scene_load.c. Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
+/* Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
 OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
 /* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
