@@ -29,6 +29,8 @@ struct train_output {
     int frozen; /* 1: gains and lamp stay as they are */
     /* the run pauses after this step and writes a checkpoint; 0: no pause */
     int until;
+    int viewed;  /* views that the caller renders afterwards; for the time left */
+    int refined; /* steps by which the caller refines a model whose medium is baked; likewise */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
@@ -51,11 +53,29 @@ OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int ste
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
 
-/* ---------------- model_selection.c: trials */
+/* ---------------- look.c: a first look at a survey */
 
+struct look {         /* all 0: there was none */
+    double share;     /* of the Gaussians at the start, that training would split at once */
+    double gaussians; /* at the start */
+    double seconds;   /* of a step on a whole image */
+    int steps, views; /* that it took */
+};
+/* What hinders a look is no error, but an interruption is. */
+OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  struct look *out);
+
+/* ---------------- forecast.c: Gaussians and time of a run */
+
+/* Gaussians at the end of a run that starts with `start`; share: as a look has it, 0: not known. */
+OXL_INTERNAL double forecast_gaussians(const oxl_train_options *options, double start, double share,
+                                       double cap);
 /* Upper bound of the steps that the trials of a whole run take beyond its iterations. views: number of
  * training views. */
-OXL_INTERNAL int selection_trial_steps(const oxl_train_options *options, int views);
+OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *options, int views);
+/* Seconds of the run and its evaluation. */
+OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *options,
+                                     const struct look *look, double cap);
 
 /* ---------------- nonfinite.c: counts of numbers that are not finite */
 
