@@ -135,7 +135,7 @@ TEST(budget_is_what_partition_predicts_with)
     options.train.max_gaussians = 300000;
     options.train.sh_degree = -1; /* with trials, whatever the build */
     options.train.iterations = 2000;
-    CHECK_OK(oxl_partition(test_ctx, job_test_survey_of(6000), test_path("free"), &options, &free));
+    CHECK_OK(oxl_partition(test_ctx, job_test_survey_of(30000), test_path("free"), &options, &free));
     options.ram = (size_t)(0.9 * free.block[0].memory);
     CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
     for (int k = 0; k < limited.block_count; k++) CHECK(limited.block[k].memory <= (double)options.ram);
