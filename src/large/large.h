@@ -3,6 +3,7 @@
 #define OXL_LARGE_H
 
 #include "../core/core.h"
+#include "../train/forecast.h"
 #include "../train/train.h"
 #include "../../oceanxl_job.h"
 

@@ -8,6 +8,7 @@
  * Invariant: nothing here changes what is trained.
  */
 #include "parts_calls.h"
+#include "forecast.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 

@@ -8,6 +8,7 @@
  * are not.
  */
 #include "parts_calls.h"
+#include "forecast.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 

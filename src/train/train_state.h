@@ -141,15 +141,7 @@ OXL_INTERNAL oxl_result train_imaging_begin(struct train *t); /* from the tracks
 OXL_INTERNAL void train_imaging_describe(struct train *t);    /* warns where values are not identifiable */
 OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in the scene and the model */
 
-/* ---------------- forecast.c: the time left */
-
-OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
-OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and what t->output names */
-
 /* ---------------- train_loop.c */
-
-OXL_INTERNAL oxl_result train_begin(struct train *t);
-OXL_INTERNAL void train_end(struct train *t);
 
 /* one step, and what is due after it: density control, pruning, trials */
 OXL_INTERNAL oxl_result train_step(struct train *t);
