@@ -111,11 +111,13 @@
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
 #include "src/train/schedule.c"        /* values that depend on options and step only */
 #include "src/train/parts.c"           /* calls the hooks of all parts */
+#include "src/train/forecast.c"        /* how many Gaussians and how much time a run will take */
 #include "src/train/step.c"            /* one step: forward, loss, backward, Adam; density control */
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* validation views and trials */
 #include "src/train/train_imaging.c"   /* light and water of a run, before and after its steps */
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
+#include "src/train/look.c"            /* a first look at a survey, for forecasts */
 
 /* the parts of training: a file and a row of the table each */
 #include "src/parts/ucd.c"           /* depth weights of density control */
@@ -152,7 +154,6 @@
 #include "src/large/partition_svg.c"        /* partition.svg */
 #include "src/large/partition_export.c"     /* blocks as COLMAP text exports */
 #include "src/large/merge.c"                /* merge the models of blocks */
-#include "src/large/predict_time.c"         /* times some steps and predicts the run */
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */

@@ -79,8 +79,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 
 /* closely: also checks each image and mask, without decoding images. */
-OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene,
-                                        const oxl_job_options *options, int closely, oxl_survey *out);
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
+                                        int closely, oxl_survey *out);
 /* Adds an object without a final newline; lines after the first start with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 

@@ -299,9 +299,8 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     cost = cost_estimate(job->ctx, o, &load);
     task->train = o->train;
     task->predicted_peak = cost.memory;
-    task->predicted_seconds = job->survey.seconds; /* what was timed for the survey is not timed again */
-    if (!(job->survey.seconds > 0))
-        task->predicted_seconds = cost_seconds(job->ctx, job->scene, o, &cost, NULL);
+    task->predicted_seconds = job->survey.seconds; /* 0: it was not described in this process */
+    if (!(job->survey.seconds > 0)) task->predicted_seconds = cost.seconds;
     job_limit_time(job, &task->train);
     return OXL_OK;
 }
@@ -312,6 +311,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
                               .callback = &callback,
+                              .viewed = oxl_scene_view_count(job->scene),
                               .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
     oxl_result rc = job_plan_single(job, &task, &options);

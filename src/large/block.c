@@ -262,6 +262,8 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                        .window = task->window,
                                        .first = task->first,
                                        .until = task->until,
+                                       .viewed = task->viewed,
+                                       .refined = task->standard,
                                        .from = task->from,
                                        .nonfinite = &b->nonfinite,
                                        .trained = &trained};

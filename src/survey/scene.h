@@ -13,6 +13,8 @@ struct scene_stats { /* for `check` and the first message */
     int images_listed, images_missing, unregistered, views, test_views, distorted_cameras, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
+    /* of the first Gaussians, that training would split at once; 0: not known (src/train/forecast.c) */
+    double splitting;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
 
