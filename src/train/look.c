@@ -60,7 +60,7 @@ static double look_share(const struct train *t)
     for (size_t i = 0; i < t->trained.model.count; i++) {
         const double gradient = density_mean_gradient(t->density, i);
         seen += gradient > 0;
-        split += gradient > (double)t->options->densify_gradient;
+        split += gradient > (double)schedule_densify_gradient(t->scene, t->options);
     }
     return seen ? (double)split / (double)seen : 0;
 }
