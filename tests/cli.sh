@@ -125,6 +125,9 @@ promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test 
 promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
 promise bash_completion_offers_the_options_of_the_command 0 "--flight" bash -c "eval \"\$('$program' --completion)\"; COMP_WORDS=(oceanxl render --fli); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
 promise zsh_has_the_same_completion 0 "_bash_complete" sh -c "'$program' --completion >completion; if command -v zsh >/dev/null; then zsh -f -c 'autoload -U compinit; compinit -u -d zcompdump; . ./completion; echo \$_comps[oceanxl]'; else grep bashcompinit completion && echo _bash_complete; fi"
+mkdir -p alone && cp "$program" alone/oceanxl
+promise synth_without_the_program_beside_it_says_what_builds_it 1 "alone/oceanxl-lab cannot be run" on_stderr alone/oceanxl synth -o nothing
+promise the_program_of_studies_refuses_commands_of_the_other 2 "train is a command of oceanxl, not of oceanxl-lab" on_stderr "$program-lab" train survey -o nothing
 promise no_command_is_a_usage_error 2 "a command is expected" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
