@@ -23,7 +23,7 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this
+/* Runs ablate or tradeoff: many trainings with the options of a job, a log and a progress line on this
  * console. */
 static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
@@ -46,7 +46,7 @@ static oxl_result run_study(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* All commands write to a folder that one process at a time may use. */
+/* Runs a command; all write to a folder that one process at a time may use. */
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     oxl_lock *lock = NULL;

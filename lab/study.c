@@ -29,7 +29,7 @@ static const struct study_row *study_find_row(const struct study_kind *kind, con
     return NULL;
 }
 
-/* Place of the row of that name among those chosen; -1: it is not. */
+/* Returns the place of the row of that name among those chosen; -1: it is not. */
 static int study_row_index(const struct study *s, const char *name)
 {
     for (int i = 0; name && i < s->rows; i++)
@@ -96,16 +96,15 @@ static oxl_job_options study_job(const struct study *s, int row, int seed)
 
 /* ---------------- time */
 
-/* Steps of the row, in the base's. */
+/* Returns the steps of the row, in the base's. */
 static double study_steps(const struct study *s, int row)
 {
     const int trials = s->row[row]->equal == STUDY_GAUSSIANS ? STUDY_TRIALS : 1;
     return (double)trials * study_job(s, row, 1).train.iterations / s->base.train.iterations;
 }
 
-/* Without a size asked for, images are reduced until the first seeds of all rows but the longest are likely
- * to fit the budget.
- * The choice is kept in this folder, so a resumed study compares equal sizes. */
+/* Reduces images, without a size asked for, until the first seeds of all rows but the longest are likely to
+ * fit the budget. The choice is kept in this folder, so a resumed study compares equal sizes. */
 static oxl_result study_choose_side(struct study *s)
 {
     char *before = output_read(s->options->out, "study.json", NULL);
@@ -139,7 +138,7 @@ static int study_is_finished(const char *folder)
 
 /* ---------------- training */
 
-/* trial: of a search, from 0; each has its folder. */
+/* Trains one row. trial: of a search, from 0; each has its folder. */
 static oxl_result study_train_in(struct study *s, int row, int seed, int trial, struct study_result *out)
 {
     const oxl_job_options job = study_job(s, row, seed);
@@ -152,8 +151,8 @@ static oxl_result study_train_in(struct study *s, int row, int seed, int trial, 
     return study_train(&s->meter, folder, &job, out);
 }
 
-/* The count is near a power of the threshold: a secant step in logarithms. off: log of count over the wanted
- * one, of k + 1 trials. */
+/* Takes a secant step in logarithms: the count is near a power of the threshold. off: log of count over the
+ * wanted one, of k + 1 trials. */
 static double study_next(const double *threshold, const double *off, int k)
 {
     double slope = STUDY_SLOPE;
@@ -162,8 +161,8 @@ static double study_next(const double *threshold, const double *off, int k)
     return threshold[k] - off[k] / slope;
 }
 
-/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals
- * that of the row `like`. The nearest trial is used. */
+/* Trains a control: the densify threshold, the same at all depths, is adjusted until the number of
+ * Gaussians equals that of the row `like`. The nearest trial is used. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
     const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];

@@ -116,7 +116,7 @@ static int plot_higher(const void *a, const void *b)
     return p->y != q->y ? (p->y > q->y ? -1 : 1) : strcmp(p->name, q->name);
 }
 
-/* Names beside their points, from the highest down; moved down where they would overlap. */
+/* Writes names beside their points, from the highest down; moved down where they would overlap. */
 static void plot_points(struct output *t, struct plot *p)
 {
     double name_y[STUDY_ROWS];

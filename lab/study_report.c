@@ -67,7 +67,7 @@ static double table_paper_effect(const struct study *s, int row, int base, enum 
     return value > 0 && first > 0 ? table_compare(m, value, first) : NAN;
 }
 
-/* Better in one and no worse in the other; of equals the first. */
+/* Returns 1 for a row that is better in one and no worse in the other; of equals the first. */
 static int table_dominates(double psnr, double cost, double other_psnr, double other_cost, int first)
 {
     return psnr >= other_psnr && cost <= other_cost && (psnr > other_psnr || cost < other_cost || first);
@@ -88,9 +88,9 @@ static int table_is_of_iterations(const struct study_row *r)
     return r->iterations > 0;
 }
 
-/* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the
- * logarithm of time between the two neighbours among the rows that differ in iterations alone; NaN outside of
- * them. */
+/* Estimates the PSNR that the base's options reach in so much processor time with more iterations or fewer:
+ * linear in the logarithm of time between the two neighbours among the rows that differ in iterations
+ * alone; NaN outside of them. */
 static double table_by_iterations(const struct study *s, double cpu)
 {
     double below = 0, above = HUGE_VAL, psnr_below = NAN, psnr_above = NAN;
@@ -104,8 +104,8 @@ static double table_by_iterations(const struct study *s, double cpu)
     return psnr_below + (psnr_above - psnr_below) * log(cpu / below) / log(above / below);
 }
 
-/* The n-th row that `row` is compared with; -1: there are no more. Without any of its own among the rows it
- * is the first row. */
+/* Returns the n-th row that `row` is compared with; -1: there are no more. Without any of its own among the
+ * rows it is the first row. */
 static int table_baseline(const struct study *s, int row, int n)
 {
     int found = 0;
@@ -161,7 +161,7 @@ static void table_rows(struct output *t, const struct study *s)
     }
 }
 
-/* "+0.65" or "x0.885"; "" when it is not known. */
+/* Writes "+0.65" or "x0.885"; "" when it is not known. */
 static const char *table_relative(char out[32], enum study_measure m, double value)
 {
     const int difference = TABLE_COLUMNS[m].difference;
@@ -171,7 +171,7 @@ static const char *table_relative(char out[32], enum study_measure m, double val
 }
 #define TABLE_RELATIVE(m, value) table_relative((char[32]){0}, m, value)
 
-/* "+0.75 +-0.25 (+0.65)": ours, its spread, the paper's. */
+/* Writes "+0.75 +-0.25 (+0.65)": ours, its spread, the paper's. */
 static void table_effect(struct output *t, const struct study *s, int row, int base, enum study_measure m)
 {
     const struct study_figure f = study_compare(s, row, base, m);
@@ -251,7 +251,7 @@ void study_page(struct output *t, const struct study *s)
 
 /* ---------------- CSV */
 
-/* A line of the rows' table; base: "" or the row that it is compared with. */
+/* Writes a line of the rows' table; base: "" or the row that it is compared with. */
 static void table_line(struct output *t, const struct study *s, int r, const char *base, const char *seed,
                        const double *value)
 {
@@ -261,7 +261,7 @@ static void table_line(struct output *t, const struct study *s, int r, const cha
     output_add(t, ",%s\n", base[0] ? "" : study_is_pareto_optimal(s, r) ? "1" : "0");
 }
 
-/* base: -1: the means of the row itself. */
+/* Writes the means of a row. base: -1: of the row itself; else differences from that row. */
 static void table_summaries(struct output *t, const struct study *s, int r, int base)
 {
     const char *name = base < 0 ? "" : s->row[base]->name;

@@ -43,7 +43,7 @@ static int study_progress(void *user, const oxl_progress *p)
     return c->progress ? c->progress(c->user, p) : 0;
 }
 
-/* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
+/* Records the cost. Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
 static oxl_result study_record_cost(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
 {
     const double peak = (double)s->options->memory->peak;

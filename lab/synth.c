@@ -29,7 +29,7 @@
 
 /* ---------------- options */
 
-/* What the table of options does not know. */
+/* Checks what the table of options does not know. */
 static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 {
     if (!o->out[0] || strlen(o->out) > 900)
@@ -66,8 +66,7 @@ static const struct synth_water synth_waters[] = {
 
 /* ---------------- images */
 
-/* Colour along one ray; *depth gets the camera z, 0 when there is only water. width: that of the ray in
- * pixels. */
+/* Renders one ray; *depth gets the camera z, 0 when there is only water. width: that of the ray in pixels. */
 static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y,
                       double width, float *depth)
 {
@@ -93,7 +92,7 @@ static void synth_set(oxl_image *image, size_t at, v3 colour)
     image->rgb[at + 2 * plane] = (float)colour.z;
 }
 
-/* One ray through the middle of each pixel, into `image` for now: it is also the truth for depth. */
+/* Renders one ray through the middle of each pixel, into `image` for now: it is also the truth for depth. */
 static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     for (int x = 0; x < c->width; x++) {
@@ -110,7 +109,8 @@ static int synth_differs(const struct synth_run *s, size_t a, size_t b)
            fabsf((float)step.y) > EDGE_COLOUR || fabsf((float)step.z) > EDGE_COLOUR;
 }
 
-/* The clean image: where neighbours differ, the mean of four rays, the one that is there among them. */
+/* Renders the clean image: where neighbours differ, the mean of four rays, the one that is there among
+ * them. */
 static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     static const double around[3][2] = {{0.50, 0.12}, {0.83, 0.69}, {0.17, 0.69}};
@@ -131,22 +131,22 @@ static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, 
     }
 }
 
-/* Range along the ray of a pixel's middle. */
+/* Returns the range along the ray of a pixel's middle. */
 static double synth_range(const struct synth_run *s, const struct synth_camera *c, int x, int y)
 {
     const double depth = s->depth[(size_t)y * (size_t)c->width + (size_t)x];
     return depth * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
 }
 
-/* The clean colour lit by the lamp, through water. */
+/* Computes the clean colour lit by the lamp, through water. */
 static v3 synth_observed(const struct synth_run *s, size_t at, double range)
 {
     return synth_through_water(
         &s->water, v3_scale(synth_pixel(&s->clean, at), synth_lamp_falloff(s->options, range)), range);
 }
 
-/* With the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it are
- * those in the file. */
+/* Applies the image's gain, the lamp's, noise, and the rounding to 8 bits, so that colours picked from it
+ * are those in the file. */
 static void synth_expose(struct synth_run *s, int view, v3 gain, int x, int y, v3 seen)
 {
     const synth_options *o = s->options;
@@ -174,7 +174,7 @@ static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, 
     }
 }
 
-/* Fish, where four rays see them, over what was there; the noise is the same as without. */
+/* Draws fish, where four rays see them, over what was there; the noise is the same as without. */
 static void synth_draw_fish_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
     static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
@@ -241,7 +241,7 @@ static oxl_result synth_write_depth(struct synth_run *s, int view)
     return oxl_write_pfm(s->ctx, path, s->depth, s->options->width, s->options->height);
 }
 
-/* Into the image, which was still. */
+/* Adds fish to the image, which was still. */
 static oxl_result synth_draw_fish(struct synth_run *s, const struct synth_camera *c, int view)
 {
     const oxl_result rc = synth_write_image(s, "truth/still", view, &s->image);
@@ -269,7 +269,7 @@ static oxl_result synth_view(struct synth_run *s, int view)
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
 }
 
-/* The image gets the memory of its alpha from the library, which frees it. */
+/* Gives the image the memory of its alpha from the library, which frees it. */
 static oxl_result synth_reserve_weight(struct synth_run *s)
 {
     oxl_image other;

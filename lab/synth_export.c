@@ -37,7 +37,7 @@ static unsigned long long synth_id(struct synth_ids ids, uint64_t index)
     return 1 + index * ids.stride % ids.modulus;
 }
 
-/* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
+/* Computes w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
 static void export_quaternion(const double r[9], double q[4])
 {
     const double t[4] = {r[0] + r[4] + r[8], r[0] - r[4] - r[8], r[4] - r[0] - r[8], r[8] - r[0] - r[4]};
@@ -208,7 +208,7 @@ static void export_model(const struct synth_run *s, struct output *t)
     export_triple(t, "sun", s->world.sun);
 }
 
-/* The truth, and last what makes a survey: one that can be read is whole. */
+/* Writes the truth, and last what makes a survey: one that can be read is whole. */
 oxl_result synth_write_files(const struct synth_run *s)
 {
     const synth_options *o = s->options;

@@ -31,7 +31,7 @@ static uint64_t fish_bits(const synth_options *o, int view, int number, uint64_t
     return random_bits(o->seed, 400 + what, (uint64_t)view * SYNTH_FISH_MAX + (uint64_t)number);
 }
 
-/* The number-th fish of a view, `after` seconds later. */
+/* Places the number-th fish of a view, `after` seconds later. */
 static struct synth_fish fish_of(const synth_options *o, const struct synth_world *w,
                                  const struct synth_camera *c, int view, int number, double after)
 {
@@ -76,7 +76,8 @@ static v3 fish_turn(v3 p, double angle)
     return v3_of(p.x * cos(angle) - p.y * sin(angle), p.x * sin(angle) + p.y * cos(angle), p.z);
 }
 
-/* from, ray in the fish's frame and in lengths. The range, or -1; *normal is in the fish's frame. */
+/* Traces a ray. from, ray: in the fish's frame and in lengths. Returns the range, or -1; *normal is in the
+ * fish's frame. */
 static double fish_part_cast(const struct fish_part *part, double beat, v3 from, v3 ray, v3 *normal)
 {
     static const v3 hinge = {-0.12, 0, 0};
@@ -95,7 +96,7 @@ static double fish_part_cast(const struct fish_part *part, double beat, v3 from,
     return t;
 }
 
-/* at: on the skin, in the fish's frame and in lengths. */
+/* Colours the fish. at: on the skin, in the fish's frame and in lengths. */
 static v3 fish_albedo(const struct synth_fish *f, v3 at, int part)
 {
     static const v3 backs[4] = {

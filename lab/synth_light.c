@@ -44,7 +44,7 @@ v3 synth_through_water(const struct synth_water *w, v3 colour, double range)
                  light_through_water(w->direct.z, w->veil.z, colour.z, range));
 }
 
-/* Within -1..1, smooth over about a dozen views. */
+/* Draws a number within -1..1, smooth over about a dozen views. */
 static double light_drift(uint64_t seed, int view, uint64_t what)
 {
     const double a = 2 * SYNTH_PI * random_unit(random_bits(seed, 400 + what, 1));

@@ -73,7 +73,7 @@ struct points_observation {
     double x, y; /* px, exact */
 };
 
-/* Whether a view has the point in its frame and from a similar side. */
+/* Tells whether a view has the point in its frame and from a similar side. */
 static int points_in_frame(const struct points_search *s, const struct points_track *t, int view, double *x,
                            double *y)
 {
@@ -93,7 +93,7 @@ static int points_visible(const struct points_search *s, const struct points_tra
     return synth_cast(&s->run->world, from, v3_scale(toward, 1 / range), 0.997 * range - 0.004) < 0;
 }
 
-/* as a text export with three decimals holds it */
+/* Rounds as a text export with three decimals does. */
 static float points_measured(double exact, double noise, int size)
 {
     return (float)(floor(synth_clamp(exact + noise, 0.001, size - 0.001) * 1000 + 0.5) / 1000);
@@ -118,7 +118,8 @@ static int points_list(const struct points_search *s, const struct points_track 
     return found;
 }
 
-/* The source view has the point, each other one with probability `chance` unless it is occluded. */
+/* Gives the point to its source view, and to each other one with probability `chance` unless it is
+ * occluded. */
 static void points_detect(const struct points_search *s, uint64_t seed, const struct points_observation *list,
                           int found, struct points_track *t)
 {
@@ -156,7 +157,8 @@ static void points_colour(const struct points_search *s, double range, struct po
     for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(rgb[c], 0, 1) + 0.5);
 }
 
-/* Bare sand has few features: so most points lie on the objects on it. */
+/* Returns 1 for a point that is left out as bare sand, which has few features: so most points lie on the
+ * objects on it. */
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;
@@ -165,7 +167,7 @@ static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
     return surface.material == SYNTH_SAND;
 }
 
-/* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
+/* Picks a random pixel's point. 0: nothing there, or fewer than `least` views have it. */
 static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least,
                       struct points_track *t)
 {
@@ -243,7 +245,8 @@ static int points_append(struct synth_points *out, const struct synth_trajectory
     return 1;
 }
 
-/* Points by view, and each observation's place in its view's list, stray keypoints between them counted. */
+/* Sorts points by view, and finds each observation's place in its view's list, stray keypoints between them
+ * counted. */
 static int points_index(struct synth_points *out, uint64_t seed, int views)
 {
     uint64_t *next = calloc((size_t)views + 1, sizeof *next);
@@ -329,7 +332,7 @@ int synth_has_stray(uint64_t seed, int view, size_t k)
     return random_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
 }
 
-/* Bilinear, 0..255. */
+/* Samples the image, bilinear, 0..255. */
 static unsigned points_sample(const oxl_image *image, int channel, double x, double y)
 {
     const int ix = (int)synth_clamp(x - 0.5, 0, image->width - 2),

@@ -210,7 +210,8 @@ static v3 shade_albedo(const struct synth_world *w, v3 p, struct synth_surface s
 
 /* ---------------- light */
 
-/* 0 in shadow, 1 in the sun; the nearest miss over its distance is how much of the sun's disc is covered. */
+/* Returns 0 in shadow, 1 in the sun; the nearest miss over its distance is how much of the sun's disc is
+ * covered. */
 static double shade_sunlit(const struct synth_world *w, v3 p)
 {
     double lit = 1, t = 0.02;
@@ -225,7 +226,8 @@ static double shade_sunlit(const struct synth_world *w, v3 p)
     return lit * lit * (3 - 2 * lit);
 }
 
-/* Ambient occlusion: 1 in the open, less where surfaces along the normal are nearer than on a plane. */
+/* Computes ambient occlusion: 1 in the open, less where surfaces along the normal are nearer than on a
+ * plane. */
 static double shade_open(const struct synth_world *w, v3 p, v3 normal)
 {
     static const double reach[2] = {0.05, 0.2}, fraction[2] = {0.45, 0.5};

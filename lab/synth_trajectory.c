@@ -39,8 +39,8 @@ static void trajectory_aim(struct synth_camera *c, v3 forward, v3 up, double rol
     c->rotation[2] = z;
 }
 
-/* The leg of so many, flown one after the other, that a view lies on, and its place on it: -1/2 at its
- * beginning, 1/2 at its end. */
+/* Finds the leg of so many, flown one after the other, that a view lies on, and its place on it: -1/2 at
+ * its beginning, 1/2 at its end. */
 static int trajectory_leg(const synth_options *o, int legs, int view, double *along)
 {
     const int64_t views = o->views;
@@ -135,7 +135,7 @@ static v3 trajectory_forward(const synth_options *o, int i, struct synth_camera 
     return v3_of(1.5, 0.1 * length, 0);
 }
 
-/* Where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world,
+/* Finds where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world,
  * metres. */
 static void trajectory_measure(struct synth_trajectory *trajectory, double reach)
 {
@@ -152,7 +152,7 @@ static void trajectory_measure(struct synth_trajectory *trajectory, double reach
     trajectory->half += MARGIN;
 }
 
-/* From each camera two: at half the distance to its left and right. */
+/* Makes two cameras of each: at half the distance to its left and right. */
 static void trajectory_pair(double apart, struct synth_trajectory *trajectory)
 {
     for (int i = trajectory->count - 1; i >= 0; i--) {
@@ -189,7 +189,7 @@ int synth_trajectory_create(const synth_options *o, struct synth_trajectory *tra
     return 1;
 }
 
-/* A boat follows the ground roughly: its mean over a few metres. */
+/* Follows the ground roughly, as a boat does: its mean over a few metres. */
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *w)
 {
     for (int i = 0; i < trajectory->count; i++) {
@@ -226,7 +226,7 @@ int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, do
     return q.z >= 1e-3;
 }
 
-/* A stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
+/* Names the image; a stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
 void synth_image_name(const synth_options *o, int view, char name[32])
 {
     if (o->stereo > 0) snprintf(name, 32, "IMG_%05d%c.png", view / 2, "LR"[view % 2]);

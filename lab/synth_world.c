@@ -29,8 +29,8 @@
 #define RIDGE_SLOPE 9.0   /* and across its gentle side */
 #define RIDGE_MEANDER 1.2 /* metres that its crest wanders to either side */
 
-/* Position of x relative to the ridge, whose crest runs along y: metres from the crest, the wall's side
- * negative. */
+/* Returns the position of x relative to the ridge, whose crest runs along y: metres from the crest, the
+ * wall's side negative. */
 static double world_across(const struct synth_world *w, double x, double y)
 {
     return x - RIDGE_MEANDER * synth_noise2(w->seed + 80, 0.5, y / 6);
@@ -43,7 +43,7 @@ static double world_ridge(const struct synth_world *w, double x, double y)
     return height * (u < 0 ? synth_step(-RIDGE_WALL, 0, u) : synth_step(RIDGE_SLOPE, 0, u));
 }
 
-/* 0 on sand, 1 on the reef. */
+/* Returns 0 on sand, 1 on the reef. */
 static double world_reef(const struct synth_world *w, double x, double y)
 {
     const double warp = 0.8 * synth_noise2(w->seed + 40, x / 1.7, y / 1.7);
@@ -154,7 +154,7 @@ static double world_limb(v3 p, const struct synth_limb *l)
     return v3_length(v3_along(pa, l->axis, -t)) - synth_lerp(l->radius_a, l->radius_b, t);
 }
 
-/* A round bar along x. */
+/* Returns the distance of a round bar along x. */
 static double world_bar(v3 p, double radius, double half)
 {
     const double across = sqrt(p.y * p.y + p.z * p.z) - radius, along = fabs(p.x) - half;
@@ -178,8 +178,8 @@ static void world_keep_nearest(double *least, double d, enum synth_material *mat
     }
 }
 
-/* A small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. First the hull: a shell with
- * ribs, torn open on one side, half full of silt, and a deck with a hatch. */
+/* Builds a small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. First the hull: a
+ * shell with ribs, torn open on one side, half full of silt, and a deck with a hatch. */
 static double world_hull(v3 p, enum synth_material *material)
 {
     const v3 stretched = v3_of(p.x - synth_clamp(p.x, -0.9, 0.9), p.y, p.z);
@@ -201,7 +201,7 @@ static double world_hull(v3 p, enum synth_material *material)
     return d;
 }
 
-/* Its superstructure: a cabin with windows and a door, a boiler, a leaning funnel. */
+/* Builds its superstructure: a cabin with windows and a door, a boiler, a leaning funnel. */
 static double world_upper_works(v3 p, double least, enum synth_material *material)
 {
     const v3 cabin = v3_sub(p, v3_of(-1.0, 0, 0.34)),
@@ -226,7 +226,7 @@ v3 synth_wreck_frame(const struct synth_world *w, v3 p)
     return v3_turn(w->turn, v3_sub(p, w->wreck));
 }
 
-/* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
+/* Turns it to its place: it lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
 static void world_place_wreck(struct synth_world *w, v3 at)
 {
     const double yaw = 2 * SYNTH_PI * random_unit(random_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
@@ -279,8 +279,8 @@ static double world_object(const struct synth_world *w, const struct synth_objec
     return o->radius * world_shape(&w->shape[o->shape], v3_scale(q, 1 / o->radius));
 }
 
-/* The nearest listed object, or `least` when none is nearer. What is not listed lies SYNTH_NEAR beyond the
- * cell's walls, and under the cell's ceiling or 1 m away. */
+/* Finds the nearest listed object, or `least` when none is nearer. What is not listed lies SYNTH_NEAR
+ * beyond the cell's walls, and under the cell's ceiling or 1 m away. */
 static double world_objects(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
 {
     const double gx = (p.x + w->half) / SYNTH_CELL, gy = (p.y + w->half) / SYNTH_CELL;
@@ -310,15 +310,15 @@ static double world_objects(const struct synth_world *w, v3 p, double least, str
     return least;
 }
 
-/* Rock where the reef is, with a ragged edge. */
+/* Returns rock where the reef is, with a ragged edge; else sand. */
 static enum synth_material world_ground_material(const struct synth_world *w, v3 p)
 {
     const double ragged = 0.25 * synth_fbm2(w->seed + 70, p.x, p.y, 0.3, 0.02, 0.7, 1e-3);
     return world_reef(w, p.x, p.y) + ragged > 0.35 ? SYNTH_ROCK : SYNTH_SAND;
 }
 
-/* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken
- * away. */
+/* Returns the height over the ground. Far up the nearest baked sample will do: it is off by less than the 3
+ * cm taken away. */
 static double world_height_above(const struct synth_world *w, v3 p)
 {
     const int ix = synth_floor((p.x + w->half) / w->step + 0.5),
@@ -373,7 +373,7 @@ static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, d
     s->limb[s->limb_count++] = world_make_limb(a, b, radius_a, radius_b);
 }
 
-/* A bush: stems lean outwards and end in two fingers each. */
+/* Builds a bush: stems lean outwards and end in two fingers each. */
 static void world_branching(struct synth_shape *s, uint64_t seed)
 {
     const int stems = 6 + (int)(3 * random_unit(random_bits(seed, 0, 0)));
@@ -391,7 +391,7 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
     }
 }
 
-/* A cluster of tubes. */
+/* Builds a cluster of tubes. */
 static void world_tubes(struct synth_shape *s, uint64_t seed)
 {
     const int tubes = 4 + (int)(4 * random_unit(random_bits(seed, 0, 1)));
@@ -404,7 +404,7 @@ static void world_tubes(struct synth_shape *s, uint64_t seed)
     }
 }
 
-/* A table on a stem, fringed with short fingers. */
+/* Builds a table on a stem, fringed with short fingers. */
 static void world_table(struct synth_shape *s, uint64_t seed)
 {
     s->blend = 0.12;
@@ -461,7 +461,7 @@ static const struct world_kind world_kinds[] = {
 
 enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
 
-/* Whether candidate i of a kind is accepted, and its position. */
+/* Tells whether candidate i of a kind is accepted, and its position. */
 static int world_place_object(const struct synth_world *w, double half, int kind, uint64_t i,
                               struct synth_object *o)
 {
@@ -504,7 +504,7 @@ static int world_scatter_objects(struct synth_world *w, double half)
     return 1;
 }
 
-/* The cell of a coordinate: below 0 or beyond the last for what lies outside. */
+/* Returns the cell of a coordinate: below 0 or beyond the last for what lies outside. */
 static int world_cell(const struct synth_world *w, double x)
 {
     return synth_floor((x + w->half) / SYNTH_CELL);
