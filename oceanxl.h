@@ -271,7 +271,8 @@ typedef struct oxl_model {
     /* colour behind the Gaussians, 0..1, of evaluation and renders; has_background 0: not known */
     float background[3];
     int has_background;
-    int antialias; /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
+    /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
+    int antialias;
     size_t not_finite; /* rows of the file that oxl_model_read left out */
     /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
     struct oxl_model_pages *pages;
