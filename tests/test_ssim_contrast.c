@@ -27,6 +27,15 @@ static oxl_scene *ssim_contrast_test_scene(float level)
     return scene;
 }
 
+TEST(ssim_contrast_follows_faint_images_alone)
+{
+    CHECK(ssim_contrast_of_detail(0.0086) == 0.0086);
+    CHECK(ssim_contrast_of_detail(0.001) == 1.0 / 255); /* rounding to 8 bits */
+    CHECK(ssim_contrast_of_detail(0.0123) == 0.03);     /* Wang's */
+    CHECK(ssim_contrast_of_detail(0.09) == 0.03);
+    CHECK(ssim_contrast_of_detail(0) == 0.03); /* nothing was measured */
+}
+
 TEST(ssim_contrast_is_the_standard_deviation_of_detail_whatever_the_light)
 {
     const float levels[] = {0, 0.01f, 0.1f};
