@@ -57,16 +57,17 @@
 #include "src/formats/nerfstudio_names.c" /* its images: names, sizes, which are held out */
 #include "src/formats/nerfstudio.c"       /* transforms.json */
 #include "src/formats/opensfm.c"          /* reconstruction.json */
-#include "src/formats/survey_find.c"      /* the files of a survey, and who reads them */
+#include "src/formats/survey_find.c"      /* the formats of surveys, a row each; which sub-model */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
 #include "src/formats/spz.c"              /* models as SPZ */
 #include "src/formats/gltf.c"             /* models as binary glTF */
 #include "src/formats/splat_file.c"       /* models as .splat */
 #include "src/formats/model_columns.h"    /* the columns of the standard PLY */
-#include "src/formats/model_file.c"       /* models from PLY; selects the format */
+#include "src/formats/model_file.c"       /* models from PLY */
 #include "src/formats/model_pages.c"      /* a model that stays in its file */
-#include "src/formats/model_write.c"      /* models as PLY; selects the format */
+#include "src/formats/model_write.c"      /* models as PLY */
+#include "src/formats/model_formats.c"    /* the formats of models, a row each */
 
 /* forward and backward pass of one image */
 #include "src/render/real.h"    /* the number type of the kernels and its arithmetic */
@@ -110,11 +111,13 @@
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
 #include "src/train/schedule.c"        /* values that depend on options and step only */
 #include "src/train/parts.c"           /* calls the hooks of all parts */
+#include "src/train/forecast.c"        /* how many Gaussians and how much time a run will take */
 #include "src/train/step.c"            /* one step: forward, loss, backward, Adam; density control */
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* validation views and trials */
 #include "src/train/train_imaging.c"   /* light and water of a run, before and after its steps */
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
+#include "src/train/look.c"            /* a first look at a survey, for forecasts */
 
 /* the parts of training: a file and a row of the table each */
 #include "src/parts/ucd.c"           /* depth weights of density control */
@@ -151,7 +154,6 @@
 #include "src/large/partition_svg.c"        /* partition.svg */
 #include "src/large/partition_export.c"     /* blocks as COLMAP text exports */
 #include "src/large/merge.c"                /* merge the models of blocks */
-#include "src/large/predict_time.c"         /* times some steps and predicts the run */
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */
@@ -172,6 +174,5 @@
 #include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
-#include "src/job/seam.c"              /* image error at the borders between blocks */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

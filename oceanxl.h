@@ -523,9 +523,13 @@ typedef struct oxl_nonfinite {
     size_t degenerate;
 } oxl_nonfinite;
 
+/* A job in blocks trains a coarse model of the survey, its blocks, and the model merged from them. */
+enum oxl_stage { OXL_STAGE_BLOCK, OXL_STAGE_COARSE, OXL_STAGE_MERGED };
+
 typedef struct oxl_progress {
     int iteration, iterations;
-    int block, blocks; /* index and number of blocks in a job; else 0, 0 */
+    int block, blocks;    /* index and number of blocks in a job; else 0, 0 */
+    enum oxl_stage stage; /* what is trained; with OXL_STAGE_BLOCK, block number `block` */
     size_t gaussians;
     double loss, psnr;   /* running means over training images */
     double f_mid, f_far; /* depth weights of density control; 1, 1 without */

@@ -163,10 +163,11 @@ typedef struct oxl_survey {
     int foreign; /* images that do not show what the model has at their points */
     /* images, against those beside them; only oxl_check_quality sets these */
     int blurred, badly_exposed;
-    double gaussians;                   /* predicted, at the end of the run */
-    double memory, seconds;             /* predicted: peak in bytes, duration with ctx's threads */
-    double seconds_range[2];            /* lower and upper limit of the duration */
-    double memory_free;                 /* available now, bytes; 0: unknown */
+    double gaussians;        /* predicted, at the end of the run */
+    double memory, seconds;  /* predicted: peak in bytes, duration with ctx's threads */
+    double seconds_range[2]; /* lower and upper limit of the duration */
+    int look_steps;     /* training steps that were tried for these; 0: none, they are computed from counts */
+    double memory_free; /* available now, bytes; 0: unknown */
     char cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report as lines of text */
 } oxl_survey;
 

@@ -2,12 +2,12 @@
  *
  *     build/borders MAX_SIDE SURVEY PARTITION.txt OUT...
  *
- * metrics.json judges each model at the places that its own depth gives its pixels. Here the first OUT's
- * depth places those of all. A line
- * of each OUT: PSNR near borders and elsewhere, of held-out and of training views; its Gaussians near
+ * The first OUT's depth places the pixels of all. A line of each OUT: PSNR near borders and elsewhere, of held-out and of training views; its Gaussians near
  * borders, and all.
  */
 #include "../oceanxl.c"
+
+#include "seam.h"
 
 enum { BORDERS_MODELS = 32 };
 

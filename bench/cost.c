@@ -5,7 +5,7 @@
  *     step awk -f bench/cost_plot.awk docs/log/cost.tsv > docs/log/cost.svg
  *
  * Everything but one thing stays as it is in the middle: the survey's points, images of 320 px, degree 3, one
- * thread. Models are fresh ones, as in predict_time.c. Time is the processors', of all threads together, and
+ * thread. Models are fresh ones. Time is the processors', of all threads together, and
  * of several tries of each view's step the shortest:
  * other work on the machine only adds. So two threads without loss take what one does.
  */
@@ -27,14 +27,64 @@ static double cost_cpu(void)
     return (double)clock() / CLOCKS_PER_SEC;
 }
 
+struct cost_probe {
+    oxl_context *ctx;
+    oxl_render_options render;
+    struct renderer *renderer;
+    float *target; /* (3,H,W) of the largest view; grey */
+};
+
+static void cost_make_target(struct cost_probe *p, const oxl_scene *scene)
+{
+    size_t most = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        most = OXL_MAX(most, (size_t)c->width * (size_t)c->height);
+    }
+    p->target = oxl_alloc(p->ctx, 3 * most, sizeof *p->target);
+    if (!p->target) cost_check(p->ctx, oxl_fail(p->ctx, OXL_ERR_MEMORY, "no memory to time a step"));
+    for (size_t i = 0; i < 3 * most; i++) p->target[i] = 0.5f;
+}
+
+static void cost_step(struct cost_probe *p, struct trained_model *trained, const oxl_camera *camera)
+{
+    const struct adam_params still = {.beta = RENDERER_BETAS, .step = 1};
+    struct renderer_loss loss;
+    struct renderer_nonfinite skipped;
+    cost_check(p->ctx, renderer_forward(p->ctx, p->renderer, &trained->model, camera, &p->render));
+    cost_check(p->ctx, renderer_loss(p->ctx, p->renderer, p->target, NULL, 0.2f, &loss));
+    cost_check(p->ctx, renderer_backward(p->ctx, p->renderer, NULL, NULL));
+    cost_check(p->ctx, renderer_step(p->ctx, p->renderer, trained, NULL, &still, &skipped));
+}
+
+#define COST_SPACING 0.7 /* distance of new Gaussians from their parents, in standard deviations */
+
+/* A model of `count` Gaussians: copies of the model's centres; copies after the first are displaced a
+ * little. */
+static void cost_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out)
+{
+    oxl_point *point = oxl_calloc(ctx, count + 1, sizeof *point);
+    if (!point) cost_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to time %zu Gaussians", count));
+    for (size_t i = 0; i < count; i++) {
+        const size_t row = i % model->count;
+        const double far =
+            i < model->count ? 0 : 2 * COST_SPACING * vecmath_exp(model->plane[OXL_LOG_SCALE][row]);
+        for (int a = 0; a < 3; a++)
+            point[i].position[a] =
+                model->plane[OXL_MEAN + a][row] + far * (random_unit(random_bits(1, i, (uint64_t)a)) - 0.5);
+    }
+    cost_check(ctx, oxl_model_from_points(ctx, point, count, model->sh_degree, out));
+    oxl_free(ctx, point);
+}
+
 /* Milliseconds of a step, the mean over some views. */
 static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trained_model *trained, int views)
 {
-    struct time_probe r = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
+    struct cost_probe r = {.ctx = ctx, .render = oxl_render_options_default()};
     const int count = oxl_scene_view_count(scene);
     double sum = 0;
     r.render.near_plane = (float)scene_near_plane(scene);
-    cost_check(ctx, predict_time_target(&r));
+    cost_make_target(&r, scene);
     cost_check(ctx, renderer_create(ctx, &r.renderer));
     cost_check(ctx, model_trained_begin(ctx, trained));
     views = OXL_MIN(views, count);
@@ -42,9 +92,7 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trai
         double least = HUGE_VAL;
         for (int round = 0; round <= COST_ROUNDS; round++) { /* the first makes room */
             const double begun = cost_cpu();
-            cost_check(ctx, predict_time_step(
-                                &r, trained,
-                                &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
+            cost_step(&r, trained, &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera);
             if (round > 0) least = OXL_MIN(least, cost_cpu() - begun);
         }
         sum += least;
@@ -75,7 +123,7 @@ static oxl_model cost_model(oxl_context *ctx, const oxl_scene *scene, double tim
     cost_check(ctx, oxl_model_from_points(ctx, some, OXL_MIN(count, points), degree, &model));
     oxl_free(ctx, some);
     if (count <= points) return model;
-    cost_check(ctx, predict_time_grow(ctx, &model, count, &grown));
+    cost_grow(ctx, &model, count, &grown);
     oxl_model_free(ctx, &model);
     return grown;
 }

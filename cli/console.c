@@ -119,6 +119,7 @@ static void *reallocate(void *user, void *old, size_t size)
 
 static void print_progress(struct console *c, const oxl_progress *p)
 {
+    static const char *const stages[] = {"block", "coarse", "merged"}; /* enum oxl_stage */
     const double rate =
         (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
     /* a trial starts at an earlier step */
@@ -128,16 +129,16 @@ static void print_progress(struct console *c, const oxl_progress *p)
     if (c->json) {
         fprintf(
             stderr,
-            "{\"event\": \"progress\", \"block\": %d, \"blocks\": %d, \"trial\": %s, \"iteration\": %d, \"iterations\": %d, "
+            "{\"event\": \"progress\", \"stage\": \"%s\", \"block\": %d, \"blocks\": %d, \"trial\": %s, \"iteration\": %d, \"iterations\": %d, "
             "\"loss\": %.6g, \"psnr\": %.4g, \"gaussians\": %zu, \"seconds\": %.1f, \"seconds_left\": %.1f, \"memory\": %.0f}\n",
-            p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations, p->loss, p->psnr,
-            p->gaussians, p->seconds, p->seconds_left, (double)p->memory);
+            stages[p->stage], p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations,
+            p->loss, p->psnr, p->gaussians, p->seconds, p->seconds_left, (double)p->memory);
         fflush(stderr);
         return;
     }
     console_clear(c);
-    if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
-    if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "merged model ");
+    if (p->stage != OXL_STAGE_BLOCK) fprintf(stderr, "%s model ", stages[p->stage]);
+    else if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
     fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA %s%s",
             p->trial ? "trial " : "", p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate,
             (double)p->memory / 1e6, OUTPUT_SECONDS(p->seconds_left), c->live ? "" : "\n");

@@ -209,12 +209,12 @@ static void report_warnings(struct report *r)
     output_add(&r->page, "</ul>\n%s", list.count > 0 ? "" : "<p>None.</p>\n");
 }
 
-/* ---------------- blocks, seams, sizes, times */
+/* ---------------- blocks, sizes, times */
 
 static void report_block_rows(struct report *r)
 {
     struct output *t = &r->page;
-    page_section(r, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
+    page_section(r, r->blocks > 1 ? "Blocks" : "Time and memory");
     output_add(
         t,
         "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
@@ -233,20 +233,6 @@ static void report_block_rows(struct report *r)
     output_add(
         t,
         "</table></div>\n<p><small>Memory: peak of the process that trained the block, including its earlier work.</small></p>\n");
-}
-
-static void report_seam(struct report *r)
-{
-    const char *seam = oxl_json_member(r->metrics, "seam");
-    const double near_psnr = oxl_json_number(seam, "near_psnr"),
-                 elsewhere = oxl_json_number(seam, "elsewhere_psnr");
-    if (!isfinite(near_psnr) || !isfinite(elsewhere)) return;
-    output_add(
-        &r->page,
-        "<h3>Seams</h3>\n<p>PSNR within %.0f %% of a block's size from a border: <b>%.2f dB</b> (%s px); elsewhere: <b>%.2f dB</b>. "
-        "Difference: %.2f dB.</p>\n",
-        100 * oxl_json_number(seam, "width"), near_psnr, OUTPUT_COUNT(oxl_json_number(seam, "near_pixels")),
-        elsewhere, near_psnr - elsewhere);
 }
 
 /* ---------------- to repeat it */
@@ -312,7 +298,6 @@ static void report_compose(struct report *r)
     report_decisions(r);
     chart_section(r);
     report_block_rows(r);
-    report_seam(r);
     report_reproduction(r);
     output_add(&r->page, "</section>\n<footer>Written by OceanXL " OXL_VERSION
                          ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");

@@ -35,8 +35,8 @@ static int study_progress(void *user, const oxl_progress *p)
     struct study_meter *s = user;
     const oxl_callback *c = &s->options->callback;
     if (!s->started) {
-        /* blocks: the coarse model is first */
-        s->started = p->iteration <= 1 && p->block == (p->blocks > 1 ? p->blocks : 0) ? 1 : 2;
+        const enum oxl_stage first = p->blocks > 1 ? OXL_STAGE_COARSE : OXL_STAGE_BLOCK;
+        s->started = p->iteration <= 1 && p->stage == first && p->block == 0 ? 1 : 2;
         s->cpu_at = study_cpu();
     }
     s->cpu = study_cpu() - s->cpu_at;

@@ -13,7 +13,7 @@ backends/vulkan|the same kernels on a device
 src/survey|the formation of images as imaging.txt and tracks state it
 src/model|what a row of a model may hold: second lobes, SH bands
 src/formats|files hold second lobes and SH bands
-src/large|rows of models are merged as they are
+src/large/merge.c|rows of models are merged as they are
 oceanxl.h|fields of the options and of results
 oceanxl_job.h|fields of the options and of results'
 # Words that src/train may use: of the shape of a model's rows, and of the entries of kernels.
@@ -76,7 +76,8 @@ for part in $(sed -n 's/^ *ROW(\([a-z_]*\)).*/\1/p' src/parts/parts.h); do
         tolower($3) ~ "(^|_)(" words ")(_|$)" {
             folder = $1
             if (folder ~ "/") sub("/[^/]*$", "", folder)
-            if (folder in layer) count[folder]++
+            if ($1 in layer) count[$1]++
+            else if (folder in layer) count[folder]++
             else if (folder == "src/train" && $3 in general) count[folder " (words of kernels and models)"]++
             else {
                 if (folder == "src/train") {

@@ -58,6 +58,7 @@ oxl_job_options job_test_options(void);
 int job_test_progress(void *user, const oxl_progress *p);
 void job_test_replace(const char *file, const char *from, const char *to);
 const char *job_test_survey(void);
+const char *job_test_survey_of(int points);
 
 extern char lint_heard[4096];
 /* test_lint.c */
@@ -128,9 +129,6 @@ struct partition_candidate partition_choose(const struct partition_build *b, con
 double plan_best_rectangle(const double *value, int width, int height, struct image_window *best);
 /* src/job/partition_balance.c */
 oxl_balance balance_summary(const oxl_block *block, int count);
-/* src/large/predict_time.c */
-oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out);
-double predict_time_grown(const oxl_train_options *o, double points, double count);
 /* src/job/render_files.c */
 char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix);
 oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth,

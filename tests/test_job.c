@@ -17,9 +17,10 @@ oxl_result job_test_image(const char *path, int view)
 }
 
 /* Writes the survey into the test's folder and returns its path. Cameras stand in a row and look at a wall at
- * z = 4. */
-const char *job_test_survey(void)
+ * z = 4, with six rows of points. */
+const char *job_test_survey_of(int count)
 {
+    const int across = count / 6;
     struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
     char name[64];
     test_write("survey/images/.keep", "");
@@ -29,14 +30,19 @@ const char *job_test_survey(void)
         CHECK_OK(job_test_image(test_path(name), i));
         text_add(&images, "%d 1 0 0 0 %.3f 0 0 1 %d.png\n24 16 %d\n", i + 1, -0.1 * i, i, i + 1);
     }
-    for (int i = 0; i < 60; i++)
-        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5 1 0 2 0\n", i + 1, -2 + 0.5 * (i % 10),
-                 -1.25 + 0.5 * (i / 10), 4 * i);
+    for (int i = 0; i < count; i++)
+        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5 1 0 2 0\n", i + 1, -2 + 5.0 * (i % across) / across,
+                 -1.25 + 0.5 * (i / across), 240 * i / count);
     test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
     test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
     text_free(&images);
     text_free(&points);
     return test_path("survey");
+}
+
+const char *job_test_survey(void)
+{
+    return job_test_survey_of(60);
 }
 
 oxl_job_options job_test_options(void)

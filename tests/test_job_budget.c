@@ -45,7 +45,8 @@ TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
     oxl_job_options o = budget_test_options(20e9);
     const double most = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
     const int cap = (int)schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train);
-    int seen[5] = {0}; /* by SH degree from -1, undecided */
+    const int wanted = (int)OXL_MIN(1.5 * most, cap); /* with room for so many nothing gives way */
+    int seen[5] = {0};                                /* by SH degree from -1, undecided */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 &&
           o.scene.image_cache_bytes == (size_t)1 << 30);
     CHECK(o.train.max_gaussians == cap);
@@ -59,7 +60,7 @@ TEST(budget_takes_the_cache_then_trials_then_the_sh_degree_then_gaussians)
         CHECK(cost_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
         seen[1 + o.train.sh_degree]++;
         CHECK(o.train.sh_degree < 0 ||
-              (o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, cap) > 0.9 * ram));
+              (o.train.sh_degree == 1) == (budget_test_degree_3(&o, &load, wanted) > 0.9 * ram));
     }
     CHECK(seen[1 + 3] && seen[1 + 1]);
     o = budget_test_options(5e8);
@@ -134,8 +135,7 @@ TEST(budget_is_what_partition_predicts_with)
     options.train.max_gaussians = 300000;
     options.train.sh_degree = -1; /* with trials, whatever the build */
     options.train.iterations = 2000;
-    options.train.densify_every = 10; /* as many as that are expected */
-    CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("free"), &options, &free));
+    CHECK_OK(oxl_partition(test_ctx, job_test_survey_of(30000), test_path("free"), &options, &free));
     options.ram = (size_t)(0.9 * free.block[0].memory);
     CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
     for (int k = 0; k < limited.block_count; k++) CHECK(limited.block[k].memory <= (double)options.ram);
@@ -220,7 +220,7 @@ TEST(budget_decides_the_same_on_any_number_of_threads)
     test_ctx->threads = threads;
 }
 
-/* Of points that are random, fewer are where the scene is: growth is that of docs/log/LEGO.md. */
+/* They start at random places, and grow as those of any other survey. */
 TEST(budget_predicts_the_gaussians_of_a_scene_without_points)
 {
     const char *path = job_test_survey();
@@ -231,6 +231,7 @@ TEST(budget_predicts_the_gaussians_of_a_scene_without_points)
     CHECK_OK(os_write_file(test_ctx, points, "# none\n", 7));
     o.train.max_gaussians = 100000;
     CHECK_OK(oxl_check(test_ctx, path, &o, &survey));
-    CHECK_CLOSE(survey.gaussians, 3.0 * SCENE_START_RANDOM, 1);
+    CHECK(survey.gaussians >= SCENE_START_RANDOM && survey.gaussians < 10.0 * SCENE_START_RANDOM);
+    CHECK(survey.look_steps > 0 && strstr(survey.text, "steps tried"));
     CHECK_TEXT(survey.text, "random ones and may fail");
 }

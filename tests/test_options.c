@@ -216,12 +216,14 @@ TEST(options_that_differ_between_two_runs_are_named_with_both_values)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
     struct text there = {.ctx = test_ctx}, here = there, t = there;
+    struct manifest_changes changes;
     b.scene.images = "here";
     b.partition.cut = OXL_CUT_MIDPOINT;
     a.train.cooldown = 0.5f;
     manifest_describe(&there, "one", &a);
     manifest_describe(&here, "two", &b);
-    CHECK_OK(manifest_differences(&t, there.data, here.data));
+    CHECK_OK(manifest_differences(test_ctx, there.data, here.data, &t, &changes));
+    CHECK(changes.count == 4 && !changes.iterations && !changes.start);
     CHECK(strcmp(t.data, "  --images: not given there, here here\n  --cut: balanced there, midpoint here\n"
                          "  --cooldown: 0.5 there, 0.2 here\n  survey: one there, two here\n") == 0);
     text_free(&there);

@@ -90,14 +90,14 @@ TEST(prune_knows_counts_and_sizes_and_leaves_what_is_small_enough)
     CHECK(prune_simulate(&p, 4000, 10000, 1).count[4] == 1234);
     prune_begin(&p, (oxl_keep){OXL_KEEP_COUNT, 20000}, 4000, 2000, 50, 248);
     CHECK(prune_simulate(&p, 4000, 10000, 1).drops == 0);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_BYTES, 1e6}, 4000, 2000, 50, prune_row_bytes(3, 0));
+    prune_begin(&p, (oxl_keep){OXL_KEEP_BYTES, 1e6}, 4000, 2000, 50, model_row_bytes(3));
     CHECK(prune_simulate(&p, 4000, 10000, 1).count[4] == (1000000 - 2048) / 248);
     prune_begin(&p, (oxl_keep){OXL_KEEP_ALL, 0}, 4000, 2000, 50, 248);
     CHECK(prune_simulate(&p, 4000, 10000, 1).drops == 0);
 }
 
 /* The file that a size asks for is at most of that size. */
-TEST(prune_row_bytes_are_those_of_the_file)
+TEST(model_row_bytes_are_those_of_the_file)
 {
     for (int degree = 0; degree <= 3; degree++) {
         struct os_file_map file;
@@ -105,8 +105,8 @@ TEST(prune_row_bytes_are_those_of_the_file)
         CHECK_OK(oxl_model_create(test_ctx, 1000, degree, &m));
         CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &m, degree));
         CHECK_OK(os_read_file(test_ctx, test_path("m.ply"), &file));
-        CHECK(file.size <= PRUNE_FILE + 1000 * prune_row_bytes(degree, 0) &&
-              file.size > 1000 * prune_row_bytes(degree, 0));
+        CHECK(file.size <= PRUNE_FILE + 1000 * model_row_bytes(degree) &&
+              file.size > 1000 * model_row_bytes(degree));
         os_release_file(test_ctx, &file);
         oxl_model_free(test_ctx, &m);
     }

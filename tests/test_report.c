@@ -50,7 +50,6 @@ static void report_test_run(void)
     test_write(
         "out/metrics.json",
         "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
-        "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
         "\"psnr\": 28.5, \"ssim\": 0.82, \"views\": [{\"name\": \"fine.png\", \"psnr\": 31, \"ssim\": 0.9}, "
         "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8, \"structure\": 0.25}]}");
     for (int k = 0; k < 2; k++) {
@@ -117,13 +116,12 @@ static void report_test_command(const char *page)
         if (!words[i][0] || test_has_part(words[i][0])) CHECK_TEXT(page, words[i][1]);
 }
 
-TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
+TEST(report_of_blocks_has_curves_decisions_and_the_command)
 {
     char *page;
     const char *worst;
     report_test_run();
     page = report_test_page();
-    CHECK_TEXT(page, "Difference: -1.50 dB");
     CHECK_TEXT(page, "<tr><td>block 0<td class=\"n\">");
     CHECK_TEXT(page, "<tr><td>block 1<td class=\"n\">");
     CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "coarse model"));

@@ -1,6 +1,8 @@
 /* test_seam.c - an error beside a border between blocks is seen there, and only there. */
 #include "test.h"
 
+#include "../bench/seam.h"
+
 enum { SEAM_TEST_W = 64, SEAM_TEST_H = 48 };
 
 /* A wall 5 before the camera, upright on the optical axis; a pixel is 5/200 = 0.025 wide on it. The camera is
@@ -143,7 +145,6 @@ TEST(seam_calls_nothing_near_where_nothing_was_drawn_or_there_is_one_block)
 {
     struct seam_test t;
     struct seam s;
-    struct text json = {.ctx = test_ctx};
     seam_test_create(&t);
     t.model.plane[OXL_OPACITY][0] = -20;
     s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_W, NULL);
@@ -154,11 +155,5 @@ TEST(seam_calls_nothing_near_where_nothing_was_drawn_or_there_is_one_block)
     t.block[0].box.high[0] = INFINITY;
     s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_W, NULL);
     CHECK(s.near_pixels == 0 && isnan(s.near_psnr) && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H);
-    s.elsewhere_psnr = 20.5;
-    seam_add_json(&json, &s);
-    CHECK(json.data &&
-          !strcmp(json.data, "  \"seam\": {\"width\": 0.02, \"near_psnr\": null, \"near_pixels\": 0, "
-                             "\"elsewhere_psnr\": 20.5, \"elsewhere_pixels\": 3072},\n"));
-    text_free(&json);
     oxl_model_free(test_ctx, &t.model);
 }

@@ -461,11 +461,16 @@ TEST(study_counts_processor_time_from_the_first_step_of_one_block_or_of_the_coar
 {
     static const struct {
         int iteration, block, blocks, started;
-    } first[] = {{1, 0, 1, 1}, {1, 3, 3, 1}, {9, 0, 1, 2}, {9, 3, 3, 2}, {1, 0, 3, 2}, {400, 4, 3, 2}};
+        enum oxl_stage stage;
+    } first[] = {{1, 0, 1, 1, OXL_STAGE_BLOCK}, {1, 0, 3, 1, OXL_STAGE_COARSE},
+                 {9, 0, 1, 2, OXL_STAGE_BLOCK}, {9, 0, 3, 2, OXL_STAGE_COARSE},
+                 {1, 0, 3, 2, OXL_STAGE_BLOCK}, {400, 0, 3, 2, OXL_STAGE_MERGED}};
     for (size_t i = 0; i < OXL_COUNT(first); i++) {
         const study_options none = {0};
-        const oxl_progress p = {
-            .iteration = first[i].iteration, .block = first[i].block, .blocks = first[i].blocks};
+        const oxl_progress p = {.iteration = first[i].iteration,
+                                .block = first[i].block,
+                                .blocks = first[i].blocks,
+                                .stage = first[i].stage};
         struct study_meter s = {.options = &none};
         CHECK(study_progress(&s, &p) == 0 && s.started == first[i].started);
     }

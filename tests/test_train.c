@@ -693,3 +693,17 @@ TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iteratio
     CHECK_CLOSE(shortened.rate[OXL_LOG_SCALE], 0.005 * pow(300.0 / 7, 0.35 + 0.175) * pow(10, 0.175), 1e-4);
     CHECK(least.beta[0] == 0.5 && least.beta[1] > shortened.beta[1] && least.beta[1] < 1);
 }
+
+TEST(train_grows_sooner_where_a_scene_has_no_points)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    struct prune_case none = prune_two_patches(4, 3, 0.5f);
+    oxl_scene *some = train_scene(4);
+    CHECK(oxl_scene_point_count(none.scene) == 0 && o.densify_gradient == 4e-4f);
+    CHECK(schedule_densify_gradient(some, &o) == 4e-4f);
+    CHECK(schedule_densify_gradient(none.scene, &o) == 2e-4f);
+    o.densify_gradient = 1e-4f;
+    CHECK(schedule_densify_gradient(none.scene, &o) == 1e-4f);
+    oxl_scene_free(test_ctx, some);
+    prune_case_free(&none);
+}

@@ -19,11 +19,11 @@ TEST(selection_predicts_the_steps_of_its_trials)
     oxl_train_options o = train_options(2000);
     o.ucd.mode = OXL_UCD_OFF;
     o.lamp = o.medium = OXL_OFF;
-    CHECK(selection_trial_steps(&o, 50) == 0);
+    CHECK(forecast_trial_steps(&o, 50) == 0);
     o.sh_degree = -1;
-    CHECK(selection_trial_steps(&o, 50) == 150 && selection_trial_steps(&o, 7) == 0);
+    CHECK(forecast_trial_steps(&o, 50) == 150 && forecast_trial_steps(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
-    CHECK(selection_trial_steps(&o, 50) == 200);
+    CHECK(forecast_trial_steps(&o, 50) == 200);
 }
 
 struct selection_test_case {
@@ -150,6 +150,6 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
     CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
     c.options.lamp = c.options.medium = OXL_OFF;
-    CHECK(selection_trial_steps(&c.options, 14) == 0);
+    CHECK(forecast_trial_steps(&c.options, 14) == 0);
     checkpoint_case_free(&c);
 }

@@ -126,20 +126,21 @@ static oxl_job_options working_blocks(void)
 }
 
 struct working_stop {
-    int block, iteration, calls;
+    enum oxl_stage stage;
+    int block, iteration;
 };
 
 static int working_stop(void *user, const oxl_progress *p)
 {
-    struct working_stop *s = user;
-    return p->block == s->block && p->iteration >= s->iteration;
+    const struct working_stop *s = user;
+    return p->stage == s->stage && p->block == s->block && p->iteration >= s->iteration;
 }
 
 TEST(survey_of_a_fresh_run_of_blocks_is_written)
 {
     const oxl_job_options options = working_blocks();
-    struct working_stop stop = {2, 1, 0};
-    oxl_callback callback = {working_stop, &stop};
+    struct working_stop stop = {OXL_STAGE_COARSE, 0, 1};
+    const oxl_callback callback = {working_stop, &stop};
     const oxl_result rc = oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback);
     CHECK(rc == OXL_ERR_INTERRUPTED);
     CHECK(os_is_file(test_path("out/blocks/survey.oxl")));
@@ -154,7 +155,7 @@ TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
         "blocks/coarse/model.ply",   "blocks/survey.oxl",         "partition.txt"};
     const oxl_job_options options = working_blocks();
     char survey[512];
-    struct working_stop stop = {1, 40, 0};
+    struct working_stop stop = {OXL_STAGE_BLOCK, 1, 40};
     oxl_callback callback = {working_stop, &stop};
     snprintf(survey, sizeof survey, "%s", job_test_survey());
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("ref"), &options, NULL));
@@ -270,4 +271,21 @@ TEST(api_refuses_views_cameras_focal_lengths_and_presets_that_are_none)
         const oxl_job_options o = oxl_job_options_default((oxl_preset)k);
         CHECK((oxl_job_options_check(test_ctx, &o) == OXL_OK) == (k >= 0 && k <= 2));
     }
+}
+
+static int working_note_stage(void *user, const oxl_progress *p)
+{
+    int *seen = user; /* (3) of each stage: 0 not yet, else its place in their order */
+    CHECK(p->blocks > 1 && p->block >= 0 && p->block < p->blocks);
+    if (!seen[p->stage]) seen[p->stage] = 1 + (seen[0] > 0) + (seen[1] > 0) + (seen[2] > 0);
+    return 0;
+}
+
+TEST(progress_of_a_run_in_blocks_names_coarse_model_blocks_and_merged_model_in_this_order)
+{
+    const oxl_job_options options = working_blocks();
+    int seen[3] = {0};
+    const oxl_callback callback = {working_note_stage, seen};
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
+    CHECK(seen[OXL_STAGE_COARSE] == 1 && seen[OXL_STAGE_BLOCK] == 2 && seen[OXL_STAGE_MERGED] == 3);
 }

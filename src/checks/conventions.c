@@ -56,7 +56,7 @@ static const struct convention {
      "world axes y x -z for the points"},
 };
 
-/* The camera of a view, read in another way. */
+/* Returns the camera of a view, read in another way. */
 static oxl_camera convention_apply(const struct convention *c, const oxl_camera *as_read,
                                    const double origin[3])
 {
@@ -89,7 +89,7 @@ static oxl_camera convention_apply(const struct convention *c, const oxl_camera 
     return out;
 }
 
-/* The median correlation of some images, and the fraction of them that have points. */
+/* Computes the median correlation of some images, and the fraction of them that have points. */
 static oxl_result convention_try(struct match *w, const struct convention *c, struct match_layout *room,
                                  double *correlation, double *filled)
 {
@@ -112,7 +112,7 @@ static oxl_result convention_try(struct match *w, const struct convention *c, st
     return OXL_OK;
 }
 
-/* Which other convention fits; NULL: none. filled: of the images as read. */
+/* Finds which other convention fits; NULL: none. filled: of the images as read. */
 static oxl_result conventions_find(struct match *w, double filled, const char **name)
 {
     const int json = w->colmap->format == COLMAP_JSON && !strcmp(w->colmap->images_file, "transforms.json");

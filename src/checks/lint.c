@@ -41,7 +41,7 @@ static int lint_is_in_frame(const oxl_scene *scene, int view, const double world
            pixel[1] <= from->height + margin;
 }
 
-/* view_of: (images) each image's view, -1: none. */
+/* Counts observations outside their image. view_of: (images) each image's view, -1: none. */
 static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_view *views)
 {
     const struct colmap *c = scene_colmap(scene);
@@ -64,7 +64,7 @@ static int lint_has_misses(const struct lint_view *v)
     return v->seen >= LINT_MIN && (double)v->missed > LINT_MISSED * (double)v->seen;
 }
 
-/* A few wrong poses are named; if the remaining views do not fit either, the whole survey is reported. */
+/* Names a few wrong poses; if the remaining views do not fit either, the whole survey is reported. */
 static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct lint_view *views,
                         oxl_survey *s)
 {
@@ -125,7 +125,7 @@ static void lint_warn_aspect(oxl_context *ctx, const char *path, int width, int 
                 path, width, height);
 }
 
-/* *counts: the fraction of pixels that are not black. */
+/* Reads a mask. *counts: the fraction of pixels that are not black. */
 static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, int *stretched,
                             double *counts)
 {

@@ -41,7 +41,7 @@ static void match_add_map(struct match *w, enum match_kind kind, const double m[
     memcpy(map->m, m, sizeof map->m);
 }
 
-/* The part of the image that is left: its size, and where it begins along both sides. */
+/* Finds the part of the image that is left: its size, and where it begins along both sides. */
 static void match_add_crop(struct match *w, double size, double left, double top)
 {
     match_add_map(w, MATCH_CROPPED, (const double[6]){1 / size, 0, -left / size, 0, 1 / size, -top / size},
@@ -154,7 +154,7 @@ static void match_add_point(struct match_layout *l, const oxl_camera *c, const d
     l->colour[l->count++] = (float)(point->rgb[0] + point->rgb[1] + point->rgb[2]);
 }
 
-/* Every k-th observation of each image; of_image: the layout of each image, or -1. */
+/* Takes every k-th observation of each image; of_image: the layout of each image, or -1. */
 static void match_from_tracks(struct match *w, const int *of_image, uint32_t *seen)
 {
     const struct colmap *c = w->colmap;
@@ -173,7 +173,7 @@ static void match_from_tracks(struct match *w, const int *of_image, uint32_t *se
     }
 }
 
-/* Every k-th, in the file's order. */
+/* Takes every k-th point that the camera has in its image, in the file's order. */
 OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, const oxl_camera *camera)
 {
     const struct colmap *c = w->colmap;
@@ -244,7 +244,7 @@ static oxl_result match_reduce(struct match *w, const struct training_image *ima
     return rc;
 }
 
-/* The mean of 3 x 3 px; NaN: outside, or masked. */
+/* Returns the mean of 3 x 3 px; NaN: outside, or masked. */
 static float match_brightness(const struct match_plane *p, double u, double v)
 {
     const int x = (int)(u * p->width), y = (int)(v * p->height);
@@ -301,7 +301,7 @@ static void match_images_ahead(struct match *w, int from)
     scene_images_ahead(w->ctx, w->scene, view, n);
 }
 
-/* Each image under each map, and by chance. */
+/* Compares each image under each map, and by chance. */
 OXL_INTERNAL oxl_result match_compare(struct match *w)
 {
     for (int k = 0; k < w->count; k++) {
@@ -350,7 +350,7 @@ OXL_INTERNAL int match_judged(const struct match *w)
     return n;
 }
 
-/* The map under which the images fit better than as they are; 0: none. */
+/* Finds the map under which the images fit better than as they are; 0: none. */
 static int match_best_map(struct match *w)
 {
     const double as_is = match_quantile(w, 0, 0.5);
@@ -422,7 +422,7 @@ static void match_name(struct match *w, int k, int map, int elsewhere, struct ma
                  oxl_scene_view(w->scene, w->layout[s->fits].view)->name);
 }
 
-/* Images that fit elsewhere, or nowhere while the others fit well. all: of a survey where none fits. */
+/* Finds images that fit elsewhere, or nowhere while the others fit well. all: of a survey where none fits. */
 static oxl_result match_find_images(struct match *w, int all, struct match_found *f)
 {
     const double high = match_quantile(w, 0, 0.9), median = match_quantile(w, 0, 0.5);
@@ -451,7 +451,7 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
     return OXL_OK;
 }
 
-/* One message about the whole survey, or about some images. */
+/* Writes one message about the whole survey, or about some images. */
 OXL_INTERNAL oxl_result match_judge(struct match *w, int *foreign)
 {
     const int judged = match_judged(w), best = match_best_map(w);

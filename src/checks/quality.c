@@ -40,7 +40,7 @@ struct quality {
 
 /* ---------------- neighbours */
 
-/* Distance in extents, and how differently they look: 2 for opposite ways. */
+/* Computes the distance in extents, and how differently they look: 2 for opposite ways. */
 static double quality_distance(const oxl_scene *scene, int a, int b)
 {
     const oxl_camera *x = &oxl_scene_view(scene, a)->camera, *y = &oxl_scene_view(scene, b)->camera;
@@ -136,14 +136,14 @@ static double quality_median(const struct quality_check *q, const int *near, int
     return stats_select(value, (size_t)neighbours, 0.5);
 }
 
-/* Distance from the median of all ratios that counts as an outlier, at least `least`. */
+/* Returns the distance from the median of all ratios that counts as an outlier, at least `least`. */
 static double quality_limit(const struct quality_check *q, const double *ratio, double least, double *middle)
 {
     return OXL_MAX(least, QUALITY_SPREADS * stats_spread(ratio, (size_t)q->count, q->work, middle));
 }
 
-/* One message for the views of a kind, the worst first. by: (count) size of the deviation; 0: not of this
- * kind. */
+/* Writes one message for the views of a kind, the worst first. by: (count) size of the deviation; 0: not of
+ * this kind. */
 static int quality_report(const struct quality_check *q, const oxl_scene *scene, double *by, const char *kind,
                           const char *fix)
 {

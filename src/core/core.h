@@ -137,6 +137,7 @@ OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted
 OXL_INTERNAL void text_add_number(struct text *t, double value);
 /* of a JSON object, on a line of its own */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
+OXL_INTERNAL int text_has_line(const char *text, const char *line); /* line: without its end */
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);

@@ -8,7 +8,7 @@
 
 /* ---------------- a view as its image was taken */
 
-/* The model's, or where it has none the scene's. */
+/* Returns the background: the model's, or where it has none the scene's. */
 static void evaluate_background(const oxl_model *model, const oxl_scene *scene, float out[3])
 {
     static const float none[3] = {-1, -1, -1};
@@ -22,7 +22,7 @@ OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_s
     scene_set_background(ctx, scene, background);
 }
 
-/* Without the lamp and the gains. */
+/* Renders without the lamp and the gains. */
 static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                        float *depth)
 {
@@ -71,7 +71,7 @@ struct evaluate_pass {
     struct evaluate_bands *bands; /* NULL: as evaluate_quick */
 };
 
-/* What the light alone explains: a white scene, through the view's lamp and gains. */
+/* Computes what the light alone explains: a white scene, through the view's lamp and gains. */
 static oxl_result evaluate_explained(oxl_context *ctx, const struct evaluate_pass *p,
                                      const oxl_image *rendered, const oxl_image *image, oxl_view_metrics *row)
 {
@@ -117,7 +117,7 @@ static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p,
     return rc;
 }
 
-/* Unreadable or completely masked images are logged and left out, as in training. */
+/* Adds a view's row; an unreadable or completely masked image is logged and left out, as in training. */
 static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass *p, int view,
                                     oxl_metrics *out)
 {
@@ -133,7 +133,7 @@ static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass
     return OXL_OK;
 }
 
-/* Of the views that have them. */
+/* Averages over the views that have them. */
 static void evaluate_sum_up_structure(oxl_metrics *m)
 {
     int with = 0, explained = 0;
@@ -233,7 +233,7 @@ static void evaluate_write_depths(struct text *t, const oxl_metrics *m)
 
 enum { EVALUATE_WRITTEN = 8 };
 
-/* Members of a JSON object; `between` them. lpips NaN: it has no member. */
+/* Adds members of a JSON object; `between` them. lpips NaN: it has no member. */
 static void evaluate_write_values(struct text *t, const char *between, const double values[EVALUATE_WRITTEN],
                                   double lpips)
 {

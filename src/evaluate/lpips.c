@@ -67,7 +67,7 @@ struct lpips_file {
     const unsigned char *at, *end;
 };
 
-/* `count` uint32, each from 1 to `most`; 0: they are not there. */
+/* Reads `count` uint32, each from 1 to `most`; 0: they are not there. */
 static int lpips_take_sizes(struct lpips_file *f, int count, int most, int out[4])
 {
     for (int k = 0; k < count; k++, f->at += 4) {
@@ -78,7 +78,7 @@ static int lpips_take_sizes(struct lpips_file *f, int count, int most, int out[4
     return 1;
 }
 
-/* The floats at f->at, which moves past them; NULL: they are not there. */
+/* Returns the floats at f->at, which moves past them; NULL: they are not there. */
 static const unsigned char *lpips_take_floats(struct lpips_file *f, size_t count)
 {
     const unsigned char *from = f->at;
@@ -89,7 +89,7 @@ static const unsigned char *lpips_take_floats(struct lpips_file *f, size_t count
     return from;
 }
 
-/* What is wrong; NULL: nothing. weight, bias, head: where the file has them. */
+/* Returns what is wrong; NULL: nothing. weight, bias, head: where the file has them. */
 static const char *lpips_parse(struct lpips_file *f, struct lpips *net, const unsigned char *weight[],
                                const unsigned char *bias[], const unsigned char *head[])
 {

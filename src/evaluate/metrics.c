@@ -59,8 +59,8 @@ static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
 
 /* ---------------- PSNR */
 
-/* a times gain, channel by channel, against b, from column `from` up to `to`. NaN: every pixel there is
- * masked. Serial: it takes a hundredth of the rendering. */
+/* Computes the PSNR of a times gain, channel by channel, against b, from column `from` up to `to`. NaN:
+ * every pixel there is masked. Serial: it takes a hundredth of the rendering. */
 static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double gain[3], int from, int to)
 {
     const size_t plane = (size_t)a->width * a->height;
@@ -83,7 +83,7 @@ static double metrics_psnr(const oxl_image *a, const oxl_image *b, const double 
     return metrics_decibel(error, weight);
 }
 
-/* The least-squares factor of a channel of a, up to column `to`. */
+/* Computes the least-squares factor of a channel of a, up to column `to`. */
 static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel, int to)
 {
     const size_t plane = (size_t)a->width * a->height;
@@ -121,8 +121,8 @@ oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
     return metrics_compare(ctx, a, b, 1, out);
 }
 
-/* PSNR of the right half, a's channels multiplied by what brings its left half nearest to b's. NaN of images
- * one pixel wide, or masked there. */
+/* Computes the PSNR of the right half, a's channels multiplied channels multiplied by what brings its left
+ * half nearest to b's. NaN of images one pixel wide, or masked there. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b)
 {
     double gain[3];
@@ -268,7 +268,7 @@ SIMD_BODY void metrics_line_body(const int fused, const struct metrics_line *lin
 
 SIMD_DISPATCH(static, metrics_line, struct metrics_line)
 
-/* Of a line: whole runs, and METRICS_RADIUS columns to either side. */
+/* Returns the room of a line: whole runs, and METRICS_RADIUS columns to either side. */
 static size_t metrics_room(int width)
 {
     return ((size_t)width + METRICS_RUN - 1) / METRICS_RUN * METRICS_RUN + 2 * METRICS_RADIUS;
@@ -289,7 +289,7 @@ static void metrics_rows(oxl_context *ctx, const struct metrics_windows *s)
     }
 }
 
-/* The sums over the image. */
+/* Sums the windows of the image. */
 static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int whole,
                                       struct metrics_row *out)
 {
@@ -362,8 +362,8 @@ static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image
     return OXL_OK;
 }
 
-/* The product over scales for each channel, and its mean. Exponents are divided by the sum of those that are
- * used. */
+/* Computes the product over scales for each channel, and its mean. Exponents are divided by the sum of
+ * those that are used. */
 static double metrics_over_scales(const struct metrics_row *sum, int scales)
 {
     double used = 0, mean = 0;
@@ -381,7 +381,7 @@ static double metrics_over_scales(const struct metrics_row *sum, int scales)
     return mean;
 }
 
-/* Coarser scales end where not one whole window is left. */
+/* Multiplies over the scales, which end where not one whole window is left. */
 oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
 {
     enum { MOST = OXL_COUNT(METRICS_SCALES) };

@@ -67,7 +67,7 @@ static void structure_blur_column_row(const struct structure_work *s, const stru
     }
 }
 
-/* One row, blurred along y; then along x. */
+/* Blurs one row along y, then along x. */
 static void structure_blur_row(const struct structure_work *s, const struct structure_window *w,
                                const double *in, int y, double *out)
 {
@@ -95,7 +95,8 @@ static void structure_blur(oxl_context *ctx, const struct structure_work *s, int
     for (int y = 0; y < s->height; y++) structure_blur_row(s, &w, in, y, out + (size_t)y * (size_t)s->width);
 }
 
-/* The mean of the pixels that count, each window for itself. `in` is spent; weighted: (H,W) to work on. */
+/* Computes the mean of the pixels that count, each window for itself. `in` is spent; weighted: (H,W) to
+ * work on. */
 static void structure_mean(oxl_context *ctx, const struct structure_work *s, int which, const double *in,
                            double *out, double *weighted)
 {
@@ -144,7 +145,7 @@ static oxl_result structure_begin(oxl_context *ctx, const oxl_image *a, const ox
     return OXL_OK;
 }
 
-/* Mean products of the bands over the pixels that count: aa, bb, ab. */
+/* Computes mean products of the bands over the pixels that count: aa, bb, ab. */
 static double structure_products(const struct structure_work *s, double product[3])
 {
     double counted = 0;
@@ -163,7 +164,8 @@ static double structure_products(const struct structure_work *s, double product[
     return counted;
 }
 
-/* The same around each pixel: the correlation of what is there. NaN: the image has no detail there. */
+/* Computes the same around each pixel: the correlation of what is there. NaN: the image has no detail
+ * there. */
 static void structure_map(oxl_context *ctx, const struct structure_work *s, float *map)
 {
     const size_t pixels = (size_t)s->width * (size_t)s->height;
@@ -204,7 +206,7 @@ oxl_result oxl_structure(oxl_context *ctx, const oxl_image *a, const oxl_image *
 
 /* ---------------- decibels of the image's own contrast */
 
-/* The contrast: what is left of the image when its channels are fitted by the light. */
+/* Computes the contrast: what is left of the image when its channels are fitted by the light. */
 OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
                                         const oxl_image *light)
 {

@@ -117,9 +117,9 @@ static size_t colmap_count_fields(const char *p, const char *end)
     return count;
 }
 
-/* 1: a line at the position of 2D points is the first line of an image: an integer, 7 numbers, an integer,
- * and a name. Most names are not numbers, which decides. With a numeric name, it is an image if the number of
- * fields is not a multiple of 3, the rotation is plausible and the camera exists. */
+/* Returns 1 if the line at the position of 2D points is the first line of an image: an integer, 7 numbers,
+ * an integer, and a name. Most names are not numbers, which decides. With a numeric name, it is an image if
+ * the number of fields is not a multiple of 3, the rotation is plausible and the camera exists. */
 static int colmap_is_pose(const struct colmap_reader *r)
 {
     const char *p = r->cursor;
@@ -136,7 +136,7 @@ static int colmap_is_pose(const struct colmap_reader *r)
            colmap_count_fields(r->cursor, r->end) % 3 != 0;
 }
 
-/* The second line of an image. If it is missing, the reader does not advance. */
+/* Reads the second line of an image. If it is missing, the reader does not advance. */
 static oxl_result colmap_read_second_line(struct colmap_reader *r, struct colmap_image *image)
 {
     if (!colmap_next_line(r)) return r->rc;
@@ -200,7 +200,8 @@ static struct colmap_files colmap_find_files(const char *folder, enum colmap_for
     return found;
 }
 
-/* Text if both have the same age: text files may have been edited. */
+/* Chooses between text and binary files: the newer ones; text if both have the same age, since it may have
+ * been edited. */
 static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
     const struct colmap_files text = colmap_find_files(folder, COLMAP_TEXT),
@@ -225,7 +226,8 @@ static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colma
         folder, binary.count > text.count ? binary.missing : text.missing);
 }
 
-/* Without points, as simulators and motion capture export poses: those of points3D.ply, or none. */
+/* Reads the points of points3D.ply, if it is there: simulators and motion capture export poses without
+ * points3D. */
 static oxl_result colmap_read_other_points(struct colmap_reader *r, const char *folder)
 {
     const char *ply = PATH(folder, "points3D.ply");

@@ -33,7 +33,7 @@ enum {
 
 /* ---------------- bytes */
 
-/* Offset in the file of the first unread byte. */
+/* Returns the offset in the file of the first unread byte. */
 static uint64_t binary_offset(const struct colmap_reader *r)
 {
     return r->offset + (uint64_t)(r->next - r->buffer);
@@ -58,7 +58,7 @@ static oxl_result binary_fail(struct colmap_reader *r, uint64_t at, const char *
                     r->line, seen, what);
 }
 
-/* The next `size` bytes, valid until the next call. */
+/* Returns the next `size` bytes, valid until the next call. */
 static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *what, const char **out)
 {
     while ((size_t)(r->limit - r->next) < size && !r->at_end)
@@ -83,7 +83,7 @@ static oxl_result binary_skip(struct colmap_reader *r, uint64_t size)
     return r->rc == OXL_OK ? colmap_fill(r) : r->rc;
 }
 
-/* A count of rows that follow, each of `least` bytes or more. */
+/* Reads a count of rows that follow, each of `least` bytes or more. */
 static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t least, uint64_t *out)
 {
     const char *p = NULL;
@@ -102,7 +102,7 @@ static oxl_result binary_finite(struct colmap_reader *r, const char *p, const ch
     return fabs(*out) <= DBL_MAX ? OXL_OK : binary_fail(r, binary_offset(r), what, "%g", *out);
 }
 
-/* Bytes after the last record are an error. */
+/* Refuses bytes after the last record. */
 static void binary_end(struct colmap_reader *r)
 {
     if (binary_left(r) == 0) return;
@@ -171,7 +171,7 @@ static oxl_result binary_cameras(struct colmap_reader *r)
 
 /* ---------------- images.bin */
 
-/* Read by colmap_read_name, without blanks at the ends, as in text; a newline in it is an error. */
+/* Reads a name by colmap_read_name, without blanks at the ends, as in text; a newline in it is an error. */
 static oxl_result binary_name(struct colmap_reader *r, size_t *name)
 {
     const char *zero, *p = NULL;
@@ -221,7 +221,7 @@ static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_
                : binary_fail(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
 }
 
-/* Their place in the file alone: exports copy them. */
+/* Keeps the place of an image's 2D points in the file alone: exports copy them. */
 static oxl_result binary_skip_observations(struct colmap_reader *r, struct colmap_image *image)
 {
     uint64_t count = 0;
@@ -272,8 +272,8 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
     return OXL_OK;
 }
 
-/* more: number of points after this one. A track that leaves no bytes for them would overrun the array of
- * tracks. */
+/* Reads a point's track. more: number of points after this one. A track that leaves no bytes for them would
+ * overrun the array of tracks. */
 static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct colmap_point *point,
                                uint64_t *length)
 {
@@ -309,7 +309,7 @@ static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
     return OXL_OK;
 }
 
-/* The bytes beside the points are tracks, so memory for both is allocated once. */
+/* Allocates points and tracks at once: the bytes of the file beside the points are tracks. */
 static oxl_result binary_points(struct colmap_reader *r)
 {
     struct colmap *out = r->out;

@@ -34,7 +34,7 @@ struct points_rows { /* capacity for a full buffer, divided into pieces */
 
 /* ---------------- a line */
 
-/* Fast path: an integer of at most 9 digits. 0: any other field; the cursor stays. */
+/* Parses an integer of at most 9 digits, the fast path. 0: any other field; the cursor stays. */
 static inline int points_short_integer(const char **cursor, const char *end, uint32_t *out)
 {
     const char *p = *cursor, *first;
@@ -113,7 +113,7 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
 
 /* ---------------- the pieces of a buffer */
 
-/* `lines`: number of lines before the piece, for messages. */
+/* Parses the points of a piece. `lines`: number of lines before it, for messages. */
 static void points_read_piece(struct points_piece *p, const char *begin, int is_quiet, int lines)
 {
     p->reader.next = begin;
@@ -126,14 +126,15 @@ static void points_read_piece(struct points_piece *p, const char *begin, int is_
         p->rc = points_read_record(&p->reader, p);
 }
 
-/* The position after the last newline before `to`; `from` if there is none. */
+/* Returns the position after the last newline before `to`; `from` if there is none. */
 static const char *points_line_begin(const char *from, const char *to)
 {
     while (to > from && to[-1] != '\n') to--;
     return to;
 }
 
-/* begin (POINTS_PIECES + 1): pieces are whole lines; the last line may have no newline. */
+/* Divides the buffer into pieces of whole lines; the last line may have no newline. begin (POINTS_PIECES +
+ * 1). */
 static void points_divide_buffer(const struct colmap_reader *r, const char **begin)
 {
     const char *end = r->at_end ? r->limit : points_line_begin(r->next, r->limit);

@@ -53,7 +53,7 @@ enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
 
 /* ---------------- the buffer */
 
-/* To `room` bytes. */
+/* Widens the buffer to `room` bytes. */
 static oxl_result colmap_grow_buffer(struct colmap_reader *r, size_t room)
 {
     const size_t rest = r->buffer ? (size_t)(r->limit - r->buffer) : 0;
@@ -90,7 +90,7 @@ OXL_INTERNAL int colmap_is_blank(char c)
     return c == ' ' || c == '\t';
 }
 
-/* N of "# Number of images: N, ..." among the comments at the buffer's start. */
+/* Returns N of "# Number of images: N, ..." among the comments at the buffer's start. */
 static uint64_t colmap_declared_count(const struct colmap_reader *r)
 {
     static const char words[] = "# Number of ";
@@ -204,7 +204,7 @@ OXL_INTERNAL int colmap_next_record(struct colmap_reader *r)
     return 0;
 }
 
-/* 'text', cut and printable, or "the end of the line". */
+/* Writes 'text', cut and printable, or "the end of the line". */
 OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64])
 {
     size_t size = 0;
@@ -218,7 +218,7 @@ OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char o
     return out;
 }
 
-/* 0,5 and the like. */
+/* Returns 1 for a number with a decimal comma: 0,5 and the like. */
 static int colmap_has_comma(const char *p, const char *end)
 {
     for (p++; p + 1 < end && !colmap_is_blank(*p); p++)
@@ -354,7 +354,7 @@ OXL_INTERNAL int colmap_check_point(struct colmap_reader *r, struct colmap_point
 
 /* ---------------- rotations, cameras and names, of text and binary files */
 
-/* "1-3" when there is no gap, else "3 from 1 to 17". */
+/* Describes the ids: "1-3" when there is no gap, else "3 from 1 to 17". */
 static void colmap_camera_ids(const struct colmap *c, char *out, size_t size)
 {
     int64_t low = c->camera[0].id, high = low;

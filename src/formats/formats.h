@@ -12,18 +12,18 @@
  * are not kept. images: as in json_survey_read. */
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse,
                                           const char *images, struct colmap *out);
-/* A survey of nerfstudio (transforms*.json) or OpenSfM (any other name) in a folder. images:
+/* A survey in JSON, by the name of its file in the table of survey_find.c. images:
  * folder that the names start from; NULL: as the file has it. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
                                          const char *images, struct colmap *out);
 
-/* colmap.c. Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
+/* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. 2D points are not read. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, struct colmap *out);
 /* The same with another buffer size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_buffered(oxl_context *ctx, const char *folder, size_t buffer,
                                              struct colmap *out);
 
-/* ---------------- spz.c, gltf.c, splat_file.c: compact and exchange formats */
+/* ---------------- spz.c, gltf.c, splat_file.c: rows of the table in model_formats.c */
 
 /* All values finite, no lobes: checked in model_file.c. */
 OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
@@ -44,6 +44,9 @@ struct model_file_layout {
     size_t rows, row_bytes, lobes;
     int degree, offset[OXL_PLANES]; /* of a plane's value in a row */
 };
+/* oxl_model_read of PLY. model_file_drop_rows: rows with values that are not finite, of any format. */
+OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model);
 /* *has 0: the file has another layout. The model gets the file's origin and scale. */
 OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out,
                                           oxl_model *model, int *has);
@@ -54,6 +57,9 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
  * are included. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
                                              int file_degree);
+/* OXL_ERR_FAILED: a value of the columns that a file of this degree has is not finite. */
+OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
+                                                 int file_degree);
 /* Several models of the same origin as one file; those in files are read page by page. */
 OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
                                                 int count, int file_degree);
@@ -73,6 +79,9 @@ struct oxl_model_pages {
 };
 OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
                                  size_t row);
+/* A model whose rows stay in a file of this layout; out: origin and scale are there. */
+OXL_INTERNAL oxl_result model_pages_open(oxl_context *ctx, const char *path,
+                                         const struct model_file_layout *of, oxl_model *out);
 OXL_INTERNAL size_t model_pages_count(const oxl_model *model);
 OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page,
                                         oxl_model *out);

@@ -96,7 +96,7 @@ static void gltf_add_bounds(struct text *t, const oxl_model *model)
              NUMBER(low[2] + 0.0), NUMBER(high[0] + 0.0), NUMBER(high[1] + 0.0), NUMBER(high[2] + 0.0));
 }
 
-/* Degree l, coefficient n of the k-th: 0; 1 1 1; 2 2 2 2 2... */
+/* Names the k-th array of SH by its degree and coefficient; the degrees are 0; 1 1 1; 2 2 2 2 2 and so on. */
 static void gltf_add_semantic(struct text *t, int array)
 {
     const int k = array - GLTF_ARRAYS, degree = k < 1 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3;

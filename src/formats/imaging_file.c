@@ -8,7 +8,7 @@
 #define IMAGING_MEDIUM_MAX 1e6   /* of bD, bB (1/unit) and Binf in a file */
 #define IMAGING_DISTANCE_MAX 1e9 /* units */
 
-/* A line of the file: a word, `count` numbers, and the name of an image or NULL. */
+/* Adds a line of the file: a word, `count` numbers, and the name of an image or NULL. */
 static void imaging_write_line(struct text *t, const char *word, const float *values, int count,
                                const char *name)
 {
@@ -62,14 +62,14 @@ static int imaging_read_values(const char **at, const char *end, double lowest, 
     return 1;
 }
 
-/* 1: `count` numbers from lowest to highest, and no more. */
+/* Returns 1 for `count` numbers from lowest to highest, and no more. */
 static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values,
                                 int count)
 {
     return imaging_read_values(&at, end, lowest, highest, values, count) && (at == end || *at == '\r');
 }
 
-/* Views are ordered by name. -1: none of that name. */
+/* Finds a view by its name; views are ordered by name. -1: none of that name. */
 static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
 {
     for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
@@ -84,7 +84,7 @@ static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
     return -1;
 }
 
-/* Of the rest of a line. */
+/* Finds a view by the name that is the rest of a line. */
 static int imaging_find_name(const oxl_scene *scene, const char *at, const char *end)
 {
     while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
@@ -99,7 +99,7 @@ static int imaging_skip_word(const char **at, const char *end, const char *word)
     return 1;
 }
 
-/* 1: the line was of the medium and whole. */
+/* Returns 1 if the line was of the medium and whole. */
 static int imaging_read_medium(const char *at, const char *end, struct medium *m)
 {
     static const char *const names[3] = {"bD", "bB", "Binf"};
@@ -116,7 +116,7 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
     return m->has_falloff = falloff[1] > 0;
 }
 
-/* 1: the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
+/* Returns 1 if the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
 static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
     struct lamp lamp = {.view = -1};
@@ -161,7 +161,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     return rc;
 }
 
-/* Of a file that ends in a checksum, it is the text's; none has a zero byte. */
+/* Refuses a zero byte and, where the file ends in a checksum, another than that of the text. */
 static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const struct os_file_map *map)
 {
     const char *zero = memchr(map->data, 0, map->size);
@@ -179,7 +179,7 @@ static oxl_result imaging_check_bytes(oxl_context *ctx, const char *path, const 
                     path);
 }
 
-/* A line "gain R G B NAME" of the file. */
+/* Reads a line "gain R G B NAME" of the file. */
 static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at,
                                     const char *end, const oxl_scene *scene, struct imaging *out)
 {
@@ -202,7 +202,7 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
     return OXL_OK;
 }
 
-/* Names that are not in the scene are skipped. */
+/* Reads the file; names that are not in the scene are skipped. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene,
                                      struct imaging *out)
 {

@@ -31,26 +31,4 @@ static inline oxl_result model_file_no_memory(oxl_context *ctx, const char *path
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
 }
 
-/* Extensions are compared without regard to case. */
-static inline int model_file_ends_in(const char *path, const char *extension)
-{
-    const size_t n = strlen(path), m = strlen(extension);
-    for (size_t i = 0; i < m && n >= m; i++) {
-        const char c = path[n - m + i];
-        if ((c >= 'A' && c <= 'Z' ? c + 'a' - 'A' : c) != extension[i]) return 0;
-    }
-    return n >= m;
-}
-
-enum model_format {
-    MODEL_FORMAT_PLY,
-    MODEL_FORMAT_SPLAT,
-    MODEL_FORMAT_SPZ,
-    MODEL_FORMAT_GLB,
-    MODEL_FORMAT_SOG,    /* of other programs, not read: this one */
-    MODEL_FORMAT_KSPLAT, /* and this one */
-    MODEL_FORMAT_UNKNOWN
-};
-OXL_INTERNAL enum model_format model_format_by_name(const char *path);
-
 #endif

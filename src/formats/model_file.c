@@ -1,5 +1,4 @@
-/* model_file.c - reads model files: the standard 3DGS PLY, with an element for second lobes; other formats by
- * extension (spz.c, splat_file.c).
+/* model_file.c - reads models as PLY: the standard of 3DGS, with an element for second lobes.
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values).
  *
@@ -20,8 +19,7 @@
 #define MODEL_FILE_OPAQUE 20.0f    /* logit of alpha 1, to the last bit of a float */
 
 enum {
-    MODEL_FILE_ROWS = 256, /* converted at a time */
-    MODEL_FILE_LOBE_BYTES = 16,
+    MODEL_FILE_ROWS = 256,      /* converted at a time */
     MODEL_FILE_HEADER = 1 << 16 /* bytes: longer ones are not read some rows at a time */
 };
 
@@ -55,8 +53,9 @@ OXL_INTERNAL int model_file_columns(int file_degree, int sh_degree,
 
 /* ---------------- rows that are not finite */
 
-/* Opacity is a logit and size a logarithm: alpha 0 and 1 and a width of 0 are infinite there, and become
- * finite values that give the same. Returns the number of rows with one of them. */
+/* Replaces infinities that are limits: opacity is a logit and size a logarithm, so alpha 0 and 1 and a
+ * width of 0 are infinite there, and become finite values that give the same. Returns the number of rows
+ * with one of them. */
 OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
 {
     size_t settled = 0;
@@ -99,7 +98,7 @@ static size_t model_file_count_unturned(const oxl_model *m)
 }
 
 /* Keeps the rows of finite values and sizes in their order. */
-static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
+OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count, limits = model_file_settle_limits(model);
     size_t unturned;
@@ -153,7 +152,7 @@ static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply
     return rc;
 }
 
-/* The SH degree for a number of f_rest columns. */
+/* Returns the SH degree for a number of f_rest columns. */
 static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply,
                                          const struct ply_element *vertex, int *degree)
 {
@@ -223,7 +222,7 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
 
 /* ---------------- PLY in, some rows at a time */
 
-/* The bytes before each plane's value; 0: a property is missing, or not a float. */
+/* Counts the bytes before each plane's value; 0: a property is missing, or not a float. */
 static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog,
                               struct model_file_layout *out)
 {
@@ -265,7 +264,7 @@ OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, st
         out->lobes = ply.elements > 1 ? (size_t)e[1].rows : 0;
         out->data = ply.data;
         out->lobe_data = ply.data + e->rows * e->row_bytes;
-        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_FILE_LOBE_BYTES <= file.size;
+        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_LOBE_BYTES <= file.size;
     }
     for (int c = 0; c < ply.comments && *has; c++) model_read_comment(ctx, path, ply.comment[c], model);
 done:
@@ -288,20 +287,21 @@ OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct mode
     if (rc == OXL_OK && got < model->count * l->row_bytes)
         rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
     if (rc == OXL_OK && model->lobes)
-        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_FILE_LOBE_BYTES);
+        rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_LOBE_BYTES);
     if (rc == OXL_OK && model->lobes)
-        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_FILE_LOBE_BYTES, &got);
+        rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_LOBE_BYTES, &got);
     for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++)
         for (size_t i = 0; i < model->lobes; i++)
             model->plane[OXL_LOBE + k][i] =
-                bytes_float(rows + i * MODEL_FILE_LOBE_BYTES + l->offset[OXL_LOBE + k]);
+                bytes_float(rows + i * MODEL_LOBE_BYTES + l->offset[OXL_LOBE + k]);
     oxl_free(ctx, rows);
     return rc;
 }
 
 /* ---------------- second lobes in */
 
-/* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
+/* Reads the rows of element dog: index (rows) as double, the row number without vertex_index; factor (4,
+ * rows). */
 static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index,
                                           float *factor)
 {
@@ -385,7 +385,7 @@ static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply,
     return rc;
 }
 
-static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
+OXL_INTERNAL oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct ply ply;
     int vertex, dog;
@@ -401,59 +401,5 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
     for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
-    return rc;
-}
-
-/* ---------------- the public function */
-
-/* What a file is, by its first bytes; else by its name. */
-static enum model_format model_file_format(const char *path)
-{
-    unsigned char head[4] = {0};
-    FILE *file = os_open(path, "rb");
-    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
-    if (file) fclose(file);
-    if (size == sizeof head && !memcmp(head, "ply", 3)) return MODEL_FORMAT_PLY;
-    if (size == sizeof head && (!memcmp(head, "\x1f\x8b", 2) || !memcmp(head, "NGSP", 4)))
-        return MODEL_FORMAT_SPZ;
-    if (size == sizeof head && !memcmp(head, "glTF", 4)) return MODEL_FORMAT_GLB;
-    if (size == sizeof head && !memcmp(head, "PK\3\4", 4)) return MODEL_FORMAT_SOG;
-    return model_format_by_name(path);
-}
-
-OXL_INTERNAL enum model_format model_format_by_name(const char *path)
-{
-    static const char *const endings[] = {".ply", ".splat", ".spz", ".glb", ".sog", ".ksplat"};
-    for (size_t i = 0; i < OXL_COUNT(endings); i++)
-        if (model_file_ends_in(path, endings[i])) return (enum model_format)i;
-    return MODEL_FORMAT_UNKNOWN;
-}
-
-static oxl_result model_file_refuse(oxl_context *ctx, const char *path, enum model_format format)
-{
-    if (format == MODEL_FORMAT_GLB)
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: .glb files are written, not read\nfix: use the .ply or .spz that it was made from", path);
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: a model in the format %s, which is not read\nfix: splat-transform IN%s OUT.ply",
-                    path, format == MODEL_FORMAT_SOG ? "SOG (a zip file)" : "of GaussianSplats3D, KSPLAT",
-                    format == MODEL_FORMAT_SOG ? ".sog" : ".ksplat");
-}
-
-oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
-{
-    const enum model_format format = model_file_format(path);
-    oxl_result rc;
-    *out = (oxl_model){0};
-    rc = format == MODEL_FORMAT_SPLAT ? splat_file_read(ctx, path, out)
-         : format == MODEL_FORMAT_SPZ ? spz_read(ctx, path, out)
-         : format == MODEL_FORMAT_PLY || format == MODEL_FORMAT_UNKNOWN
-             ? model_file_read_ply(ctx, path, out)
-             : model_file_refuse(ctx, path, format);
-    if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
-    if (rc == OXL_OK && out->count == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
-    if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

@@ -20,8 +20,8 @@ enum { PAGES_ROWS = 1024 };
 
 /* ---------------- what a view may show */
 
-/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a
- * view. */
+/* Returns 1 if a Gaussian with its centre within `radius` of a point and standard deviations up to sigma
+ * may show in a view. */
 static int pages_sphere_shows(const oxl_camera *c, double near_plane, const double centre[3], double radius,
                               double sigma)
 {
@@ -65,7 +65,7 @@ static size_t pages_rows(const struct oxl_model_pages *p, size_t page)
     return OXL_MIN(p->layout.rows - page * PAGES_ROWS, PAGES_ROWS);
 }
 
-/* The finite rows of a page, as a model relative to the file's origin; lobes: of the whole model. */
+/* Reads the finite rows of a page, as a model relative to the file's origin. lobes: of the whole model. */
 static oxl_result pages_read(oxl_context *ctx, const struct oxl_model_pages *p, struct os_reader *file,
                              size_t page, size_t lobed, oxl_model *out)
 {
@@ -118,37 +118,31 @@ static struct oxl_model_pages *pages_create(oxl_context *ctx, const char *path,
     return p;
 }
 
-oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out)
+OXL_INTERNAL oxl_result model_pages_open(oxl_context *ctx, const char *path,
+                                         const struct model_file_layout *of, oxl_model *out)
 {
-    const size_t room = max_bytes > 0 ? max_bytes : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
-    struct oxl_model_pages *p = NULL;
-    struct model_file_layout layout = {0};
+    struct oxl_model_pages *p;
     struct os_reader file = {0};
-    int has = 0;
-    oxl_result rc;
-    *out = (oxl_model){0};
-    rc = model_file_layout(ctx, path, &layout, out, &has);
-    if (rc != OXL_OK) return rc;
-    if (!has || layout.rows * layout.row_bytes <= room) return oxl_model_read(ctx, path, out); /* whole */
-    out->pages = p = pages_create(ctx, path, &layout, out->origin);
+    oxl_result rc = OXL_OK;
+    out->pages = p = pages_create(ctx, path, of, out->origin);
     if (!p) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pages of %s", path);
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     for (size_t k = 0; rc == OXL_OK && k < p->pages; k++) {
         oxl_model rows = {0};
-        rc = pages_read(ctx, p, &file, k, layout.lobes, &rows);
+        rc = pages_read(ctx, p, &file, k, of->lobes, &rows);
         if (rc == OXL_OK) pages_measure(&rows, &p->page[k]);
         out->count += rows.count, out->lobes += rows.lobes;
         oxl_model_free(ctx, &rows);
     }
     os_reader_close(&file);
-    out->sh_degree = layout.degree;
-    out->not_finite = rc == OXL_OK ? layout.rows - out->count : 0;
-    model_file_report_dropped(ctx, path, out->not_finite, layout.rows);
+    out->sh_degree = of->degree;
+    out->not_finite = rc == OXL_OK ? of->rows - out->count : 0;
+    model_file_report_dropped(ctx, path, out->not_finite, of->rows);
     if (rc == OXL_OK && out->not_finite && out->count == 0)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: all %zu Gaussians hold values that are not finite, so nothing is left\nfix: export the model again",
-            path, layout.rows);
+            path, of->rows);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

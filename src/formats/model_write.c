@@ -1,5 +1,5 @@
-/* model_write.c - writes model files: the standard 3DGS PLY, with an element for second lobes (model_file.c
- * has the layout); other formats by extension (spz.c, gltf.c, splat_file.c).
+/* model_write.c - writes models as PLY: the standard of 3DGS, with an element for second lobes (model_file.c
+ * has the layout).
  *
  * Invariant: a model with values that are not finite is not written: training must not produce them.
  */
@@ -8,8 +8,7 @@
 #include "../core/bytes.h"
 
 enum {
-    MODEL_WRITE_ROWS = 256, /* converted at a time */
-    MODEL_WRITE_LOBE_BYTES = 16
+    MODEL_WRITE_ROWS = 256 /* converted at a time */
 };
 
 /* ---------------- values that are not finite */
@@ -26,8 +25,8 @@ static oxl_result model_write_check_column(oxl_context *ctx, const char *path, c
     return OXL_OK;
 }
 
-static oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
-                                           int file_degree)
+OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
+                                                 int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
     const int columns = model_file_columns(file_degree, model->sh_degree, column);
@@ -104,7 +103,7 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
 {
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
-        unsigned char row[MODEL_WRITE_LOBE_BYTES];
+        unsigned char row[MODEL_LOBE_BYTES];
         for (int k = 0; k < MODEL_LOBE_PLANES; k++)
             bytes_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
         rc = model_write_put(ctx, w, row, sizeof row);
@@ -114,7 +113,7 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
 
 enum model_write_which { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
 
-/* Some rows of a model, page by page if they are in a file. */
+/* Writes some rows of a model, page by page if they are in a file. */
 static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
                                    enum model_write_which which, int file_degree)
 {
@@ -160,44 +159,4 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
                                              int file_degree)
 {
     return model_file_write_models(ctx, path, model, 1, file_degree);
-}
-
-/* ---------------- the public function */
-
-/* The model without its lobes, with borrowed planes. */
-static oxl_model model_write_standard(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    oxl_model plain = *model;
-    if (model->lobes)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians",
-                path, model->lobes, model->count);
-    model_drop_lobes(&plain);
-    return plain;
-}
-
-oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
-{
-    const int splat = model_file_ends_in(path, ".splat"), spz = model_file_ends_in(path, ".spz");
-    if (model->pages)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
-    if (splat || spz || model_file_ends_in(path, ".glb")) {
-        const oxl_model plain = model_write_standard(ctx, path, model);
-        const oxl_result rc = model_write_check_finite(ctx, path, &plain, splat ? 0 : plain.sh_degree);
-        return rc != OXL_OK ? rc
-               : splat      ? splat_file_write(ctx, path, &plain)
-               : spz        ? spz_write(ctx, path, &plain)
-                            : gltf_write(ctx, path, &plain);
-    }
-    if (model_file_ends_in(path, "_standard.ply")) {
-        const oxl_model plain = model_write_standard(ctx, path, model);
-        return model_file_write_ply(ctx, path, &plain, 3);
-    }
-    if (model_file_ends_in(path, ".compressed.ply"))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "%s: not written: viewers take this name for PlayCanvas's compressed PLY\n"
-                        "fix: a name that ends in .ply alone, then splat-transform IN.ply OUT.compressed.ply",
-                        path);
-    if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
-    return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);
 }

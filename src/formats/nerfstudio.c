@@ -59,7 +59,7 @@ static const char *nerfstudio_member(const struct nerfstudio_file *file, const c
     return NULL;
 }
 
-/* Of equal members the first counts, as in oxl_json_member. */
+/* Finds a member; of equal ones the first counts, as in oxl_json_member. */
 static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
 {
     *out = (struct nerfstudio_file){{NULL}};
@@ -72,7 +72,7 @@ static void nerfstudio_begin(const char *json, struct nerfstudio_file *out)
     }
 }
 
-/* Of the frame, otherwise of the file. */
+/* Finds a member of the frame, otherwise of the file. */
 static double nerfstudio_number(const struct nerfstudio_file *file, const char *frame, const char *name,
                                 double otherwise)
 {
@@ -82,7 +82,7 @@ static double nerfstudio_number(const struct nerfstudio_file *file, const char *
     return isnan(value) ? otherwise : value;
 }
 
-/* distortion_params is an array of them. */
+/* Reads distortion_params, an array of coefficients. */
 static double nerfstudio_distortion(const struct nerfstudio_file *file, const char *frame, const char *name)
 {
     static const char *const order[6] = {"k1", "k2", "k3", "k4", "p1", "p2"};
@@ -95,7 +95,7 @@ static double nerfstudio_distortion(const struct nerfstudio_file *file, const ch
     return isnan(value) ? 0 : value;
 }
 
-/* instant-ngp's word for OPENCV_FISHEYE. */
+/* Returns 1 if is_fisheye is true, instant-ngp's word for OPENCV_FISHEYE. */
 static int nerfstudio_is_fisheye(const struct nerfstudio_file *file, const char *frame)
 {
     const char *value = nerfstudio_member(file, "is_fisheye");
@@ -180,7 +180,7 @@ static int nerfstudio_same_camera(const struct colmap_camera *a, const struct co
            memcmp(a->parameter, b->parameter, sizeof a->parameter) == 0;
 }
 
-/* The unit quaternion of a rotation matrix, by its largest component [Shepperd 1978]. */
+/* Computes the unit quaternion of a rotation matrix, by its largest component [Shepperd 1978]. */
 static void nerfstudio_quaternion(const double m[9], double q[4])
 {
     const double trace[4] = {m[0] + m[4] + m[8], m[0] - m[4] - m[8], m[4] - m[0] - m[8], m[8] - m[0] - m[4]};
@@ -199,7 +199,7 @@ static void nerfstudio_quaternion(const double m[9], double q[4])
         q[3] = 0.25 / s, q[0] = s * (m[3] - m[1]), q[1] = s * (m[2] + m[6]), q[2] = s * (m[5] + m[7]);
 }
 
-/* Camera to world, y up, into world to camera, y down: R = diag(1,-1,-1) M^T, t = -R c. */
+/* Turns camera to world, y up, into world to camera, y down: R = diag(1,-1,-1) M^T, t = -R c. */
 static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, double q[4], double t[3])
 {
     const char *row = oxl_json_first(oxl_json_member(frame, "transform_matrix"));
@@ -221,7 +221,8 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
     return OXL_OK;
 }
 
-/* "images/" at the start of all of them is the image folder; else names start from the file's folder. */
+/* Returns 0 if all names begin with "images/", which then is the image folder; 1: names start from the
+ * file's folder. */
 static int nerfstudio_beside(const struct nerfstudio_file *file)
 {
     for (const char *frame = oxl_json_first(nerfstudio_member(file, "frames")); frame;
@@ -254,7 +255,8 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const struct nerfstu
 
 /* ---------------- points */
 
-/* A file of the survey: the name leads neither out of its folder nor to a pipe, which would never end. */
+/* Returns 1 for a file of the survey: the name leads neither out of its folder nor to a pipe, which would
+ * never end. */
 static oxl_result nerfstudio_check_points(struct colmap_reader *r, const char *name, const char *path)
 {
     if (!colmap_name_is_safe(name, name + strlen(name)))

@@ -32,7 +32,8 @@ static size_t nerfstudio_extension(const char *name)
     return 0;
 }
 
-/* Blender's files leave the extension out: the one that is there, else .png. `room` bytes follow the name. */
+/* Adds the extension that Blender's files leave out: the one of a file that is there, else .png. `room`
+ * bytes follow the name. */
 static size_t nerfstudio_add_extension(const struct colmap_reader *r, const char *name, char *at, size_t room)
 {
     static const char *const tried[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
@@ -110,14 +111,14 @@ static oxl_result nerfstudio_list_add(const struct colmap_reader *r, const char 
                : rc;
 }
 
-/* Images of val_filenames are the held-out ones where there are no test_filenames. */
+/* Maps a list to a split: images of val_filenames are held out where there are no test_filenames. */
 static enum colmap_split nerfstudio_split_of(int of, const size_t listed[3])
 {
     if (of == NERFSTUDIO_TRAIN) return COLMAP_TRAIN;
     return of == NERFSTUDIO_TEST || listed[NERFSTUDIO_TEST] == 0 ? COLMAP_TEST : COLMAP_UNSPLIT;
 }
 
-/* One entry each; an image that is in several lists is held out if one of them says so. */
+/* Leaves one entry for each image; one that is in several lists is held out if one of them says so. */
 static void nerfstudio_list_unite(struct nerfstudio_list *list)
 {
     const size_t all = list->count;

@@ -83,7 +83,7 @@ static int opensfm_compare(const void *a, const void *b)
     return memcmp(s->key, t->key, s->length - 4);
 }
 
-/* Of equal names the first counts. */
+/* Orders cameras by name and row, so that of equal names the first counts. */
 static int opensfm_order(const void *a, const void *b)
 {
     const struct opensfm_name *s = a, *t = b;
@@ -96,7 +96,7 @@ struct opensfm_cameras {
     size_t count, capacity;
 };
 
-/* -1: none of that name. */
+/* Returns the row of a name; -1: none has it. */
 static int64_t opensfm_camera_row(const struct opensfm_cameras *cameras, const char *value)
 {
     const struct opensfm_name wanted = {value, oxl_json_room(value), 0};
@@ -110,7 +110,7 @@ static int64_t opensfm_camera_row(const struct opensfm_cameras *cameras, const c
 
 #define OPENSFM_SMALL 1e-12 /* radians: below it sin x / x is 1 to the last bit */
 
-/* The rotation by |v| about v. */
+/* Computes the quaternion of the rotation by |v| about v. */
 static void opensfm_quaternion(const double v[3], double q[4])
 {
     const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), half = angle / 2;
@@ -138,7 +138,7 @@ static oxl_result opensfm_shot(struct colmap_reader *r, const struct opensfm_cam
     return json_survey_add_image(r, name, name + length, camera, q, t);
 }
 
-/* Full white of the points' colours: 255, or 1 where none of the first points has more. */
+/* Returns full white of the points' colours: 255, or 1 where none of the first points has more. */
 static double opensfm_white(const char *points)
 {
     enum { FIRST = 1000 };

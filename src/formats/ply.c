@@ -48,7 +48,7 @@ static int ply_is(const struct ply_header *h, int word, const char *text)
            !memcmp(text, h->word[word], h->length[word]);
 }
 
-/* Bytes of a file, printable in a message. */
+/* Copies bytes of a file, printable in a message. */
 static const char *ply_printable(const char *from, const char *end, char out[48])
 {
     size_t n = 0;
@@ -286,7 +286,7 @@ static oxl_result ply_cut_short(const struct ply_rows *r, uint64_t row)
         (unsigned long long)r->element->rows, r->element->name);
 }
 
-/* Rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
+/* Reads rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
 static oxl_result ply_read_fixed(struct ply_rows *r)
 {
     enum { TILE = 64 };
@@ -318,7 +318,7 @@ static oxl_result ply_read_fixed(struct ply_rows *r)
     return OXL_OK;
 }
 
-/* Binary rows with lists, of variable size. */
+/* Reads binary rows with lists, of variable size. */
 static oxl_result ply_read_lists(struct ply_rows *r)
 {
     const int big_endian = r->ply->format == PLY_BIG;
@@ -362,7 +362,7 @@ static int ply_ascii_number(struct ply_rows *r, double *out)
            (r->cursor == r->end || ply_blank(*r->cursor) || *r->cursor == '\n');
 }
 
-/* One row per line, as the format requires, so an error names the row with a missing value. */
+/* Reads one row per line, as the format requires, so an error names the row with a missing value. */
 static oxl_result ply_read_ascii(struct ply_rows *r)
 {
     for (uint64_t row = 0; row < r->element->rows; row++) {

@@ -8,7 +8,7 @@
 enum { PLY_POINTS_PLANES = 6 }; /* x y z, red green blue */
 #define PLY_POINTS_NARROW 255.0 /* the largest colour of 8 bits, whatever the type */
 
-/* Full white of the colours: floats are 0 to 1 or, like wide integers, 0 to 255. */
+/* Returns full white of the colours: floats are 0 to 1 or, like wide integers, 0 to 255. */
 static double ply_points_white(enum ply_type type, const double *colour, size_t count)
 {
     double most = 0;
@@ -18,7 +18,7 @@ static double ply_points_white(enum ply_type type, const double *colour, size_t 
     return most > PLY_POINTS_NARROW ? ply_white(PLY_UINT16) : PLY_POINTS_NARROW;
 }
 
-/* The column of a plane, by any of its names; -1: none. */
+/* Finds the column of a plane, by any of its names; -1: none. */
 static int ply_points_column(const struct ply_element *vertex, int plane)
 {
     static const char *const names[PLY_POINTS_PLANES][3] = {{"x"},
@@ -33,7 +33,7 @@ static int ply_points_column(const struct ply_element *vertex, int plane)
     return found;
 }
 
-/* value: (6, rows) */
+/* Reads the columns of all rows. value: (6, rows) */
 static oxl_result ply_points_columns(struct colmap_reader *r, const struct ply *ply, int element,
                                      double *value, double *white)
 {

@@ -58,7 +58,7 @@ static int splat_file_by_weight(const void *a, const void *b)
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* A .splat stores neither origin nor scale. */
+/* Warns that a .splat stores neither origin nor scale. */
 static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const double *o = model->origin;
@@ -86,7 +86,7 @@ static void splat_file_warn_place(oxl_context *ctx, const char *path, const oxl_
                 path);
 }
 
-/* Most visible first, for viewers that load a .splat progressively. */
+/* Writes the most visible first, for viewers that load a .splat progressively. */
 OXL_INTERNAL oxl_result splat_file_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     struct splat_file_rank *rank = oxl_alloc(ctx, model->count, sizeof *rank);

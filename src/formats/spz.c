@@ -66,7 +66,7 @@ static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen,
         path, seen, wanted);
 }
 
-/* Offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
+/* Finds the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
 static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comment)
 {
     const int flags = p[3];
@@ -83,7 +83,7 @@ static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comme
     return at + 8 < size ? at : 0;
 }
 
-/* *out by oxl_alloc. */
+/* Inflates the data. *out by oxl_alloc. */
 static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file,
                              unsigned char **out, size_t *size)
 {
@@ -122,7 +122,7 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     }
 }
 
-/* The header with the comment; without one when there is no origin, scale or background. */
+/* Writes the header with the comment; without one when there is no origin, scale or background. */
 static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
@@ -297,7 +297,7 @@ OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *
 
 /* ---------------- writing */
 
-/* Quantised, for better compression; 0 is the centre of a bucket. */
+/* Quantises a coefficient, for better compression; 0 is the centre of a bucket. */
 static unsigned char spz_coefficient(double value, int bucket)
 {
     const int q = (int)(OXL_CLAMP(value, -2, 2) * 128 + 128.5 + 1024) - 1024; /* rounded, below 0 too */
@@ -339,8 +339,8 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
                                 k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
-/* The fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a few that
- * lie far out must not cost the others their precision. *spread: that extent. */
+/* Chooses the fractional bits with which SPZ_ROOM times the extent of nearly all Gaussians is in range: a
+ * few that lie far out must not cost the others their precision. *spread: that extent. */
 static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *model, int *bits,
                            double *spread)
 {
@@ -367,7 +367,7 @@ static oxl_result spz_bits(oxl_context *ctx, const char *path, const oxl_model *
     return OXL_OK;
 }
 
-/* What the format cannot hold, each kind once. */
+/* Warns of what the format cannot hold, each kind once. */
 static void spz_warn(oxl_context *ctx, const char *path, const oxl_model *model, const struct spz_layout *l,
                      double spread)
 {

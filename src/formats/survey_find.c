@@ -9,6 +9,26 @@
 #include "formats.h"
 #include "json_survey.h"
 
+/* The formats of surveys, a row each; the first whose file is there. */
+static const struct survey_format {
+    const char *file[2]; /* a folder with one of them holds such a survey */
+    oxl_result (*read)(oxl_context *ctx, const char *folder, struct colmap *out); /* the folder's files; or */
+    oxl_result (*read_json)(struct colmap_reader *r, const char *json);           /* the text of this file */
+} SURVEY_FORMATS[] = {
+    {{"images.txt", "images.bin"}, colmap_read, NULL},
+    {{"cameras.txt", "cameras.bin"}, colmap_read, NULL}, /* incomplete, which the reader explains */
+    {{"transforms.json", NULL}, NULL, nerfstudio_read},
+    {{JSON_SURVEY_TRAIN, NULL}, NULL, nerfstudio_read},
+    {{"reconstruction.json", NULL}, NULL, opensfm_read},
+    {{"opensfm/reconstruction.json", NULL}, NULL, opensfm_read}, /* of an OpenDroneMap project */
+};
+
+static int survey_holds(const struct survey_format *format, const char *folder)
+{
+    return os_is_file(PATH(folder, "%s", format->file[0])) ||
+           (format->file[1] && os_is_file(PATH(folder, "%s", format->file[1])));
+}
+
 /* ---------------- which sub-model */
 
 struct survey_find_folders {
@@ -32,11 +52,12 @@ static int survey_find_compare_names(const void *a, const void *b)
 }
 
 /* Reads `folder` and keeps it in *best if it has more images. */
-static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, struct colmap *best,
-                                        char **best_folder, int *models)
+static oxl_result survey_find_try_model(oxl_context *ctx, const struct survey_format *format,
+                                        const char *folder, struct colmap *best, char **best_folder,
+                                        int *models)
 {
     struct colmap found;
-    const oxl_result rc = colmap_read(ctx, folder, &found);
+    const oxl_result rc = format->read(ctx, folder, &found);
     if (rc != OXL_OK) return rc;
     ++*models;
     if (*best_folder && found.image_count <= best->image_count) {
@@ -50,23 +71,23 @@ static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, st
     return *best_folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
 }
 
-/* The folder itself and, when `inside`, each folder in it that holds one of two files. */
-static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, int inside,
-                                         const char *const file[2], struct colmap *best, char **best_folder,
-                                         int *models)
+/* Reads the folder itself and, when `inside`, each folder in it that holds such a survey. */
+static oxl_result survey_find_try_folder(oxl_context *ctx, const struct survey_format *format,
+                                         const char *folder, int inside, struct colmap *best,
+                                         char **best_folder, int *models)
 {
     struct survey_find_folders in = {.ctx = ctx};
     oxl_result rc = OXL_OK;
-    if (os_is_file(PATH(folder, "%s", file[0])) || os_is_file(PATH(folder, "%s", file[1])))
-        rc = survey_find_try_model(ctx, folder, best, best_folder, models);
+    if (survey_holds(format, folder))
+        rc = survey_find_try_model(ctx, format, folder, best, best_folder, models);
     if (rc == OXL_OK && inside && os_is_folder(folder))
         rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
     if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
     if (in.count) qsort(in.name, in.count, sizeof *in.name, survey_find_compare_names);
     for (size_t i = 0; i < in.count; i++) {
         const char *path = PATH(folder, "%s", in.name[i]);
-        if (rc == OXL_OK && (os_is_file(PATH(path, "%s", file[0])) || os_is_file(PATH(path, "%s", file[1]))))
-            rc = survey_find_try_model(ctx, path, best, best_folder, models);
+        if (rc == OXL_OK && survey_holds(format, path))
+            rc = survey_find_try_model(ctx, format, path, best, best_folder, models);
         oxl_free(ctx, in.name[i]);
     }
     oxl_free(ctx, in.name);
@@ -74,7 +95,8 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, i
 }
 
 /* Adds the images and points of one file. */
-static oxl_result json_survey_add_file(struct colmap_reader *r, const char *path)
+static oxl_result json_survey_add_file(struct colmap_reader *r, const struct survey_format *format,
+                                       const char *path)
 {
     struct os_file_map map = {0};
     const size_t before = r->out->image_count;
@@ -82,28 +104,28 @@ static oxl_result json_survey_add_file(struct colmap_reader *r, const char *path
     oxl_free(r->ctx, r->path);
     r->line = 0;
     rc = json_survey_open(r, path, &map);
-    if (rc == OXL_OK)
-        rc = strncmp(path_base_name(path), "transforms", 10) ? opensfm_read(r, map.data)
-                                                             : nerfstudio_read(r, map.data);
+    if (rc == OXL_OK) rc = format->read_json(r, map.data);
     if (rc == OXL_OK && r->out->image_count == before)
         rc = json_survey_fail(r, "the images", "none", "one or more");
     os_release_file(r->ctx, &map);
     return rc;
 }
 
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
-                                         const char *images, struct colmap *out)
+/* Reads the row's file and, of NeRF synthetic, the one of the images to hold out. */
+static oxl_result survey_read_json(oxl_context *ctx, const struct survey_format *format, const char *folder,
+                                   const char *images, struct colmap *out)
 {
     static const char *const held_out[] = {"transforms_test.json", "transforms_val.json"};
     struct colmap_reader r = {.ctx = ctx, .out = out, .image_folder = images};
+    const char *name = format->file[0];
     char *path = oxl_path_join(ctx, folder, name), *slash;
     oxl_result rc = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     *out = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
-    if (rc == OXL_OK) rc = json_survey_add_file(&r, path);
+    if (rc == OXL_OK) rc = json_survey_add_file(&r, format, path);
     for (size_t i = 0; rc == OXL_OK && !strcmp(name, JSON_SURVEY_TRAIN) && i < OXL_COUNT(held_out); i++) {
         const size_t trained = out->image_count;
         if (!os_is_file(PATH(folder, "%s", held_out[i]))) continue;
-        rc = json_survey_add_file(&r, PATH(folder, "%s", held_out[i]));
+        rc = json_survey_add_file(&r, format, PATH(folder, "%s", held_out[i]));
         out->states_split = 1;
         for (size_t k = 0; k < out->image_count; k++)
             out->image[k].split = k < trained ? COLMAP_TRAIN : COLMAP_TEST;
@@ -117,32 +139,31 @@ OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, c
     return rc;
 }
 
-/* Without a COLMAP model: nerfstudio's, NeRF synthetic's or OpenSfM's file, in its folder or in an
- * OpenDroneMap project. */
-static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, const char *images,
-                                       struct colmap *out, int *models)
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name,
+                                         const char *images, struct colmap *out)
 {
-    static const char *const names[] = {"transforms.json", JSON_SURVEY_TRAIN, "reconstruction.json",
-                                        "opensfm/reconstruction.json"};
-    for (size_t i = 0; i < OXL_COUNT(names); i++) {
-        oxl_result rc;
-        if (!os_is_file(PATH(path, "%s", names[i]))) continue;
-        rc = json_survey_read(ctx, path, names[i], images, out);
-        if (rc != OXL_OK) return rc;
-        ++*models;
-        oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, names[i],
-                out->image_count, out->point_count);
-        return OXL_OK;
-    }
+    size_t i = 0;
+    while (i + 1 < OXL_COUNT(SURVEY_FORMATS) && strcmp(SURVEY_FORMATS[i].file[0], name) != 0) i++;
+    return survey_read_json(ctx, &SURVEY_FORMATS[i], folder, images, out);
+}
+
+/* Reads the survey's folder as one of a single file. */
+static oxl_result survey_find_try_json(oxl_context *ctx, const struct survey_format *format, const char *path,
+                                       const char *images, struct colmap *out, int *models)
+{
+    oxl_result rc;
+    if (!survey_holds(format, path)) return OXL_OK;
+    rc = survey_read_json(ctx, format, path, images, out);
+    if (rc != OXL_OK) return rc;
+    ++*models;
+    oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, format->file[0],
+            out->image_count, out->point_count);
     return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option,
                                           const char *images, struct colmap *out)
 {
-    static const char *const files[][2] = {
-        {"images.txt", "images.bin"},
-        {"cameras.txt", "cameras.bin"}}; /* the last two: for colmap_read's errors */
     char *sparse = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
     const char *requested = sparse_option ? sparse_option : path;
     char *folder = NULL;
@@ -158,13 +179,13 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
             sparse_option && os_is_folder(PATH(path, "%s", sparse_option)) ? " is one: name it by --sparse"
             : sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
                             : "give the folder that holds images/ and sparse/");
-    for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
-        rc = survey_find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
-        if (rc == OXL_OK && models == 0 && !sparse_option)
-            rc = survey_find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
+    for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(SURVEY_FORMATS); i++) {
+        const struct survey_format *format = &SURVEY_FORMATS[i];
+        if (format->read) rc = survey_find_try_folder(ctx, format, sparse, 1, out, &folder, &models);
+        if (rc != OXL_OK || models > 0 || sparse_option) continue;
+        if (format->read) rc = survey_find_try_folder(ctx, format, path, 0, out, &folder, &models);
+        else rc = survey_find_try_json(ctx, format, path, images, out, &models);
     }
-    if (rc == OXL_OK && models == 0 && !sparse_option)
-        rc = survey_find_try_json(ctx, path, images, out, &models);
     if (rc == OXL_OK && models == 0)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,

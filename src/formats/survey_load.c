@@ -5,8 +5,8 @@
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
-/* The same folder in the survey's, as other programs take the option; else one that holds an image of the
- * model. */
+/* Refuses a folder that is not there. The fix names the same folder in the survey's, as other programs take
+ * the option; else one that holds an image of the model. */
 static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const char *option,
                                     const char *folder, const struct colmap *c)
 {

@@ -22,8 +22,13 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run);
 /* o borrows run's strings */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o);
-/* A line for each member of "job" and "found" that differs between two runs. */
-OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current);
+struct manifest_changes {
+    int count;             /* members of "job" and "found" that differ between two runs */
+    int iterations, start; /* 1: this one does */
+};
+/* t: a line for each of them, or NULL. */
+OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, const char *current,
+                                             struct text *t, struct manifest_changes *changes);
 /* *same: two lines "job": {...} differ in the names of the same folders only, or, where what was `found` is
  * the same, in those of folders that have moved. */
 OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
@@ -44,17 +49,6 @@ OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
                                     /* OXL_ERR_USAGE: several blocks can only start from the survey */
                                     int blocks);
-
-/* ---------------- seam.c: PSNR near the borders between blocks */
-
-struct seam { /* over all unmasked pixels of a split, not the mean over views; NaN without pixels */
-    double near_psnr, elsewhere_psnr;
-    size_t near_pixels, elsewhere_pixels;
-};
-OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model,
-                                     oxl_scene *scene, oxl_split split, struct seam *out);
-/* a member of an object and its comma */
-OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam);
 
 /* ---------------- render_names.c, render_files.c, training_views.c */
 
@@ -85,8 +79,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 
 /* closely: also checks each image and mask, without decoding images. */
-OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene,
-                                        const oxl_job_options *options, int closely, oxl_survey *out);
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
+                                        int closely, oxl_survey *out);
 /* Adds an object without a final newline; lines after the first start with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 

@@ -13,10 +13,10 @@
 
 /* ---------------- models */
 
-/* The model of the one block, or of all: trained after merging, or merged now. */
+/* Reads the model of the one block, or of all, trained after merging. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
 {
-    const int blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
+    const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
     oxl_result rc = job_read_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
@@ -27,7 +27,8 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-/* The medium lies between the model's colours and the images: scene.ply is a model for viewers without it. */
+/* Returns 1 if a medium lies between the model's colours and the images: scene.ply is then a model for
+ * viewers without it. */
 static int job_alters_colours(const struct job *job)
 {
     return job->scene && imaging_alters_colours(&job->scene->imaging);
@@ -45,21 +46,20 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
-/* Without lobes and medium; of an unfinished run, not refined. */
+/* Makes the model without lobes and medium; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
     oxl_result rc =
         made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
-    model_drop_lobes(out);
-    if (rc == OXL_OK && !made && job_alters_colours(job))
-        medium_bake(job->scene, &(struct imaging){.medium = job->scene->imaging.medium}, 0, out);
+    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, out);
+    else model_drop_lobes(out);
     return rc;
 }
 
-/* scene.ply has the model's SH degree, and the lobes, or with a medium the standard model; scene_clear.ply
- * then has the former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of
- * the file that the metrics are of, and of the standard model's. */
+/* Writes scene.ply with the model's SH degree, and the lobes, or with a medium the standard model;
+ * scene_clear.ply then has the former. Unless scene.ply has the standard columns already,
+ * scene_standard.ply has. bytes: of the file that the metrics are of, and of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
     const int hides = job_alters_colours(job),
@@ -99,7 +99,7 @@ static oxl_split job_evaluated_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
+/* Evaluates what a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
                                    oxl_metrics *m)
 {
@@ -144,7 +144,6 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
 {
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
-    struct seam seam;
     oxl_result rc =
         job->options.lpips ? oxl_scene_read_lpips(job->ctx, job->scene, job->options.lpips) : OXL_OK;
     if (rc == OXL_OK) rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_evaluated_split(job), &m);
@@ -166,11 +165,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
             m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
-    if (rc == OXL_OK && job->partition.block_count > 1)
-        rc =
-            seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_evaluated_split(job), &seam);
     if (rc != OXL_OK) goto done;
-    if (job->partition.block_count > 1) seam_add_json(&t, &seam);
     rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
@@ -199,7 +194,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
         job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
-/* What was decided, and on what evidence, block by block. */
+/* Adds what was decided, and on what evidence, block by block. */
 static oxl_result job_add_decisions(struct job *job, struct text *t)
 {
     oxl_result rc = OXL_OK;
@@ -207,7 +202,8 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     job_add_partition_decision(job, t);
     for (int k = 0; k < 2 && job->partition.block_count > 1 && rc == OXL_OK; k++) {
         text_add(t, k ? ", \"merged\": {" : ", \"coarse\": {");
-        rc = block_read_member(job->ctx, JOB_BLOCK(job, job->partition.block_count + k), "decisions", t);
+        rc = block_read_member(job->ctx, JOB_BLOCK(job, k ? JOB_MERGED_MODEL : JOB_COARSE_MODEL), "decisions",
+                               t);
         text_add(t, "}");
     }
     text_add(t, ", \"blocks\": [");
@@ -256,7 +252,7 @@ static oxl_result job_render_views(struct job *job)
     return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
 
-/* imaging.txt beside scene.ply, where the run has gains. */
+/* Writes imaging.txt beside scene.ply, where the run has gains. */
 static oxl_result job_write_gains(struct job *job)
 {
     const char *path = PATH(job->out, "imaging.txt");
@@ -266,7 +262,8 @@ static oxl_result job_write_gains(struct job *job)
     return OXL_OK;
 }
 
-/* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
+/* Writes everything that belongs to the result; of an unfinished run of one block, the model as far as it
+ * is. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
     oxl_model standard = {0};

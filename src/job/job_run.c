@@ -55,8 +55,8 @@ static oxl_result job_lock(struct job *job)
     return rc == OXL_OK ? job_refuse_links(job) : rc;
 }
 
-/* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process
- * is at work there. */
+/* Lets a run of --block K replace what OUT held, and train a survey of one block, only when no other
+ * process is at work there. */
 static oxl_result job_lock_alone(struct job *job, int alone)
 {
     return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
@@ -75,7 +75,8 @@ static int job_has_blocks(struct job *job)
     return blocks > 0;
 }
 
-/* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
+/* Returns 1 for a survey of another folder and with other contents: one that moved, or has grown, is no
+ * other. */
 static int job_is_of_another_survey(const struct job *job, const struct oxl_manifest *run)
 {
     return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 &&
@@ -87,13 +88,15 @@ static int job_is_of_another_run(const struct job *job, const struct oxl_manifes
     return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
 }
 
-/* The error names the options, or what of the survey, that differ. */
+/* Refuses OUT; the error names the options, or what of the survey, that differ. */
 static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx}, there = t;
+    struct manifest_changes changes;
     oxl_result rc;
     text_add(&there, "%s, %s", run->line, run->found ? run->found : "");
-    rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(&t, there.data, job->key.data);
+    rc = there.failed ? OXL_ERR_MEMORY
+                      : manifest_differences(job->ctx, there.data, job->key.data, &t, &changes);
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                       "%s holds the %s of a run with other options or of another survey:\n%s"
@@ -108,7 +111,7 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     return rc;
 }
 
-/* A run of the same folders by other names keeps its line, by which its blocks and checkpoints know it. */
+/* Keeps the line of a run of the same folders by other names, by which its blocks and checkpoints know it. */
 static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *run)
 {
     const int found = run->found && !strcmp(run->found, job->found.data);
@@ -130,8 +133,8 @@ static oxl_result job_adopt_names(struct job *job, const struct oxl_manifest *ru
     return job->line.failed ? job_no_memory(job) : job_make_key(job);
 }
 
-/* The result of another survey, a finished result with other options, and unfinished work of another run are
- * removed with --restart alone. */
+/* Removes the result of another survey, a finished result with other options, or unfinished work of another
+ * run with --restart alone. */
 static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
@@ -154,7 +157,7 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
     return OXL_OK;
 }
 
-/* The model that training starts from, if it is not the points. */
+/* Finds the model that training starts from, if it is not the points. */
 static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc =
@@ -170,7 +173,7 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
     return job_make_key(job);
 }
 
-/* *done: nothing is left to do. */
+/* Compares the run with what OUT holds. *done: nothing is left to do. */
 static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
@@ -198,7 +201,7 @@ static void job_log_survey(struct job *job)
     }
 }
 
-/* What the preset's iterations are for this survey; options in run.json have that number. */
+/* Sets the preset's iterations for this survey; options in run.json have that number. */
 static void job_count_iterations(struct job *job, int images)
 {
     job->options.train.iterations = cost_iterations(&job->options, images);
@@ -223,8 +226,8 @@ static oxl_result job_open(struct job *job)
 
 /* ---------------- blocks */
 
-/* Of several blocks: what was read of the survey goes to a file, which is mapped instead. A full disk must
- * not stop the run. */
+/* Writes what was read of the survey to a file, which is mapped instead while several blocks are trained. A
+ * full disk must not stop the run. */
 static oxl_result job_map_survey(struct job *job)
 {
     const char *path = PATH(job->out, "blocks/survey.oxl");
@@ -247,9 +250,8 @@ static oxl_result job_map_survey(struct job *job)
     return rc;
 }
 
-/* The blocks, as partition.txt has them, else made and written: by the first of several processes, as they
- * may find different memory;
- * the others wait. One block that fits in any case: no file. */
+/* Reads the blocks from partition.txt, or makes and writes them: the first of several processes does, as
+ * they may find different memory; the others wait. One block that fits in any case has no file. */
 static oxl_result job_make_partition(struct job *job)
 {
     const char *path = PATH(job->out, "partition.txt");
@@ -283,7 +285,7 @@ static oxl_result job_partition(struct job *job)
     return rc;
 }
 
-/* The one block: what it may take, and what it will. */
+/* Fits the one block into the budget, and predicts its cost. */
 static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_job_options *o)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -297,9 +299,8 @@ static oxl_result job_plan_single(struct job *job, struct block_task *task, oxl_
     cost = cost_estimate(job->ctx, o, &load);
     task->train = o->train;
     task->predicted_peak = cost.memory;
-    task->predicted_seconds = job->survey.seconds; /* what was timed for the survey is not timed again */
-    if (!(job->survey.seconds > 0))
-        task->predicted_seconds = cost_seconds(job->ctx, job->scene, o, &cost, NULL);
+    task->predicted_seconds = job->survey.seconds; /* 0: it was not described in this process */
+    if (!(job->survey.seconds > 0)) task->predicted_seconds = cost.seconds;
     job_limit_time(job, &task->train);
     return OXL_OK;
 }
@@ -310,6 +311,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     struct block_task task = {.folder = folder,
                               .key = job->key.data,
                               .callback = &callback,
+                              .viewed = oxl_scene_view_count(job->scene),
                               .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
     oxl_result rc = job_plan_single(job, &task, &options);
@@ -318,7 +320,7 @@ static oxl_result job_train_single(struct job *job, const char *folder)
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
 }
 
-/* A survey in one block. */
+/* Trains a survey in one block. */
 static oxl_result job_run_single(struct job *job)
 {
     const char *folder = JOB_BLOCK(job, 0);
@@ -392,8 +394,8 @@ static void job_end(struct job *job)
     text_free(&job->notes);
 }
 
-/* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing
- * there. */
+/* Locks OUT: a run of all blocks is alone there; one of a single block may have neighbours that are just
+ * writing. */
 static oxl_result job_remove_temporaries(struct job *job)
 {
     oxl_result rc = OXL_OK;
@@ -402,7 +404,7 @@ static oxl_result job_remove_temporaries(struct job *job)
     return rc == OXL_OK ? os_remove_temporaries(job->ctx, PATH(job->out, "renders"), RENDER_FILES) : rc;
 }
 
-/* From the survey to the blocks; *done: nothing is left to do. */
+/* Goes from the survey to the blocks; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
@@ -419,8 +421,8 @@ static oxl_result job_prepare(struct job *job, int *done)
     return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
 
-/* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read
- * again. */
+/* Opens one block of a run whose partition is there: what is in its folder suffices, the whole survey is
+ * not read again. */
 static oxl_result job_prepare_block(struct job *job, int *ready)
 {
     const oxl_job_options requested = job->options;

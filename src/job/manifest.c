@@ -20,7 +20,7 @@ static int manifest_is_json(const char *text)
            parse_double(&end, text + strlen(text), &value) && !*end;
 }
 
-/* Numbers, true and false unquoted, others as strings. */
+/* Adds a member: numbers, true and false unquoted, others as strings. */
 static void manifest_add_value(struct text *t, const char *name, const char *value)
 {
     text_add(t, ", \"%s\": ", name);
@@ -56,7 +56,7 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene, const oxl
 
 /* ---------------- text to options */
 
-/* A member of one of the objects of `"job": {...}, "found": {...}`, or NULL. */
+/* Finds a member of one of the objects of `"job": {...}, "found": {...}`, or NULL. */
 static const char *manifest_find(const char *line, const char *name)
 {
     const char *found = NULL;
@@ -68,7 +68,7 @@ static const char *manifest_find(const char *line, const char *name)
     return found;
 }
 
-/* A JSON value as text, a string unescaped, allocated; *out = NULL for null or a missing value. */
+/* Reads a JSON value as text, a string unescaped, allocated; *out = NULL for null or a missing value. */
 static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char **out)
 {
     const size_t room = value ? OXL_MAX(oxl_json_room(value), (size_t)(oxl_json_end(value) - value) + 1) : 0;
@@ -92,8 +92,8 @@ static oxl_result manifest_read_values(oxl_context *ctx, const char *job, struct
     return rc;
 }
 
-/* `"name": {...}` with the object's text, allocated; "" for a truncated object; *out = NULL if there is
- * none. */
+/* Copies `"name": {...}` with the object's text, allocated; "" for a truncated object; *out = NULL if there
+ * is none. */
 static oxl_result manifest_copy_member(oxl_context *ctx, const char *root, const char *name, char **out)
 {
     struct text t = {.ctx = ctx};
@@ -134,7 +134,8 @@ OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run)
     *run = (struct oxl_manifest){0};
 }
 
-/* Invalid values are ignored; the run then counts as one with other options (job_run.c). */
+/* Applies the run's options. Invalid values are ignored; the run then counts as one with other options
+ * (job_run.c). */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o)
 {
     const char *const none = NULL;
@@ -150,26 +151,31 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
 /* ---------------- differences of two runs */
 
 struct manifest_comparison {
-    struct text *t;
+    oxl_context *ctx;
     const char *old, *current; /* "job": {...} and "found": {...} of both */
-    int count;
+    struct text *t;            /* or NULL */
+    struct manifest_changes changes;
 };
 
-/* Adds a line for a member with different values. */
+/* Counts a member with different values, and adds its line. */
 static oxl_result manifest_compare(struct manifest_comparison *c, const char *member, const char *label)
 {
     char *old = NULL, *current = NULL;
-    oxl_result rc = manifest_read_value(c->t->ctx, manifest_find(c->old, member), &old);
-    if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->current, member), &current);
-    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0) &&
-        c->count++ < MANIFEST_DIFFERENCES)
-        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given",
-                 current ? current : "not given");
-    OXL_FREE(c->t->ctx, old, current);
+    oxl_result rc = manifest_read_value(c->ctx, manifest_find(c->old, member), &old);
+    if (rc == OXL_OK) rc = manifest_read_value(c->ctx, manifest_find(c->current, member), &current);
+    if (rc == OXL_OK && (old || current) && (!old || !current || strcmp(old, current) != 0)) {
+        c->changes.iterations |= !strcmp(member, "iterations");
+        c->changes.start |= !strcmp(member, "start");
+        if (c->changes.count++ < MANIFEST_DIFFERENCES && c->t)
+            text_add(c->t, "  %s: %.60s there, %.60s here\n", label, old ? old : "not given",
+                     current ? current : "not given");
+    }
+    OXL_FREE(c->ctx, old, current);
     return rc;
 }
 
-OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, const char *current)
+OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, const char *current,
+                                             struct text *t, struct manifest_changes *changes)
 {
     static const char *const others[][2] = {{"version", "version"},
                                             {"scene", "survey"},
@@ -179,7 +185,7 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, co
                                             {"points", "points of the survey"},
                                             {"extent", "extent of the survey"},
                                             {"start", "model to start from"}};
-    struct manifest_comparison c = {t, old, current, 0};
+    struct manifest_comparison c = {.ctx = ctx, .old = old, .current = current, .t = t};
     oxl_result rc = OXL_OK;
     for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {
         char member[40], label[48];
@@ -189,7 +195,9 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *old, co
     }
     for (size_t i = 0; i < OXL_COUNT(others) && rc == OXL_OK; i++)
         rc = manifest_compare(&c, others[i][0], others[i][1]);
-    if (c.count > MANIFEST_DIFFERENCES) text_add(t, "  and %d more\n", c.count - MANIFEST_DIFFERENCES);
+    if (c.changes.count > MANIFEST_DIFFERENCES && t)
+        text_add(t, "  and %d more\n", c.changes.count - MANIFEST_DIFFERENCES);
+    *changes = c.changes;
     return rc;
 }
 
@@ -201,8 +209,8 @@ OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scen
                           (!os_is_folder(run->scene) && os_is_folder(scene)));
 }
 
-/* Values of a member of both lines. is_path: those of one folder are the same, and where what was `found` is,
- * those of a folder that is no longer there. */
+/* Compares the values of a member of both lines. is_path: those of one folder are the same, and where what
+ * was `found` is, those of a folder that is no longer there. */
 static oxl_result manifest_same_member(oxl_context *ctx, const char *const line[2], const char *member,
                                        int is_path, int found, int *same)
 {

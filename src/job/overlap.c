@@ -40,7 +40,7 @@ static void overlap_bound(double *value, size_t count, int axis, struct overlap_
     box->high[axis] = stats_select(value, count, 0.95);
 }
 
-/* Fraction of the points in the box, which is widened by a tenth of its diagonal. */
+/* Returns the fraction of the points in the box, which is widened by a tenth of its diagonal. */
 static double overlap_inside(const struct overlap_box *box, const oxl_point *point, size_t count)
 {
     const double margin = 0.1 * overlap_diagonal(box);
@@ -55,7 +55,7 @@ static double overlap_inside(const struct overlap_box *box, const oxl_point *poi
     return (double)inside / (double)count;
 }
 
-/* The pixels of a few views, reduced, in which no Gaussian is met. */
+/* Counts the pixels of a few views, reduced, in which no Gaussian is met. */
 static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
                                 double *fraction)
 {

@@ -63,7 +63,7 @@ OXL_INTERNAL oxl_balance balance_summary(const oxl_block *block, int count)
     return b;
 }
 
-/* blocks is allocated. */
+/* Predicts the cost of each block; *blocks is allocated. */
 static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
                                  oxl_block **blocks)
 {
@@ -73,7 +73,7 @@ static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, co
     return OXL_OK;
 }
 
-/* What the other cut would give. */
+/* Measures what the other cut would give. */
 static oxl_result balance_alternative(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
                                       oxl_balance *out)
 {
@@ -115,7 +115,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 
 /* ---------------- the command */
 
-/* The COLMAP model alone is enough when the images are elsewhere. */
+/* Lets the COLMAP model alone be enough when the images are elsewhere. */
 static oxl_result balance_check_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");

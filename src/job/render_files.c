@@ -7,8 +7,8 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 
-/* FOLDER/FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be a link.
- * NULL with the error set. */
+/* Joins FOLDER and FILE, FILE without the folder; the folders in FILE are made with `make`, and none may be
+ * a link. NULL with the error set. */
 static char *render_file_in(oxl_context *ctx, const char *folder, const char *file, int make)
 {
     char *inside = oxl_strdup(ctx, file), *path = oxl_path_join(ctx, folder, file), *slash;
@@ -25,7 +25,7 @@ static char *render_file_in(oxl_context *ctx, const char *folder, const char *fi
     return NULL;
 }
 
-/* The file of a view; makes the folders in its name. NULL with the error set. */
+/* Returns the file of a view; makes the folders in its name. NULL with the error set. */
 OXL_INTERNAL char *render_file_path(oxl_context *ctx, const char *folder, const char *view,
                                     const char *suffix)
 {
@@ -45,7 +45,7 @@ static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, 
     return rc;
 }
 
-/* Rows from the bottom; the sign of the scale is the byte order. */
+/* Writes a PFM: rows from the bottom; the sign of the scale is the byte order. */
 oxl_result oxl_write_pfm(oxl_context *ctx, const char *path, const float *value, int width, int height)
 {
     const uint16_t one = 1;
@@ -68,7 +68,8 @@ static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
-/* Thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or more. */
+/* Writes depth in thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or
+ * more. */
 static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder, const char *name,
                                             const float *depth, int width, int height)
 {
@@ -85,8 +86,8 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     return rc;
 }
 
-/* Depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean depth, 0 at
- * infinity or without depth. */
+/* Writes depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean
+ * depth, 0 at infinity or without depth. */
 OXL_INTERNAL oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name,
                                                 const float *depth, int width, int height)
 {
@@ -144,7 +145,7 @@ static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file
                                   file->height);
 }
 
-/* Unreadable images are skipped; the evaluation has reported them. */
+/* Reads the original; an unreadable image is skipped, the evaluation has reported it. */
 static oxl_result render_file_copy_image(oxl_context *ctx, oxl_scene *scene, int view,
                                          struct render_file *file)
 {
@@ -188,8 +189,8 @@ static oxl_result render_file_write(struct render_file *file, const char *folder
     return rc;
 }
 
-/* The views from `first` on, as many as may be in memory at once: one for each thread, within a quarter of
- * the cache. *rendered: without the one that failed. */
+/* Renders the views from `first` on, as many as may be in memory at once: one for each thread, within a
+ * quarter of the cache. *rendered: without the one that failed. */
 static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, struct renderer *r,
                                       int first, struct render_file *out, int *rendered)
 {
@@ -210,7 +211,7 @@ static oxl_result render_files_render(oxl_context *ctx, const struct render_file
     return rc;
 }
 
-/* *written: before the first that could not be. */
+/* Writes the rendered views. *written: those before the first that could not be. */
 static oxl_result render_files_write(oxl_context *ctx, struct render_file *file, int count,
                                      const char *folder, int *written)
 {
@@ -226,8 +227,8 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
 
 /* ---------------- FOLDER/.renders lists the files that the last call wrote there */
 
-/* The next line of a list, without its end; NULL after the last. A line that no call has written, of another
- * folder or kind of file, is skipped: the list may be another program's. */
+/* Copies the next line of a list, without its end; NULL after the last. A line that no call has written, of
+ * another folder or kind of file, is skipped: the list may be another program's. */
 static char *render_list_line(oxl_context *ctx, const char **at)
 {
     while (**at) {
@@ -246,8 +247,8 @@ static char *render_list_line(oxl_context *ctx, const char **at)
     return NULL;
 }
 
-/* Whether the list has the line; *at: where the search begins and where it ends, as lists mostly have the
- * same order. */
+/* Tells whether the list has the line *at: where the search begins and where it ends, as lists mostly have
+ * the same order. */
 static int render_list_has(const char *list, const char *line, const char **at)
 {
     const size_t size = strlen(line);

@@ -14,7 +14,7 @@ enum {
 
 /* ---------------- a view's file */
 
-/* The last part of NAME, cut before it is too long, at the beginning of a character. */
+/* Copies the last part of NAME, cut before it is too long, at the beginning of a character. */
 static void render_name_add_last(struct text *t, const char *name, const char *whole)
 {
     size_t size = strlen(name);
@@ -69,7 +69,7 @@ struct render_name_of {
     int view;
 };
 
-/* A folder comes directly before what is in it. */
+/* Compares names so that a folder comes directly before what is in it. */
 static int render_names_order(const void *a, const void *b)
 {
     const unsigned char *s = (const void *)((const struct render_name_of *)a)->file,
@@ -78,7 +78,8 @@ static int render_names_order(const void *a, const void *b)
     return (*s == '/' ? 1 : *s == 0 ? 0 : *s + 1) - (*t == '/' ? 1 : *t == 0 ? 0 : *t + 1);
 }
 
-/* Of sorted names: 1: they are one file, or the first is a file where the second needs a folder. */
+/* Returns 1 for two sorted names that are one file, or of which the first is a file where the second needs
+ * a folder. */
 static int render_names_collide(const char *a, const char *b)
 {
     const size_t size = strlen(a);

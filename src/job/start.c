@@ -13,10 +13,7 @@
 
 #include "../core/json.h"
 
-#define START_CONTINUED \
-    "\"after\": " /* member of "start": iterations of the run that is continued; 0: of none */
-
-/* A copy, whole or not at all; a file that is not there is removed there, too. */
+/* Copies a file, whole or not at all; one that is not there is removed there, too. */
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
 {
     struct os_file_map map = {0};
@@ -29,7 +26,7 @@ static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to,
     return rc;
 }
 
-/* blocks/start from blocks/000. */
+/* Copies blocks/000 to blocks/start. */
 static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *start)
 {
     oxl_result rc = os_make_folder(ctx, start);
@@ -37,26 +34,23 @@ static oxl_result start_back_up(oxl_context *ctx, const char *out, const char *s
     return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }
 
-/* Iterations of the finished run that is continued; 0: it is none that differs by more iterations alone. */
+/* Finds the iterations of the finished run that is continued; 0: it is none that differs by more iterations
+ * alone. */
 static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run,
                                     const char *key, int iterations, int *after)
 {
-    static const char only[] = "  --iterations: ", start[] = "  model to start from: ";
-    struct text there = {.ctx = ctx}, differs = {.ctx = ctx};
+    struct text there = {.ctx = ctx};
+    struct manifest_changes changes = {0};
     const int was =
         run->line ? (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run->line), "iterations"), 0, INT_MAX) : 0;
-    const char *rest;
     oxl_result rc = OXL_OK;
     *after = 0;
     if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
     text_add(&there, "%s, %s", run->line, run->found);
     rc = there.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare two runs")
-                      : manifest_differences(&differs, there.data, key);
-    rest = differs.data ? differs.data + strcspn(differs.data, "\n") + 1
-                        : NULL; /* of a run that was continued itself: its start */
-    if (rc == OXL_OK && rest && !strncmp(differs.data, only, sizeof only - 1) &&
-        (!*rest || (!strncmp(rest, start, sizeof start - 1) && !rest[strcspn(rest, "\n") + 1])))
-        *after = was;
+                      : manifest_differences(ctx, there.data, key, NULL, &changes);
+    /* a run that was continued itself differs by its start, too */
+    if (rc == OXL_OK && changes.iterations && changes.count == 1 + changes.start) *after = was;
     if (*after && os_is_file(PATH(out, "partition.txt")))
         rc = oxl_fail(
             ctx, OXL_ERR_USAGE,
@@ -64,7 +58,6 @@ static oxl_result start_of_finished(oxl_context *ctx, const char *out, const str
             "fix: --restart trains it anew; or name another folder by -o",
             out, was);
     text_free(&there);
-    text_free(&differs);
     return rc;
 }
 
@@ -77,7 +70,7 @@ static oxl_result start_read(oxl_context *ctx, const char *path, int after, stru
     if (rc != OXL_OK) return rc;
     found->data[found->size - 1] = 0; /* the brace */
     found->size--;
-    text_add(found, ", \"start\": {" START_CONTINUED "%d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after,
+    text_add(found, ", \"start\": {\"after\": %d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after,
              map.size, (unsigned long long)checkpoint_sum(map.data, map.size));
     os_release_file(ctx, &map);
     rc = oxl_model_read(ctx, path, model);
@@ -90,13 +83,15 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
                                    struct start *start)
 {
     const char *folder = PATH(out, "blocks/start"), *kept = PATH(folder, "model.ply");
-    const char *was = run->found ? strstr(run->found, START_CONTINUED) : NULL, *path = o->from;
+    const double was =
+        run->found ? oxl_json_number(oxl_json_member(oxl_json_value(run->found), "start"), "after") : NAN;
+    const char *path = o->from;
     const int same = run->line && !strncmp(run->line, key, strlen(run->line));
     oxl_result rc = OXL_OK;
     *start = (struct start){0};
     if (!o->restart && o->block < 0) {
         /* one that was under way, or is finished */
-        if (same && was) start->after = atoi(was + sizeof START_CONTINUED - 1);
+        if (same && was >= 0) start->after = (int)OXL_MIN(was, INT_MAX); /* of --from: 0 */
         else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
         if (rc == OXL_OK && start->after > 0 && !same) rc = start_back_up(ctx, out, folder);
         if (rc == OXL_OK && start->after > 0) path = kept;

@@ -9,6 +9,9 @@
 #include "../survey/scene_alpha.h"
 #include "../checks/checks.h"
 
+#define SURVEY_LOOK_MEMORY 0.9 /* of the memory allowed, or free */
+enum { SURVEY_LOOK_POINTS = 1000000 };
+
 static int survey_is_distorted(const struct colmap *c)
 {
     int count = 0;
@@ -16,7 +19,7 @@ static int survey_is_distorted(const struct colmap *c)
     return count;
 }
 
-/* "3 cameras, the first OPENCV 1920 x 1080, distorted (undistorted on load)" */
+/* Writes a line as "3 cameras, the first OPENCV 1920 x 1080, distorted (undistorted on load)" */
 static void survey_cameras(const struct colmap *c, oxl_survey *s)
 {
     const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
@@ -29,7 +32,7 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
              s->cameras_distorted ? "distorted (undistorted on load)" : "without distortion");
 }
 
-/* The size that most of the memory is for. */
+/* Finds the size of the largest view, which most of the memory is for. */
 static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 {
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
@@ -39,19 +42,32 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
     }
 }
 
-static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+/* 1: a look takes no long time and fits into the memory that the run may take. */
+static int survey_has_room(const oxl_job_options *o, const struct cost_load *load)
 {
-    const struct cost_load load = cost_load_of_scene(scene);
+    const double most = o->ram ? (double)o->ram : (double)os_memory_free();
+    return load->points <= SURVEY_LOOK_POINTS &&
+           (most <= 0 || cost_memory(o, load, (double)load->points) <= SURVEY_LOOK_MEMORY * most);
+}
+
+static oxl_result survey_predict(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+{
     oxl_job_options fitted = *o;
+    struct look look = {0};
+    struct cost_load load = cost_load_of_scene(scene);
     struct cost cost;
+    const oxl_result rc = survey_has_room(o, &load) ? look_take(ctx, scene, &o->train, &look) : OXL_OK;
+    scene->stats.splitting = load.share = look.share;
     fitted.ram = budget_limit(scene, o);
     cost =
         budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
     s->gaussians = cost.gaussians;
     /* in blocks, if not in one */
     s->memory = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory;
-    s->seconds = cost_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
+    s->seconds = cost_seconds(scene, &fitted, &cost, &look, s->seconds_range);
+    s->look_steps = look.steps;
     s->memory_free = (double)os_memory_free();
+    return rc;
 }
 
 /* ---------------- words */
@@ -66,7 +82,7 @@ static void survey_write(oxl_survey *s, const char *format, ...)
     va_end(args);
 }
 
-/* "about 4 min (3 to 6)" */
+/* Writes a time as "about 4 min (3 to 6)". */
 OXL_INTERNAL void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
 {
     const double unit = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
@@ -99,10 +115,12 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     if (s->memory_free > 0) survey_write(s, " (%.1f GB free)", s->memory_free / 1e9);
     survey_write(s, ", ");
     survey_write_duration(s, s->seconds, s->seconds_range);
-    survey_write(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+    survey_write(s, " on %d thread%s (%s)", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+    if (s->look_steps > 0) survey_write(s, ", from %d steps tried\n", s->look_steps);
+    else survey_write(s, ", from counts: no step was tried\n");
 }
 
-/* How many steps, and why. */
+/* States how many steps, and why. */
 static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
 {
     const int images = s->images - s->images_missing;
@@ -115,12 +133,12 @@ static void survey_write_iterations(const oxl_job_options *o, int iterations, ox
     survey_write(s, "\n");
 }
 
-/* How many blocks, and why. */
+/* States how many blocks, and why. */
 static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                       oxl_survey *s)
 {
     const struct cost_load load = cost_load_of_scene(scene);
-    const double needs = cost_memory(o, &load, (double)schedule_gaussian_cap(scene, &o->train));
+    const double needs = cost_memory(o, &load, cost_gaussians(o, &load));
     const double limit = (double)budget_limit(scene, o);
     const int set =
         o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
@@ -128,7 +146,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     oxl_result rc = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
     survey_write(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
-    if (!set) survey_write(s, "in one the run takes up to %.2f GB", needs / 1e9);
+    if (!set) survey_write(s, "in one the run takes about %.2f GB", needs / 1e9);
     if (o->ram) survey_write(s, ", --ram is %.2f GB", limit / 1e9);
     else if (!set && s->memory_free > 0) survey_write(s, ", %.1f GB are free", s->memory_free / 1e9);
     survey_write(s, "\n");
@@ -136,7 +154,7 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     return OXL_OK;
 }
 
-/* 1: all camera centres coincide, within a millionth of the points' extent. */
+/* Returns 1 if all camera centres coincide, within a millionth of the points' extent. */
 static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 {
     double apart = 0, size = 0;
@@ -201,8 +219,8 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
 
 /* ---------------- public functions */
 
-OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene,
-                                        const oxl_job_options *options, int closely, oxl_survey *out)
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
+                                        int closely, oxl_survey *out)
 {
     oxl_result rc;
     const struct scene_stats *stats = &scene->stats;
@@ -230,7 +248,8 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
     whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
-    survey_predict(ctx, scene, &whole, out);
+    rc = survey_predict(ctx, scene, &whole, out);
+    if (rc != OXL_OK) return rc;
     survey_write_facts(ctx, out);
     survey_write_iterations(options, whole.train.iterations, out);
     if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
@@ -299,7 +318,8 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"predicted_memory_bytes", s->memory},
                    {"predicted_seconds", s->seconds},
                    {"predicted_seconds_least", s->seconds_range[0]},
-                   {"predicted_seconds_most", s->seconds_range[1]}};
+                   {"predicted_seconds_most", s->seconds_range[1]},
+                   {"predicted_from_steps", s->look_steps}};
     text_add(t, "{\n%s  \"cameras_text\": ", indent);
     text_add_json_string(t, s->cameras_text);
     for (size_t i = 0; i < OXL_COUNT(numbers); i++)

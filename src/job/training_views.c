@@ -78,7 +78,7 @@ static void training_compare(struct training_views *t)
     }
 }
 
-/* Limit in dB above which a view's exposure is an outlier. */
+/* Returns the limit in dB above which a view's exposure is an outlier. */
 static double training_limit(struct training_views *t)
 {
     const size_t count = (size_t)t->m->count;
@@ -104,8 +104,8 @@ static void training_reduce(const oxl_image *image, int n, float *out)
         }
 }
 
-/* Fraction of the squared difference of two images that one shift of the whole explains [Lucas & Kanade
- * 1981]. */
+/* Computes the fraction of the squared difference of two images that one shift of the whole explains [Lucas
+ * & Kanade 1981]. */
 static double training_shift(const float *rendered, const float *image, int w, int h)
 {
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
@@ -119,8 +119,8 @@ static double training_shift(const float *rendered, const float *image, int w, i
     return det > 0 && ee > 0 ? (yy * xe * xe - 2 * xy * xe * ye + xx * ye * ye) / (det * ee) : 0;
 }
 
-/* The most over halvings, since a shift of many pixels is one of few in a small image. A displaced camera
- * draws the scene beside its place; where a view is merely hard to fit, no shift helps. */
+/* Takes the most over halvings, since a shift of many pixels is one of few in a small image. A
+ * displaced camera draws the scene beside its place; where a view is merely hard to fit, no shift helps. */
 static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
 {
     oxl_image image = {0}, rendered = {0};
@@ -173,13 +173,13 @@ static oxl_result training_is_blurred(struct training_views *t, int at, int *blu
 
 /* ---------------- flags */
 
-/* 1: flagged as without structure. */
+/* Returns 1 for a view flagged as without structure. */
 static int training_is_fog(const struct training_row *row)
 {
     return row->flag && !strcmp(row->flag, TRAINING_NO_STRUCTURE);
 }
 
-/* Views with a cause of their own first, then those without structure, then the rest. */
+/* Orders views with a cause of their own first, then those without structure, then the rest. */
 static int training_rank(const struct training_row *row)
 {
     return !row->flag ? 2 : training_is_fog(row);
@@ -195,7 +195,8 @@ static int training_order(const void *a, const void *b)
     return x->at - y->at;
 }
 
-/* 1: a flagged neighbour is so much worse that it may cause this view's error, as beside a displaced view. */
+/* Returns 1 if a flagged neighbour is so much worse that it may cause this view's error, as beside a
+ * displaced view. */
 static int training_suffers(const struct training_views *t, const struct training_row *row,
                             const struct training_row *end)
 {
@@ -209,7 +210,7 @@ static int training_suffers(const struct training_views *t, const struct trainin
     return 0;
 }
 
-/* Rows are in order: the worst first. */
+/* Flags the rows, which are in order: the worst first. */
 static oxl_result training_flag(struct training_views *t, const oxl_model *model)
 {
     const double exposure = training_limit(t);
@@ -230,7 +231,7 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
     return rc;
 }
 
-/* What no other cause explains. */
+/* Flags as without structure what no other cause explains. */
 static void training_flag_structure(struct training_views *t)
 {
     for (int i = 0; i < t->m->count; i++)
@@ -257,7 +258,7 @@ static void training_report(const struct training_views *t)
         }
 }
 
-/* Said once, of all of them. */
+/* Reports once, for all of them together. */
 static void training_report_structure(const struct training_views *t)
 {
     const struct training_row *least = NULL;
@@ -301,7 +302,7 @@ static void training_add_json(const struct training_views *t, struct text *out)
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
 
-/* Of the rows after those shown, the TRAINING_SHOWN of least structure below the limit. */
+/* Shows, of the rows after those shown, the TRAINING_SHOWN of least structure below the limit. */
 static int training_add_fog(const struct training_views *t, int count, int *shown)
 {
     double above = -HUGE_VAL;

@@ -109,6 +109,15 @@ static double block_number(const char *object, const char *name)
     return fabs(value) <= DBL_MAX ? value : 0;
 }
 
+/* 1: the members "job" and "found" are those of the key, which is their text as block.json has it. */
+static int block_has_key(const char *json, const char *key)
+{
+    static const char begin[] = "\"job\": ";
+    const char *job = oxl_json_member(json, "job");
+    return job && !strncmp(key, begin, sizeof begin - 1) &&
+           !strncmp(job, key + sizeof begin - 1, strlen(key) - (sizeof begin - 1));
+}
+
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out)
 {
@@ -118,7 +127,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     *out = (struct block_record){0};
     if (os_is_file(path) && os_is_file(PATH(folder, "model.ply"))) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && !block_has_checksum(map.data)) out->damaged = 1;
-    else if (rc == OXL_OK && map.data && strstr(map.data, key)) {
+    else if (rc == OXL_OK && map.data && block_has_key(map.data, key)) {
         out->exists = 1;
         out->idle = oxl_json_is_true(map.data, "idle");
         out->model_sum = block_read_sum(map.data, "model_checksum");
@@ -253,6 +262,8 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                        .window = task->window,
                                        .first = task->first,
                                        .until = task->until,
+                                       .viewed = task->viewed,
+                                       .refined = task->standard,
                                        .from = task->from,
                                        .nonfinite = &b->nonfinite,
                                        .trained = &trained};
@@ -325,8 +336,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     oxl_result rc;
     *done = 0;
     b->before = b->task->train.iterations;
-    model_drop_lobes(model);
-    if (hides) medium_bake(scene, &(struct imaging){.medium = scene->imaging.medium}, 0, model);
+    medium_make_standard(scene, model);
     scene->imaging.medium = (struct medium){0};
     o.medium = OXL_OFF;
     o.lr_sh *= hides ? BLOCK_REFINE_SH : 1;

@@ -95,7 +95,7 @@ static int plan_is_in_range(const struct block_plan *p)
            p->work >= 0 && p->work <= 1 && p->views >= 0 && p->views <= PLAN_VIEWS_MAX;
 }
 
-/* Windows lie in their images. */
+/* Returns 1 if the plan is of these views and its windows lie in their images. */
 OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene)
 {
     if (plan->views != oxl_scene_view_count(scene)) return 0;
@@ -129,7 +129,7 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
-/* A damaged file, or one of another run, is ignored. */
+/* Reads a block's plan; a damaged file, or one of another run, is ignored. */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out)
 {
     struct os_file_map map = {0};
@@ -138,7 +138,7 @@ OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block
     *out = (struct block_plan){0};
     if (os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
     if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
-        strstr(map.data, job->key.data))
+        text_has_line(map.data, job->key.data))
         rc = plan_parse(job, map.data, out);
     if (rc == OXL_ERR_INPUT || (rc == OXL_OK && out->views == 0)) block_plan_free(job->ctx, out), rc = OXL_OK;
     if (rc != OXL_OK) block_plan_free(job->ctx, out);
@@ -171,9 +171,8 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 
 /* ---------------- windows */
 
-/* The rectangle of tiles with the largest sum of value (height, width); its sum. For each pair of rows, the
- * best run of columns
- * (Kadane). */
+/* Finds the rectangle of tiles with the largest sum of value (height, width); returns the sum. For each
+ * pair of rows, the best run of columns (Kadane). */
 OXL_INTERNAL double plan_best_rectangle(const double *value, int width, int height, struct image_window *best)
 {
     double most = 0;
@@ -192,7 +191,7 @@ OXL_INTERNAL double plan_best_rectangle(const double *value, int width, int heig
     return most;
 }
 
-/* fraction (H,W): the block's blend weight. Adds it to *sum. */
+/* Finds the window of a block's blend weight, fraction (H,W), and adds the whole weight to *sum. */
 static oxl_result plan_window(oxl_context *ctx, const float *fraction, int width, int height,
                               struct image_window *out, double *sum)
 {
@@ -234,7 +233,8 @@ static int plan_may_show(const oxl_camera *camera, double near_plane, const oxl_
     return 0;
 }
 
-/* The windows of a block, in the coarse model with the block's Gaussians in white, all others in black. */
+/* Finds the windows of a block, in the coarse model with the block's Gaussians in white, all others in
+ * black. */
 static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others, struct block_plan *plan,
                              struct plan_sum *sum)
 {
@@ -300,7 +300,7 @@ static double plan_largest_fraction(const struct job *job, const oxl_model *coar
     return (double)most / (double)OXL_MAX(coarse->count, (size_t)1);
 }
 
-/* The most Gaussians of the merged model: of those, memory must hold what a view shows. */
+/* Returns the most Gaussians of the merged model: of those, memory must hold what a view shows. */
 static double plan_cap(const struct job *job, const oxl_model *coarse)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -310,8 +310,8 @@ static double plan_cap(const struct job *job, const oxl_model *coarse)
                             plan_largest_fraction(job, coarse));
 }
 
-/* All blocks train for the same number of epochs, such that all pixels are those of the run's steps between
- * coarse and merged model. */
+/* Gives all blocks the same number of epochs, such number of epochs, such that all pixels are those of the
+ * run's steps between coarse and merged model. */
 static void plan_divide(const struct job *job, double cap, struct block_plan *plan,
                         const struct plan_sum *sum)
 {
@@ -337,7 +337,7 @@ static void plan_divide(const struct job *job, double cap, struct block_plan *pl
     }
 }
 
-/* Two blocks are neighbours if both have a window in a view. */
+/* Marks two blocks as neighbours if both have a window in a view. */
 static void plan_find_neighbours(const struct job *job, struct block_plan *plan)
 {
     const int blocks = job->partition.block_count;

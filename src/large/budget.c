@@ -16,7 +16,10 @@
 #define BUDGET_MARGIN 0.9 /* of the budget is planned with: the arithmetic is right within about 10 % */
 /* of the budget at most goes to images: others are read from files (docs/SCALE.md) */
 #define BUDGET_CACHE 0.1
-#define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
+#define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with, */
+/* or, where that is less, so many times those that it is expected to end with; where it has room for these,
+ * nothing gives way (docs/log/FORECAST.md) */
+#define BUDGET_EXPECTED 1.5
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 /* SH degree where memory is short: more Gaussians are worth more than degree 3 (docs/log/SCALE.md) */
 #define BUDGET_SH 1
@@ -60,6 +63,13 @@ OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options
     return o->ram == 0 || cost_memory(&bare, load, gaussians) <= BUDGET_MARGIN * (double)o->ram;
 }
 
+/* Returns the Gaussians that a run is not expected to exceed; images may allow fewer. */
+static double budget_wanted(const oxl_job_options *o, const struct cost_load *load)
+{
+    const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    return OXL_MIN(BUDGET_EXPECTED * cost_gaussians(o, load), most);
+}
+
 OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load,
                                         oxl_job_options *o)
 {
@@ -70,7 +80,7 @@ OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cos
     o->scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_disable_trials(o);
     gaussians = budget_gaussians(o, load, most);
-    if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(most)) {
+    if (!is_given && o->train.sh_degree >= 0 && gaussians < floor(budget_wanted(o, load))) {
         o->train.sh_degree = BUDGET_SH;
         gaussians = budget_gaussians(o, load, most);
     }
@@ -81,12 +91,9 @@ OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cos
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
 {
     oxl_job_options fitted = *o;
-    /* images allow no more */
-    const double most = (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, budget_wanted(o, load));
     if (o->ram == 0) return 1;
-    if (!budget_limit_gaussians(ctx, load, &fitted) ||
-        fitted.train.max_gaussians < OXL_MIN(BUDGET_GROWTH * (double)load->points, most))
-        return 0;
+    if (!budget_limit_gaussians(ctx, load, &fitted) || fitted.train.max_gaussians < floor(needed)) return 0;
     *o = fitted;
     return 1;
 }

@@ -1,8 +1,8 @@
 /* cost.c - predicted Gaussians, memory and time of training.
  *
- * Gaussians and memory are computed from counts, with the measured constants below. Time is extrapolated from
- * timed steps
- * (predict_time.c); for blocks, and where timing takes too long, it is computed from counts as well.
+ * Gaussians follow from a first look (src/train/forecast.c), memory from counts, with the measured constants
+ * below. Time is extrapolated from the steps of the look; for blocks, and without a look, it is computed from
+ * counts as well.
  */
 #include "partition.h"
 #include "large.h"
@@ -23,8 +23,8 @@
 /* factor of a run in several blocks, each of which is rendered with Gaussians of others (docs/SCALE.md) */
 #define COST_CONTEXT 1.25
 #define COST_STEPS_PER_IMAGE 700 /* limit of a preset's iterations: more overfit (docs/TRADEOFF.md) */
-#define COST_RANDOM_GROWTH 3.0   /* Gaussians for each random point: 1.3 to 3 (docs/log/LEGO.md) */
-#define COST_WITHIN 3.0          /* factor of uncertainty of times computed from counts */
+#define COST_WITHIN 3.0          /* factor of uncertainty of times computed from counts, */
+#define COST_WITHIN_LOOK 1.7     /* and of those from steps of a look */
 
 OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
 {
@@ -38,7 +38,7 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = &scene->stats;
     struct cost_load load = {.points = stats->points ? stats->points : scene_start_count(scene),
-                             .random = stats->points == 0,
+                             .share = stats->splitting,
                              .observations = stats->observations,
                              .views = stats->views,
                              .schedule_pixels = schedule_pixels(scene)};
@@ -57,7 +57,9 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
     const struct partition_plan *plan = p->plan;
     const struct partition_block *b = &p->block[block];
     const double size = (double)OXL_MAX(b->points, (size_t)1);
-    struct cost_load load = {.points = b->points, .context = OXL_MAX(0, (double)b->start_points / size - 1)};
+    struct cost_load load = {.points = b->points,
+                             .share = plan->scene->stats.splitting,
+                             .context = OXL_MAX(0, (double)b->start_points / size - 1)};
     for (size_t v = 0; v < plan->visibility->views; v++) {
         const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
         if (plan->role[(size_t)block * plan->visibility->views + v] == PARTITION_OUT) continue;
@@ -87,15 +89,19 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
            (double)load->observations * sizeof(struct colmap_track) + depths;
 }
 
+OXL_INTERNAL double cost_gaussians(const oxl_job_options *o, const struct cost_load *load)
+{
+    const size_t cap = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
+    return OXL_MIN(forecast_gaussians(&o->train, (double)load->points, load->share, (double)cap),
+                   (double)cap);
+}
+
 OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *o,
                                        const struct cost_load *load)
 {
     const double a_view = load->pixels / OXL_MAX(1, load->views);
     const double rate = (ctx->isa == ISA_BASE ? COST_PAIR_RATE_BASE : COST_PAIR_RATE) * ctx->threads;
-    const size_t cap = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    struct cost cost = {.gaussians = load->random
-                                         ? OXL_MIN(COST_RANDOM_GROWTH * (double)load->points, (double)cap)
-                                         : predict_time_expected(&o->train, load->points, cap)};
+    struct cost cost = {.gaussians = cost_gaussians(o, load)};
     const double step = 3.5 * COST_PAIRS_PER_PIXEL * a_view / rate +
                         (COST_PIXEL_COST * a_view + COST_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
     cost.seconds = o->train.iterations * step;
@@ -112,15 +118,15 @@ static int cost_has_blocks(const oxl_job_options *o, size_t points)
            (o->partition.blocks > 1 || (most > 0 && points > most));
 }
 
-OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                 const struct cost *cost, double range[2])
+OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,
+                                 const struct look *look, double range[2])
 {
-    const double limit = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
-    const double all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
-    double timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
-    const int fits = o->ram == 0 || cost->memory <= (double)o->ram; /* timed steps need as much memory */
-    double seconds = fits ? predict_time(ctx, scene, &o->train, cost->gaussians, timed) : 0;
-    if (!(seconds > 0)) seconds = cost->seconds;
-    for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);
+    const double limit = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL,
+                 all = cost_has_blocks(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1,
+                 cap = (double)schedule_gaussian_cap(scene, &o->train),
+                 within = look->steps ? COST_WITHIN_LOOK : COST_WITHIN,
+                 seconds = look->steps ? forecast_seconds(scene, &o->train, look, cap) : cost->seconds;
+    range[0] = OXL_MIN(seconds * all / within, limit);
+    range[1] = OXL_MIN(seconds * all * within, limit);
     return OXL_MIN(seconds * all, limit);
 }

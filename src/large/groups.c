@@ -105,7 +105,7 @@ static oxl_result groups_write_state(const struct groups *g)
     return rc;
 }
 
-/* A damaged file, or one of another run, is ignored: count stays 0. */
+/* Reads groups.txt; a damaged file, or one of another run, is ignored: count stays 0. */
 static oxl_result groups_read_state(struct groups *g)
 {
     struct os_file_map map = {0};
@@ -114,7 +114,7 @@ static oxl_result groups_read_state(struct groups *g)
     int used = 0, good;
     const oxl_result rc = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
     if (rc == OXL_OK && map.data && checksum_of_text(map.data, map.size) == CHECKSUM_RIGHT &&
-        strstr(map.data, g->job->key.data))
+        text_has_line(map.data, g->job->key.data))
         s = strstr(map.data, "\ngroups ");
     good = s &&
            sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4 &&
@@ -132,8 +132,8 @@ static oxl_result groups_read_state(struct groups *g)
     return rc;
 }
 
-/* A file of another version than in groups.txt is left by a process that was killed before it removed or
- * named the file. */
+/* Removes a file of another version than in groups.txt: it is left by a process that was killed before it
+ * removed or named the file. */
 static void groups_remove_other_version(void *user, const char *name)
 {
     const struct groups *g = user;
@@ -153,7 +153,7 @@ static oxl_result groups_remove_temporaries(struct groups *g)
 
 /* ---------------- groups */
 
-/* keep (rows): 1 for those that one of `count` views may show. Returns their number. */
+/* Marks in keep (rows) those that one of `count` views may show. Returns their number. */
 static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m,
                                   uint8_t *keep)
 {
@@ -186,7 +186,7 @@ static oxl_result groups_count(const struct groups *g, const int *view, int coun
     return rc;
 }
 
-/* The views as one group, or halved until each fits. */
+/* Makes one group of the views, or halves them until each fits. */
 static oxl_result groups_divide(struct groups *g, const int *view, int count)
 {
     double rows = 0;
@@ -209,7 +209,7 @@ static oxl_result groups_divide(struct groups *g, const int *view, int count)
     return OXL_OK;
 }
 
-/* The training views, those of a block together: it has the largest window in them. */
+/* Orders the training views, those of a block together: it has the largest window in them. */
 static oxl_result groups_order(const struct groups *g, int *view, int *count)
 {
     const int blocks = g->job->partition.block_count;
@@ -250,7 +250,7 @@ static oxl_result groups_make(struct groups *g)
 
 /* ---------------- a task */
 
-/* The last step of a task; steps are divided by views. */
+/* Returns the last step of a task; steps are divided by views. */
 static int groups_last_step(const struct groups *g, int task, int steps)
 {
     int below = 0, all = 0;
@@ -284,15 +284,15 @@ static oxl_result groups_load(struct groups *g, const int *view, int views, stru
     return rc;
 }
 
-/* Row `from` becomes row `to`. */
+/* Copies row `from` to row `to`. */
 static void groups_copy_row(const oxl_model *all, size_t from, oxl_model *m, size_t to)
 {
     for (int p = 0; p < oxl_model_planes(m); p++) m->plane[p][to] = all->plane[p][from];
     for (int p = OXL_LOBE; p < OXL_PLANES && to < m->lobes; p++) m->plane[p][to] = all->plane[p][from];
 }
 
-/* The rows of a block from the task's model, in which those with lobes come first. A row that is not finite
- * stays as it was. */
+/* Takes the rows of a block from the task's model, in which those with lobes come first. A row that is not
+ * finite stays as it was. */
 static oxl_result groups_store_block(struct groups *g, int block, int version, struct trained_model *all,
                                      size_t at[2])
 {
@@ -403,7 +403,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
 
 /* ---------------- all tasks */
 
-/* The gains as the last task has left them, or the blocks'. */
+/* Reads the gains as the last task has left them, or the blocks'. */
 static oxl_result groups_read_gains(const struct groups *g)
 {
     const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
@@ -412,23 +412,21 @@ static oxl_result groups_read_gains(const struct groups *g)
     return imaging_read(g->job->ctx, path, g->job->scene, &g->job->scene->imaging);
 }
 
-/* A block's model with the medium in its colours, for viewers; not refined. */
+/* Writes a block's model with the medium in its colours, for viewers; not refined. */
 static oxl_result groups_bake(const struct groups *g, int block)
 {
-    const struct imaging *imaging = &g->job->scene->imaging;
     oxl_model model = {0};
     oxl_result rc =
         oxl_model_read(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[0], g->version[block]), &model);
     if (rc == OXL_OK) {
-        model_drop_lobes(&model);
-        medium_bake(g->job->scene, &(struct imaging){.medium = imaging->medium}, 0, &model);
+        medium_make_standard(g->job->scene, &model);
         rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, "standard", 1), &model, model.sh_degree);
     }
     oxl_model_free(g->job->ctx, &model);
     return rc;
 }
 
-/* The blocks' models side by side, or with `standard` those for viewers. */
+/* Merges the blocks' models, or with `standard` those for viewers. */
 static oxl_result groups_merge(const struct groups *g, int standard)
 {
     const int blocks = g->job->partition.block_count;
@@ -451,7 +449,7 @@ static oxl_result groups_merge(const struct groups *g, int standard)
     return rc;
 }
 
-/* model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
+/* Writes model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
 static oxl_result groups_finish(struct groups *g)
 {
     const int blocks = g->job->partition.block_count;

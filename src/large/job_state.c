@@ -26,9 +26,8 @@ OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struc
 
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block)
 {
-    const int blocks = job->partition.block_count;
-    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
-    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
+    if (block >= 0) return path_in(out, job->out, "blocks/%03d", block);
+    return path_in(out, job->out, "blocks/%s", block == JOB_COARSE_MODEL ? "coarse" : "whole");
 }
 
 static int job_is_block(const char *name)
@@ -86,7 +85,8 @@ OXL_INTERNAL oxl_result job_load(struct job *job)
     return rc == OXL_OK ? job_use_decoded(job) : rc;
 }
 
-/* KEY of scene_images.c, or KEY.PID.tmp of a process that was killed. */
+/* Returns 1 for a file of decoded images: KEY of scene_images.c, or KEY.PID.tmp of a process that was
+ * killed. */
 static void job_remove_decoded_file(void *user, const char *name)
 {
     size_t digits = strspn(name, "0123456789abcdef");
@@ -103,7 +103,8 @@ OXL_INTERNAL void job_remove_decoded(struct job *job)
     os_remove_folder(job->decoded);
 }
 
-/* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
+/* Decides whether decoded images are kept in files: where each would be decoded several times, in blocks,
+ * or when memory does not hold them all. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
     const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
@@ -124,7 +125,7 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 
 /* ---------------- progress and records */
 
-/* The run's progress from the block's. */
+/* Reports the run's progress from the block's. */
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 {
     struct job *job = user;
@@ -133,7 +134,10 @@ OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
     const double done = job->done + job->stage * (p.iteration - job->stage_first) /
                                         OXL_MAX(1, job->stage_until - job->stage_first);
     p.memory = os_peak_rss();
-    p.block = job->block;
+    p.block = OXL_MAX(job->block, 0);
+    p.stage = job->block == JOB_COARSE_MODEL   ? OXL_STAGE_COARSE
+              : job->block == JOB_MERGED_MODEL ? OXL_STAGE_MERGED
+                                               : OXL_STAGE_BLOCK;
     p.blocks = job->partition.block_count;
     if (p.blocks > 1 && done > job->done_before) /* the rest as what this process has done */
         p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before);
@@ -169,7 +173,7 @@ OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
-/* The time allowed is the run's: what comes later has what is left of it. */
+/* Limits a part of the run to the time that is left of the whole. */
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
     if (o->max_seconds > 0)
@@ -182,7 +186,7 @@ static void job_drop_checkpoint(void *user, const char *name)
     if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
 }
 
-/* --restart of a whole run discards what is unfinished. */
+/* Discards what is unfinished, at --restart of a whole run. */
 OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 {
     const char *blocks = PATH(job->out, "blocks");
@@ -191,34 +195,16 @@ OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 
 /* ---------------- models of the blocks */
 
-/* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
+/* Reads a block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
     const char *folder = JOB_BLOCK(job, block);
     const int refined =
         standard &&
         os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
-    const int whole = block > job->partition.block_count;
-    const size_t most = whole && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
+    const size_t most =
+        block == JOB_MERGED_MODEL && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
     return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
-}
-
-/* Averages the gains of a block with those of earlier blocks. count (views): blocks that contained the view
- * so far. */
-OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block)
-{
-    for (int i = 0; i < all->views; i++) {
-        if (!block->known[i]) continue;
-        all->known[i] = 1;
-        count[i]++;
-        for (int c = 0; c < 3; c++) {
-            float *a = &all->log_gain[3 * i + c];
-            *a = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
-        }
-    }
-    all->on |= block->on;
-    if (imaging_alters_colours(block)) all->medium = block->medium;
-    if (block->lamps > 0) memcpy(all->lamp, block->lamp, sizeof all->lamp), all->lamps = block->lamps;
 }
 
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
@@ -241,7 +227,7 @@ OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)
     return rc;
 }
 
-/* The blocks' gains, lamp and medium become the scene's. */
+/* Makes the blocks' gains, lamp and medium the scene's. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);

@@ -38,7 +38,7 @@ struct job {
     struct text key;           /* both: what a block depends on */
     struct text notes;         /* log lines outside of the blocks' training */
     struct block_record total; /* over the blocks */
-    int block;                 /* now in training */
+    int block;                 /* now in training; or JOB_COARSE_MODEL, JOB_MERGED_MODEL */
     int unfinished;            /* blocks that were stopped by --max-time */
     char *decoded;             /* OUT/blocks/decoded, for decoded images; or NULL */
     double started;
@@ -55,8 +55,9 @@ struct job {
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
 OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
-/* OUT/blocks/KKK, a temporary like PATH. Block block_count: OUT/blocks/coarse; block_count + 1:
- * OUT/blocks/whole. */
+/* What is trained in a folder beside blocks 0 .. block_count - 1; takes the place of a block's number. */
+enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
+/* OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
@@ -74,9 +75,6 @@ OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 /* the blocks' models and imaging, merged */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
-/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added
- * so far. */
-OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 /* The imaging of several blocks: log gains of mean 0, lamp and medium. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);

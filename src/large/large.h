@@ -3,6 +3,7 @@
 #define OXL_LARGE_H
 
 #include "../core/core.h"
+#include "../train/forecast.h"
 #include "../train/train.h"
 #include "../../oceanxl_job.h"
 
@@ -72,23 +73,13 @@ OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_mod
 /* limit of what is searched for or believed: parameters alone would be 236 GB */
 #define JOB_GAUSSIANS_MAX 1e9
 
-/* ---------------- predict_time.c: time of a run, from some timed steps */
-
-/* Expected Gaussians at the end of a run with at most `cap`. */
-OXL_INTERNAL double predict_time_expected(const oxl_train_options *options, size_t points, size_t cap);
-
-/* Seconds of a run that ends with so many Gaussians, extrapolated from steps timed here; range: lower and
- * upper limit. 0: no prediction, since timing would take too long or there is no memory. */
-OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options,
-                                 double gaussians, double range[2]);
-
 /* ---------------- cost.c: predicted Gaussians, memory and time */
 
 /* per Gaussian beside its parameters: projection, tile lists, gradient slots */
 #define COST_SPLAT_BYTES 300.0
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
-    int random;                  /* 1: the survey has no points, those are scene_start_points */
+    double share;                /* as a look has it (src/train/look.c); 0: not known */
     int views;
     /* pixels of all views; of the training views; of the largest view */
     double pixels, schedule_pixels, largest;
@@ -109,10 +100,12 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
 /* Peak memory, bytes, of a run that ends with so many Gaussians. */
 OXL_INTERNAL double cost_memory(const oxl_job_options *options, const struct cost_load *load,
                                 double gaussians);
-/* Duration for all blocks of the scene, from timed steps, or from the cost where timing takes too long.
- * range: lower and upper limit, or NULL. */
-OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
-                                 const struct cost *cost, double range[2]);
+/* Gaussians that a run is expected to end with. */
+OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
+/* Duration for all blocks of the scene, from the steps of a look, or from the cost where there was none.
+ * range: lower and upper limit. */
+OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,
+                                 const struct cost *cost, const struct look *look, double range[2]);
 
 /* ---------------- budget.c: --ram */
 
@@ -160,6 +153,7 @@ struct block_task {
     const oxl_model *context; /* this and the next three as in struct train_output */
     const struct image_window *window;
     int first, until;
+    int viewed; /* views that are rendered after the run; for the time left */
     /* steps that refine model_standard.ply, the model without second lobes; 0: it is not made */
     int standard;
     double predicted_seconds, predicted_peak;

@@ -118,7 +118,7 @@ static void partition_shrink_interior(const struct partition_build *b, int node,
     }
 }
 
-/* 1: the point lies deeper in its owner than any neighbour's margin reaches, as most do. */
+/* Returns 1 if the point lies deeper in its owner than any neighbour's margin reaches, as most do. */
 static uint32_t partition_find_all_blocks(const struct partition_build *b, size_t i, uint32_t *out)
 {
     const struct partition_node *owner = &b->node[b->owner[i]];
@@ -187,7 +187,7 @@ static enum partition_role partition_role(size_t both, size_t all, size_t inside
     return 10 * both > inside || (few_views && 10 * both > all) ? PARTITION_BORDER : PARTITION_OUT;
 }
 
-/* seen (blocks): scratch. */
+/* Assigns a view to the blocks of its points. seen (blocks): scratch. */
 static void partition_assign_view(const struct partition_build *b, size_t view, uint32_t *seen)
 {
     const struct partition_visibility *vis = b->visibility;
@@ -229,7 +229,7 @@ static int partition_count_views(const struct partition_build *b, int block)
     return count;
 }
 
-/* Blocks of few views get more of them. */
+/* Gives blocks of few views more of them. */
 static oxl_result partition_assign_more_views(struct partition_build *b)
 {
     b->few_views = oxl_alloc(b->ctx, (size_t)b->leaf_count, sizeof *b->few_views);

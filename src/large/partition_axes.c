@@ -20,8 +20,8 @@ enum { AXES_SAMPLE = 1 << 18 };
 
 /* ---------------- the sample */
 
-/* Positions relative to the scene's origin, the median of the points, without the points that the scene
- * drops. */
+/* Copies positions relative to the scene's origin, the median of the points, without the points that the
+ * scene drops. */
 static size_t axes_sample(const struct colmap *c, const double origin[3], double *sample)
 {
     const size_t step = c->point_count / AXES_SAMPLE + 1;

@@ -76,7 +76,7 @@ static int partition_gather(struct partition_build *b, struct partition_search *
 
 /* Points and their load between two candidate cuts of a box: those at or above k of them are counted at k. */
 
-/* bins (slots, PARTITION_RATIOS + 1) */
+/* Sums the points between the places of possible cuts. bins (slots, PARTITION_RATIOS + 1) */
 static void partition_count(const struct partition_build *b, const struct partition_search *search, int task,
                             struct partition_bin *bins)
 {
@@ -113,8 +113,8 @@ static struct partition_candidate partition_rate(const struct partition_build *b
     return s;
 }
 
-/* 1: a is the better cut: it fits, then its load is nearer to the wanted fractions, then its ratio
- * nearer to 0.5. */
+/* Returns 1 if a is the better cut: it fits, then its load is nearer to the wanted fractions, then its
+ * ratio nearer to 0.5. */
 static int partition_is_better(const struct partition_build *b, const struct partition_candidate *a,
                                const struct partition_candidate *than)
 {
@@ -219,7 +219,7 @@ static uint32_t partition_leaf_of(const struct partition_build *b, uint32_t from
     return from;
 }
 
-/* Points whose node was cut move into its children; those whose node is gone start again from the root. */
+/* Moves points whose node was cut into its children; those whose node is gone start again from the root. */
 OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
 {
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
@@ -268,8 +268,8 @@ OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int leaves)
     return partition_grow(b);
 }
 
-/* by_pixels: fraction of the load that is pixels, which each view distributes evenly over the points it sees;
- * the rest is the point. */
+/* Sets the load of each point. by_pixels: fraction of the load that is pixels, which each view distributes
+ * evenly over the points it sees; the rest is the point. */
 OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
 {
     const struct partition_visibility *vis = b->visibility;

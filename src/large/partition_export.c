@@ -365,7 +365,8 @@ static void exporter_free(struct exporter *e)
     OXL_FREE(e->ctx, e->worker, e->images_file);
 }
 
-/* Blocks from `first` on, as many as there are writers for. Each thread takes the next one that is left. */
+/* Writes the blocks from `first` on, as many as there are writers for. Each thread takes the next one that
+ * is left. */
 static void exporter_batch_write(const struct exporter *e, int first, int count, struct exporter_files *files)
 {
     int next = 0;

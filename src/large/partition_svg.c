@@ -60,7 +60,7 @@ struct drawing {
 
 /* ---------------- numbers and looks */
 
-/* 28 366, with thin spaces. */
+/* Writes a count as 28 366, with thin spaces. */
 static const char *draw_count(char out[DRAW_ROOM], size_t count)
 {
     char digits[24], *to = out;
@@ -158,7 +158,7 @@ static void draw_place(const struct drawing_panel *p, const double frame[3], dou
     at[1] = p->tall - p->scale * (frame[p->axis[1]] - p->low[1]);
 }
 
-/* x, y, width, height of the part of a box that the panel shows, and a little beyond it. */
+/* Computes x, y, width, height of the part of a box that the panel shows, and a little beyond it. */
 static void draw_place_box(const struct drawing_panel *p, const struct partition_box *box, double out[4])
 {
     double low[2], high[2];
@@ -170,7 +170,7 @@ static void draw_place_box(const struct drawing_panel *p, const struct partition
     out[3] = OXL_MIN(low[1], p->tall + DRAW_BEYOND) - out[1];
 }
 
-/* mark: commands of a path, from the middle on. */
+/* Draws a mark. mark: commands of a path, from the middle on. */
 static void draw_mark(struct text *t, const struct drawing_panel *p, const double frame[3], const char *mark)
 {
     double at[2];

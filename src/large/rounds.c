@@ -34,8 +34,8 @@ struct rounds {
 
 /* ---------------- the coarse model */
 
-/* A medium that the tracks do not give is trained from MEDIUM_FIT_FROM of a run on; the coarse model ends
- * before. */
+/* Warns of a medium that the tracks do not give: it is trained from MEDIUM_FIT_FROM of a run on; the coarse
+ * model ends before. */
 static void rounds_warn_of_medium(const struct job *job)
 {
     if (job->options.train.medium != OXL_ON || job->scene->imaging.medium.on) return;
@@ -53,7 +53,7 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
                               .train = job->options.train,
                               .until = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
     oxl_result rc = job->scene ? OXL_OK : job_load(job);
-    job->block = job->partition.block_count;
+    job->block = JOB_COARSE_MODEL;
     job->stage = JOB_COARSE;
     job->stage_first = 0, job->stage_until = task.until;
     if (rc == OXL_OK) {
@@ -82,10 +82,10 @@ static int rounds_coarse_is_done(const struct job *job, const struct block_recor
            record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
 }
 
-/* The coarse model and the plans that follow from it. */
+/* Trains the coarse model and makes the plans that follow from it. */
 static oxl_result rounds_prepare(struct job *job)
 {
-    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
     struct block_record record = {0};
     struct block_plan last = {0};
     oxl_model coarse = {0};
@@ -105,7 +105,7 @@ static oxl_result rounds_prepare(struct job *job)
     }
     if (rc == OXL_OK && !job->unfinished && missing) {
         rc = job->scene ? OXL_OK : job_load(job);
-        if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
+        if (rc == OXL_OK) rc = job_read_model(job, JOB_COARSE_MODEL, 0, &coarse);
         if (rc == OXL_OK) rc = block_plan_make(job, &coarse);
     }
     block_plan_free(job->ctx, &last);
@@ -113,10 +113,10 @@ static oxl_result rounds_prepare(struct job *job)
     return rc;
 }
 
-/* The same by several processes: one trains, the others wait. */
+/* Does the same by several processes: one trains, the others wait. */
 static oxl_result rounds_prepare_shared(struct job *job)
 {
-    const char *folder = JOB_BLOCK(job, job->partition.block_count);
+    const char *folder = JOB_BLOCK(job, JOB_COARSE_MODEL);
     oxl_lock *lock = NULL;
     struct block_plan last = {0};
     oxl_result rc = OXL_OK;
@@ -134,7 +134,7 @@ static oxl_result rounds_prepare_shared(struct job *job)
 
 /* ---------------- what a block sees of the others */
 
-/* keep (count): 1 for Gaussians that may show in a view of the block. */
+/* Marks in keep (count) the Gaussians that may show in a view of the block. */
 static void rounds_mark_visible(const struct rounds *r, const struct block_plan *plan, const oxl_model *model,
                                 uint8_t *keep)
 {
@@ -184,8 +184,8 @@ static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context
 
 /* ---------------- a block's round */
 
-/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' fractions of the
- * pixels. */
+/* Returns the options of the block's part of the run Numbers of Gaussians and bytes are divided by the
+ * blocks' fractions of the pixels. */
 static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
 {
     oxl_train_options o = job->options.train;
@@ -201,15 +201,14 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
     return o;
 }
 
-/* The block begins with the coarse model's gains, and keeps its lamp and medium. */
+/* Reads the coarse model's gains, with which the block begins; it keeps that model's lamp and medium. */
 static oxl_result rounds_read_imaging(struct job *job)
 {
     imaging_free(job->ctx, &job->scene->imaging);
-    return oxl_scene_read_imaging(job->ctx, job->scene,
-                                  PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
+    return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, JOB_COARSE_MODEL), "model.ply"));
 }
 
-/* --ram, less what the context takes. */
+/* Fits the block into --ram, less what the context takes. */
 static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own,
                                 struct block_task *task)
 {
@@ -229,8 +228,8 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     return OXL_OK;
 }
 
-/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays
- * as the coarse model has it. */
+/* Finishes a block without Gaussians, or with too little in every view, as of a survey that is wholly
+ * black: it stays as the coarse model has it. */
 static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
 {
     int windows = 0;
@@ -312,8 +311,9 @@ static oxl_result rounds_step(struct rounds *r, int block, int round)
 
 /* ---------------- what a fault has changed */
 
-/* 1: the block's files are those of the rounds that its record states, and those of its neighbours are as far
- * as they were then. A model that is newer than its record will be written again, from the checkpoint. */
+/* Returns 1 if the block's files are those of the rounds that its record states, and those of its
+ * neighbours are as far as they were then. A model that is newer than its record will be written again,
+ * from the checkpoint. */
 static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
 {
     struct job *job = r->job;
@@ -336,7 +336,7 @@ static oxl_result rounds_check_block(struct rounds *r, int block, int *good)
     return rc;
 }
 
-/* The same bytes again take the same context again: all blocks go back to the coarse model. */
+/* Sends all blocks back to the coarse model: the same bytes again take the same context again. */
 static void rounds_go_back(struct rounds *r, int block)
 {
     struct job *job = r->job;
@@ -364,7 +364,7 @@ static oxl_result rounds_check_all(struct rounds *r)
     return rc;
 }
 
-/* Of one process of several: others may be at work on the other blocks. */
+/* Checks the block of one process of several: others may be at work on the other blocks. */
 static oxl_result rounds_check_shared(struct rounds *r, int block)
 {
     int good = 1;
@@ -394,7 +394,7 @@ static oxl_result rounds_run_blocks(struct rounds *r)
     return rc;
 }
 
-/* 1: the neighbours are as far as the block's next round needs. */
+/* Returns 1 if the neighbours are as far as the block's next round needs. */
 static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
 {
     oxl_result rc = OXL_OK;
@@ -407,7 +407,7 @@ static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *r
     return rc;
 }
 
-/* The next round of a block, if it can be trained now. *trained: it was. */
+/* Trains the next round of a block, if that can be done now. *trained: it was. */
 static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 {
     struct job *job = r->job;
@@ -427,7 +427,8 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
     return rc;
 }
 
-/* One block to its end; while it waits for others, they are trained unless another process does that. */
+/* Trains one block to its end; while it waits for others, they are trained unless another process does
+ * that. */
 static oxl_result rounds_run_block(struct rounds *r, int block)
 {
     const int blocks = r->job->partition.block_count;
@@ -447,7 +448,7 @@ static oxl_result rounds_begin(struct rounds *r)
 {
     struct job *job = r->job;
     const int blocks = job->partition.block_count;
-    oxl_result rc = job_read_model(job, blocks, 0, &r->coarse);
+    oxl_result rc = job_read_model(job, JOB_COARSE_MODEL, 0, &r->coarse);
     r->plan = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
     r->checked = oxl_calloc(job->ctx, (size_t)blocks, 1);
     if (rc == OXL_OK && (!r->plan || !r->checked)) rc = job_no_memory(job);
@@ -478,15 +479,14 @@ static void rounds_end(struct rounds *r)
 
 /* ---------------- the merged model */
 
-/* 1: memory holds it. */
+/* Returns 1 if memory holds the merged model. */
 static int rounds_merged_fits(const struct job *job)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
     return budget_fits(&load, &job->options, (double)job->total.gaussians);
 }
 
-/* The Gaussians that blocks have left of what is allowed, and memory holds, go where the merged model needs
- * them. */
+/* Lets the merged model have the Gaussians that blocks have left of what is allowed, and memory holds. */
 static oxl_train_options rounds_merged_options(const struct job *job, int sh_degree)
 {
     const struct cost_load load = cost_load_of_scene(job->scene);
@@ -520,14 +520,14 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
     return rc;
 }
 
-/* After all blocks: the merged model. */
+/* Trains the merged model, after all blocks. */
 static oxl_result rounds_train_merged(struct job *job)
 {
-    const char *folder = JOB_BLOCK(job, job->partition.block_count + 1);
+    const char *folder = JOB_BLOCK(job, JOB_MERGED_MODEL);
     struct block_record record = {0};
     oxl_result rc = job_read_record(job, folder, &record);
     const int steps = (int)OXL_MAX(1, block_plan_merged_fraction(job) * job->options.train.iterations);
-    job->block = job->partition.block_count + 1;
+    job->block = JOB_MERGED_MODEL;
     job->stage = block_plan_merged_fraction(job);
     job->stage_first = 0, job->stage_until = steps;
     if (rc == OXL_OK && !record.finished) {
@@ -558,18 +558,19 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
     return rc;
 }
 
-/* The records of coarse model and blocks; `missing` names the first block that is not finished, or NULL. */
+/* Adds the records of coarse model and blocks; `missing` names the first block that is not finished, or
+ * NULL. */
 static oxl_result rounds_add_records(struct job *job, int *missing)
 {
     oxl_result rc = OXL_OK;
     *missing = -1;
     for (int k = 0; k <= job->partition.block_count && rc == OXL_OK; k++) {
-        const char *folder = JOB_BLOCK(job, k);
+        const int block = k < job->partition.block_count ? k : JOB_COARSE_MODEL;
         struct block_record record = {0};
-        rc = block_read(job->ctx, folder, job->key.data, &record);
-        if (k == job->partition.block_count)
+        rc = block_read(job->ctx, JOB_BLOCK(job, block), job->key.data, &record);
+        if (block == JOB_COARSE_MODEL)
             record.predicted_seconds = JOB_COARSE * job->survey.seconds, record.gaussians = 0;
-        else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
+        else if (rc == OXL_OK) rc = rounds_block_is_missing(job, block, &record, missing);
         record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);
     }

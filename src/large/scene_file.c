@@ -74,7 +74,7 @@ static int scene_file_put_all(struct scene_file_writer *out, const void *data, s
     return bytes == 0 || fwrite(data, 1, bytes, out->w.file) == bytes;
 }
 
-/* The last bytes are padded with zeros. */
+/* Writes data, and adds it to the checksum; the last bytes are padded with zeros. */
 static oxl_result scene_file_put(oxl_context *ctx, struct scene_file_writer *out, const void *data,
                                  size_t bytes)
 {
@@ -118,7 +118,7 @@ OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, con
     return os_writer_close(ctx, &w.w, rc);
 }
 
-/* Its bytes are those that the header announces, and it is of this run. */
+/* Returns 1 if the file's bytes are those that the header announces, and it is of this run. */
 static int scene_file_is_whole(const struct os_file_map *map, const char *key)
 {
     const struct scene_file *head = (const void *)map->data;
@@ -226,7 +226,7 @@ static int scene_file_views_are_good(const oxl_scene *s)
     return 1;
 }
 
-/* The arrays have the sizes of their counts; names, indices and strings are whole. */
+/* Returns 1 if the arrays have the sizes of their counts, and names, indices and strings are whole. */
 static int scene_file_is_good(oxl_context *ctx, const char *path, const struct scene_file *head, oxl_scene *s)
 {
     struct scene_file_array array[SCENE_ARRAYS - 1];
@@ -252,7 +252,7 @@ static int scene_file_is_good(oxl_context *ctx, const char *path, const struct s
                              scene_file_track_is_good, &s->colmap);
 }
 
-/* What holds pointers is copied. */
+/* Copies what holds pointers. */
 static oxl_result scene_file_own(oxl_context *ctx, oxl_scene *s)
 {
     const oxl_view *view = s->view;
@@ -273,7 +273,7 @@ static oxl_result scene_file_own(oxl_context *ctx, oxl_scene *s)
     return scene_begin_cache(ctx, s, (size_t)s->view_count);
 }
 
-/* The arrays in the map become the scene's. */
+/* Makes the arrays in the map the scene's. */
 static void scene_file_point_into(oxl_scene *s, const struct scene_file *head, const char *data)
 {
     struct scene_file_array array[SCENE_ARRAYS - 1];

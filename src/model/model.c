@@ -65,7 +65,8 @@ static size_t model_whole_packs(size_t rows)
     return (rows + MODEL_PACK - 1) / MODEL_PACK * MODEL_PACK;
 }
 
-/* An odd number of cache lines, so that planes of 2^n rows do not map to the same cache set; 0: too many. */
+/* Rounds a plane to an odd number of cache lines, so that planes of 2^n rows do not map to the same cache
+ * set; 0: too many. */
 static size_t model_capacity(size_t rows)
 {
     if (rows >= SIZE_MAX / (OXL_PLANES * sizeof(float)) - 2 * MODEL_PACK) return 0;
@@ -145,7 +146,7 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
     *model = (oxl_model){0};
 }
 
-/* Without a copy of the model beside it: training grows to what memory holds. */
+/* Enlarges the model in place, without a copy of it beside it: training grows to what memory holds. */
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
 {
     const int planes = oxl_model_planes(model);
@@ -202,6 +203,11 @@ OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size
     return model_lay_out(ctx, model, model->capacity, model->sh_degree, lobes);
 }
 
+OXL_INTERNAL double model_row_bytes(int sh_degree)
+{
+    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1));
+}
+
 OXL_INTERNAL void model_drop_lobes(oxl_model *model)
 {
     model->lobes = 0;
@@ -240,7 +246,7 @@ OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
     return sum == 0;
 }
 
-/* Stable partition, active rows first. `other` (count) is scratch. */
+/* Moves active rows to the front; both parts keep their order. `other` (count) is scratch. */
 static void model_active_first(oxl_model *model, const uint8_t *active, float *other)
 {
     for (int p = 0; p < oxl_model_planes(model); p++) {
@@ -339,7 +345,7 @@ static int model_compare_places(const struct model_key *x, const struct model_ke
     return 0;
 }
 
-/* By Morton code, then place, then row. */
+/* Compares by Morton code, then place, then row. */
 static int model_compare_keys(const void *a, const void *b)
 {
     const struct model_key *x = a, *y = b;
@@ -357,7 +363,7 @@ static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits *
     return x;
 }
 
-/* Cubic cells: 2^21 along the longest side of the bounding box. */
+/* Computes the Morton code of cubic cells: 2^21 along the longest side of the bounding box. */
 static void model_sort_by_code(const oxl_point *points, size_t count, struct model_key *key)
 {
     double low[3], side = 0;
@@ -379,8 +385,8 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
     qsort(key, count, sizeof *key, model_compare_keys);
 }
 
-/* Of points at the same place the first one stays; returns how many stay. Without this a million points at
- * one place would be a million Gaussians of unit width, each in every pixel. */
+/* Keeps the first of points at the same place; returns how many stay. Without this a million points at one
+ * place would be a million Gaussians of unit width, each in every pixel. */
 static size_t model_drop_coincident(struct model_key *key, size_t count)
 {
     size_t kept = 0;
@@ -426,9 +432,9 @@ static int model_longest_axis(const struct model_site *site, size_t first, size_
     return axis;
 }
 
-/* Hoare's selection: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than
- * site[nth] along axis.
- * Equal values stop both scans, so that coincident points do not degrade the run time. */
+/* Selects as Hoare did: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than
+ * site[nth] along axis. Equal values stop both scans, so that coincident points do not degrade the run
+ * time. */
 static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
 {
     while (end - first > 1) {
@@ -498,8 +504,8 @@ static void model_search_nearest(const struct model_tree *tree, size_t first, si
     for (size_t i = first; i < end; i++) model_update_nearest(n, &tree->site[i], i);
 }
 
-/* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single
- * point. */
+/* Computes square[row], the mean squared distance to the nearest three, or fewer if there are fewer; 0 for
+ * a single point. */
 static void model_neighbour_distances(oxl_context *ctx, const struct model_tree *tree, double *square)
 {
     const int neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
@@ -548,7 +554,7 @@ static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, 
     return OXL_OK;
 }
 
-/* Row i is key[i].point, `width` its log width. */
+/* Fills the model: row i is key[i].point, `width` its log width. */
 static void model_fill(oxl_model *model, const struct model_key *key, const double *width)
 {
     const float opacity = (float)vecmath_logit(MODEL_OPACITY);
@@ -653,7 +659,7 @@ OXL_INTERNAL void model_write_background(struct text *t, const char *before, con
     }
 }
 
-/* "background R G B"; 0: it is not. */
+/* Reads "background R G B"; 0: the comment is another. */
 static int model_read_background(const char *comment, oxl_model *model)
 {
     double value[3];
@@ -662,7 +668,7 @@ static int model_read_background(const char *comment, oxl_model *model)
     return model->has_background = 1;
 }
 
-/* Brush's "SplatRenderMode: mip" or Postshot's "antialiased 1"; 0: it is neither. */
+/* Reads Brush's "SplatRenderMode: mip" or Postshot's "antialiased 1"; 0: it is neither. */
 static int model_read_antialias(const char *comment, oxl_model *model)
 {
     const size_t length = strlen(MODEL_RENDER_MODE);
@@ -672,7 +678,7 @@ static int model_read_antialias(const char *comment, oxl_model *model)
     return model->antialias = strcmp(comment + 12, "0") != 0, 1;
 }
 
-/* "origin X Y Z", "scale S", "background R G B" and anti-aliasing. */
+/* Reads "origin X Y Z", "scale S", "background R G B" and anti-aliasing. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model)
 {

@@ -23,6 +23,10 @@ OXL_INTERNAL int model_row_is_finite(const oxl_model *model, size_t row); /* inc
 /* Keeps the rows with keep (count) not 0 in their order, with their lobes; the others are cleared. */
 OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep);
 
+/* Bytes of a Gaussian in a model file, as model_write.c writes it; of its second lobe there. */
+enum { MODEL_LOBE_BYTES = 16 };
+OXL_INTERNAL double model_row_bytes(int sh_degree);
+
 /* The second lobe, allocated for the first `lobes` rows only, up to a whole pack. */
 enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
 #define MODEL_OPACITY 0.1              /* of a new Gaussian; Kerbl 2023 */

@@ -117,14 +117,6 @@ static int lobes_validates_until(const struct train *t, const void *state)
 
 /* ---------------- the trial */
 
-/* Bytes of a Gaussian in a model file, as model_write.c writes them. */
-static double lobes_row_bytes(int sh_degree)
-{
-    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1));
-}
-
-enum { LOBES_BYTES = 16 }; /* of a second lobe there */
-
 static void lobes_record_trial(struct train *t, int kept, const double psnr[2], const double bytes[2])
 {
     char why[256];
@@ -151,8 +143,8 @@ static oxl_result lobes_trial(struct train *t, void *state, struct train_branch 
     if (rc == OXL_OK) rc = selection_train_trial(t, &psnr[1]);
     if (rc == OXL_OK) {
         const int kept = psnr[1] >= psnr[0] + LOBES_MIN_GAIN;
-        bytes[0] = (double)t->trained.model.count * lobes_row_bytes(t->trained.model.sh_degree);
-        bytes[1] = bytes[0] + (double)t->trained.model.lobes * LOBES_BYTES;
+        bytes[0] = (double)t->trained.model.count * model_row_bytes(t->trained.model.sh_degree);
+        bytes[1] = bytes[0] + (double)t->trained.model.lobes * MODEL_LOBE_BYTES;
         lobes_record_trial(t, kept, psnr, bytes);
         if (!kept) rc = branch_load(t, &without);
     }

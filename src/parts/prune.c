@@ -37,10 +37,9 @@ static const int prune_drops[] = {8, 12, 14, 15, 16}; /* sixteenths removed afte
 
 /* ---------------- what to keep */
 
-OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes)
+static double prune_row_bytes(int sh_degree, int lobes)
 {
-    /* as model_file.c writes them */
-    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1)) + (lobes ? 16 : 0);
+    return model_row_bytes(sh_degree) + (lobes ? MODEL_LOBE_BYTES : 0);
 }
 
 static size_t prune_target(const struct prune *p, size_t count)

@@ -18,11 +18,10 @@ struct prune {
     int l1_count;
     double validation_loss; /* auto: loss of the validation views at the phase's start */
 };
-/* densified: last step of density control; views: number of training views; row_bytes: prune_row_bytes. */
+/* densified: last step of density control; views: number of training views; row_bytes: of a kept Gaussian in
+ * its file. */
 OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views,
                               double row_bytes);
-/* lobes: 1 if rows may have a second one */
-OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);
 OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
 /* call after each step; steps outside the phase are ignored */
 OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1);

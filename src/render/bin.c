@@ -90,8 +90,8 @@ static oxl_result bin_collect_visible(oxl_context *ctx, struct bins *b)
     return OXL_OK;
 }
 
-/* Least significant digit first, three digits of 11 bits; stable, so equal depths stay in row order. A pass
- * with equal digits in all keys is skipped, which is common for the highest one. */
+/* Sorts the least significant digit first, three digits of 11 bits; stable, so equal depths stay in row
+ * order. A pass with equal digits in all keys is skipped, which is common for the highest one. */
 static void bin_sort(struct bins *b)
 {
     struct bin_scratch *s = b->scratch;

@@ -21,7 +21,7 @@ static double depth_loss_alpha(const struct splat *s, const struct depth_point *
     return exponent < -cutoff_bits ? 0 : OXL_MIN(vecmath_exp(exponent * VECMATH_LN2), (double)ALPHA_MAX);
 }
 
-/* The splat of a pair if it counts, or NULL. */
+/* Returns the splat of a pair if it counts, or NULL. */
 static const struct splat *depth_loss_splat(const struct bins *b, const struct pair *pair)
 {
     return pair->splat < b->context_row && !bins_lobe(b, pair->splat) ? &b->splat[pair->splat] : NULL;

@@ -55,8 +55,8 @@ struct loss_strip {
 
 /* ---------------- rows in the scratch */
 
-/* A row is stored in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In the horizontal
- * blur each shifted load then serves four pixels; unaligned loads are its bottleneck. Each phase ends in at
+/* Stores a row in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In the horizontal blur
+ * each shifted load then serves four pixels; unaligned loads are its bottleneck. Each phase ends in at
  * least LOSS_GAP zeros; a pack of zeros is before and after the row. */
 static size_t loss_columns(int width) /* computed columns of a phase: whole packs */
 {
@@ -415,7 +415,7 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
 
 SIMD_DISPATCH(static, loss_strip, struct loss_strip)
 
-/* The pass without SSIM (weight 0). */
+/* Computes the loss without SSIM (weight 0). */
 static void loss_l1_strip(const struct loss_strip *s)
 {
     const size_t width = (size_t)s->job->width;
@@ -439,7 +439,7 @@ static void loss_l1_strip(const struct loss_strip *s)
 
 /* ---------------- the whole image */
 
-/* 1 where the horizontal window is unmasked. Returns the number of unmasked pixels of the row. */
+/* Marks pixels whose horizontal window is unmasked with 1. Returns their number in the row. */
 static int64_t loss_valid_horizontal(const real *restrict weight, int width, real *restrict out)
 {
     int64_t count = 0;
@@ -452,7 +452,7 @@ static int64_t loss_valid_horizontal(const real *restrict weight, int width, rea
     return count;
 }
 
-/* 1 where all rows of the window are unmasked. Returns their number. */
+/* Marks pixels whose window is unmasked in all its rows with 1. Returns their number. */
 static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job *job, int row,
                                    real *restrict out)
 {
@@ -466,8 +466,8 @@ static int64_t loss_valid_vertical(const real *horizontal, const struct loss_job
     return count;
 }
 
-/* scratch->valid (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for its row
- * only. */
+/* Fills scratch->valid (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for
+ * its row only. */
 static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *job,
                                      struct loss_scratch *scratch, double *values, double *windows)
 {
@@ -489,8 +489,8 @@ static oxl_result loss_valid_windows(oxl_context *ctx, const struct loss_job *jo
     return OXL_OK;
 }
 
-/* Each piece is a span of rows in all three channels, close to the thread's tiles (renderer.c), for cache
- * locality. */
+/* Divides the image into pieces, each a span of rows in all three channels, close to the thread's tiles
+ * (renderer.c), for cache locality. */
 static int loss_make_strips(int height, int pieces, struct loss_strip *strip)
 {
     int count = 0;
@@ -516,8 +516,8 @@ static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SU
     out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
 }
 
-/* The padding around rows must be 0. It is not written, so it is cleared once per width and number of
- * strips. */
+/* Clears the padding around rows, which must be 0. It is not written, so it is cleared once per width and
+ * number of strips. */
 static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
 {
     if (scratch->width != width || scratch->cleared < count) memset(scratch->rows, 0, count * sizeof(real));

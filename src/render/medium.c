@@ -4,7 +4,7 @@
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
-#include "../survey/sparse.h"
+#include "../survey/scene.h"
 
 /* of J: what is seen through more of the medium than this lets through is no evidence of it */
 #define MEDIUM_MIN 0.02
@@ -20,9 +20,10 @@ static void medium_through(const struct medium *m, float range, float through[3]
         through[c] = real_exp(0, m->falloff * log_near - m->attenuation[c] * (range - m->training_range));
 }
 
-/* What a viewer without imaging.txt is to show: the colours through the medium and, where `imaging` has
- * lamps, by these, as the views see the centre; the mean of both terms over these views, by the centre's size
- * in the image, 1 / r^2; over all views, without the lamp's polynomial, where none sees it. */
+/* Gives the model what a viewer without imaging.txt is to show: the colours through the medium and, where
+ * `imaging` has lamps, by these, as the views see the centre; the mean of both terms over these views, by
+ * the centre's size in the image, 1 / r^2; over all views, without the lamp's polynomial, where none sees
+ * it. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
                               oxl_model *model)
 {
@@ -82,7 +83,7 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     }
 }
 
-/* dL/dBinf of the light behind the last splat: sum of T dL/dC, row by row. */
+/* Computes dL/dBinf of the light behind the last splat: sum of T dL/dC, row by row. */
 OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
                                        double sum[MEDIUM_SUMS])
 {
@@ -94,4 +95,11 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
                 row += (double)transmittance[i] * drgb[(size_t)c * plane + i];
             sum[MEDIUM_VEILING_LIGHT + c] += row;
         }
+}
+
+OXL_INTERNAL void medium_make_standard(oxl_scene *scene, oxl_model *model)
+{
+    const struct imaging medium = {.medium = scene->imaging.medium};
+    model_drop_lobes(model);
+    if (imaging_alters_colours(&medium)) medium_bake(scene, &medium, 0, model);
 }

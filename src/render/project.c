@@ -158,7 +158,7 @@ SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const
     return g;
 }
 
-/* How many of a pack's rows have a second lobe. */
+/* Returns how many of a pack's rows have a second lobe. */
 static int project_lobes(const struct gaussians *in, size_t first)
 {
     return first < in->lobes ? (int)OXL_MIN(in->lobes - first, (size_t)PACK) : 0;
@@ -383,7 +383,7 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
     }
 }
 
-/* The same for the second lobes, whose sums follow the splat's. */
+/* Does the same for the second lobes, whose sums follow the splat's. */
 static void project_gather_lobes(const struct project_job *job, size_t first, unsigned seen, int lobes,
                                  real sums[SPLAT_SUMS][PACK])
 {
@@ -451,8 +451,9 @@ SIMD_INLINE struct project_geometry_gradient project_geometry_gradient(
     const real du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
     /* dL/d(log opacity) where it is not at its least; log opacity has log|m| - log(det)/2, det = 1/(A E) */
     const real dfade = antialias && dot3(g.m, g.m) > ANTIALIAS_MIN * g.det ? sums[SUM_D][l] : 0;
-    const real dA = (antialias ? dfade / (2 * A) : 0) - sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l],
-               dE = (antialias ? dfade / (2 * E) : 0) - sums[SUM_YY][l] / 2;
+    const real dA = antialias ? dfade / (2 * A) - sums[SUM_WW][l] / 2 : -sums[SUM_WW][l] / 2;
+    const real dE = antialias ? dfade / (2 * E) - sums[SUM_YY][l] / 2 : -sums[SUM_YY][l] / 2;
+    const real dk = -A * sums[SUM_WY][l];
     /* through (A, k, E) to the covariance and its root B; with c0 = b0 + k b1, since for a needle b0 and -k
      * b1 are large and nearly equal */
     const real dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;

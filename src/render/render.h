@@ -226,5 +226,7 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
  * backwards: recovers the colours behind medium and lamp. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,
                               oxl_model *model);
+/* Makes the model one for viewers that know neither: drops second lobes, bakes the scene's medium. */
+OXL_INTERNAL void medium_make_standard(oxl_scene *scene, oxl_model *model);
 
 #endif

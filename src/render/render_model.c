@@ -3,7 +3,7 @@
 #include "renderer_state.h"
 #include "../formats/formats.h"
 
-/* The depth of the image rendered last. */
+/* Copies the depth of the image rendered last. */
 static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
 {
     if (r->device) return r->backend->depth(r->device, depth);
@@ -29,7 +29,7 @@ static oxl_result render_whole(oxl_context *ctx, struct renderer *r, const oxl_m
     return rc;
 }
 
-/* Of a model that stays in its file, the rows that the view shows. */
+/* Renders a model that stays in its file: the rows that the view shows are read first. */
 static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_model *model,
                               const oxl_camera *camera, const oxl_render_options *options, oxl_image *out,
                               float *depth)
@@ -46,7 +46,7 @@ static oxl_result render_view(oxl_context *ctx, struct renderer *r, const oxl_mo
     return rc;
 }
 
-/* 1: a device could not do it, and the CPU is to begin anew: all that it needs is the caller's. */
+/* Returns 1 if a device could not do it and the CPU is to begin anew: all that it needs is the caller's. */
 static int render_begins_anew(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
     char why[160];

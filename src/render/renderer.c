@@ -15,7 +15,8 @@ oxl_render_options oxl_render_options_default(void)
     return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
-/* Once of each kind of failure: a device that is lost, or too small, is so for all images that follow. */
+/* Warns once of each kind of failure: a device that is lost, or too small, is so for all images that
+ * follow. */
 OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
 {
     const int kind = 1 << ctx->failed;
@@ -25,7 +26,8 @@ OXL_INTERNAL oxl_result render_say_cpu(oxl_context *ctx, const char *why)
     return OXL_OK;
 }
 
-/* 1: a device failed, or had not enough memory, and the CPU may do what it could not, with --backend auto. */
+/* Returns 1 if a device failed, or had not enough memory, and the CPU may do what it could not, with
+ * --backend auto. */
 OXL_INTERNAL int render_can_fall_back(const oxl_context *ctx, oxl_result rc)
 {
     return (rc == OXL_ERR_MEMORY || rc == OXL_ERR_FAILED) && ctx->options.backend == OXL_BACKEND_AUTO;
@@ -75,7 +77,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 /* ---------------- into the kernels' terms */
 
-/* The camera of a window: the limits and units of the projection are those of the full image. */
+/* Returns the camera of a window: the limits and units of the projection are those of the full image. */
 static void render_set_full_size(struct kernel_camera *k, const oxl_camera *c, const int full[2])
 {
     if (full[0] == 0) return;
@@ -137,7 +139,7 @@ static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
     return rc;
 }
 
-/* With --backend auto, a device without enough memory is replaced by the CPU, unless steps are to be reported
+/* Replaces a device without enough memory by the CPU, with --backend auto, unless steps are to be reported
  * yet. Returns rc in all other cases. */
 OXL_INTERNAL oxl_result render_fall_back_to_cpu(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
@@ -158,7 +160,7 @@ static int64_t render_tasks_of(size_t packs)
     return (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
 }
 
-/* Over the model's rows, without the context. */
+/* Returns the number of tasks over the model's rows, without the context. */
 OXL_INTERNAL int64_t render_tasks(const struct renderer *r)
 {
     return render_tasks_of(r->packs);
@@ -184,7 +186,7 @@ OXL_INTERNAL struct project_job render_project_job(struct renderer *r, int64_t t
                                 .dmean2d = r->dmean2d};
 }
 
-/* Over the context's rows. */
+/* Returns a task over the context's rows. */
 static struct project_job render_context_job(struct renderer *r, int64_t task)
 {
     return (struct project_job){.in = render_gaussians(r->context, r->context->sh_degree),
@@ -211,11 +213,9 @@ OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint
     r->dropout_step = step;
 }
 
-/* Dropout of a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided
- * opacity:
- * what the division adds beyond them, below alpha_min / (1 - fraction), may be missing. Backward needs
- * nothing:
- * d alpha / d logit = alpha (1 - o), whatever factor alpha has. */
+/* Drops out a task's rows after their projection [Park 2025]. Box and contour stay those of the undivided
+ * opacity: what the division adds beyond them, below alpha_min / (1 - fraction), may be missing. Backward
+ * needs nothing: d alpha / d logit = alpha (1 - o), whatever factor alpha has. */
 static void render_drop(const struct renderer *r, const struct project_job *job)
 {
     const uint64_t most = (uint64_t)(r->dropout * 4294967296.0);
@@ -243,8 +243,8 @@ static void render_project(oxl_context *ctx, struct renderer *r)
     }
 }
 
-/* Of parallel rays: replaces the depths of visible splats, rounded far away, by those from the camera, and
- * hides the splats in front of its near plane. */
+/* Replaces, for parallel rays, the depths of visible splats, rounded far away, by those from the camera,
+ * and hides the splats in front of its near plane. */
 static void render_measure_depths(oxl_context *ctx, struct renderer *r, const oxl_camera *camera,
                                   float near_plane)
 {
@@ -278,7 +278,7 @@ static oxl_result render_begin_medium(oxl_context *ctx, struct renderer *r)
     return OXL_OK;
 }
 
-/* After the backward pass of all tasks: adds their sums to those of the background. */
+/* Adds the sums of all tasks, after their backward pass, to those of the background. */
 OXL_INTERNAL void render_add_medium_sums(struct renderer *r)
 {
     if (!render_has_medium(r) || !r->medium_trains) return;
@@ -360,7 +360,7 @@ static void render_draw_tiles(struct renderer *r, struct render_tile_range *rang
     }
 }
 
-/* Each thread processes its own part, then tiles of other parts. */
+/* Composites the tiles: each thread processes its own part, then tiles of other parts. */
 OXL_INTERNAL void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb,
                                    render_tile_fn *work)
 {

@@ -45,7 +45,7 @@ OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast)
     r->contrast = contrast;
 }
 
-/* Something lies between the rendered image and the loss. */
+/* Returns 1 if gains or a lamp lie between the rendered image and the loss. */
 static int render_has_gains(const struct renderer *r)
 {
     return r->has_gain || r->lamp;
@@ -68,8 +68,8 @@ static struct lamp_area render_lamp_area(const struct renderer *r)
     return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
 }
 
-/* The loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded and the
- * gradient uploaded. */
+/* Computes the loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded
+ * and the gradient uploaded. */
 static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb,
                                          const float *weight, float ssim_weight, double dlog_gain[3],
                                          struct loss_value *out)
@@ -98,7 +98,7 @@ static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, c
     return rc;
 }
 
-/* A pixel of a window counts as one of the full image does: the loss is a mean. */
+/* Scales the loss so that a pixel of a window counts as one of the full image does: the loss is a mean. */
 static void render_scale_window_gradient(struct renderer *r, size_t pixels)
 {
     const float fraction = (float)pixels / (4 * r->kernel_camera.half_width * r->kernel_camera.half_height);

@@ -22,7 +22,7 @@ static void render_step_planes(const struct render_step *s, int first_plane, int
     }
 }
 
-/* Rows of a pack whose visibility bit the step cleared: values that were not finite. */
+/* Counts rows of a pack whose visibility bit the step cleared: their values were not finite. */
 static void render_count_nonfinite(unsigned before, unsigned after, size_t pack,
                                    struct renderer_nonfinite *out)
 {
@@ -33,7 +33,7 @@ static void render_count_nonfinite(unsigned before, unsigned after, size_t pack,
         }
 }
 
-/* Room for the gradients of the packs that the threads step at a time. */
+/* Allocates room for the gradients of the packs that the threads step at a time. */
 static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
 {
     const size_t rows = (size_t)ctx->threads * RENDER_STEP_PART * PACK;
@@ -46,7 +46,8 @@ static oxl_result render_reserve_part(oxl_context *ctx, struct renderer *r)
     return rc == OXL_OK && lobes ? model_set_lobes(ctx, &r->part, rows) : rc;
 }
 
-/* The packs of a job, whose gradient is complete or, if unprojected, is completed here. */
+/* Steps the packs of a job, whose gradient, whose gradient is complete or, if unprojected, is completed
+ * here. */
 static void render_step_packs(const oxl_context *ctx, struct renderer *r, const struct gaussians *part,
                               struct adam_job *job, struct renderer_nonfinite *out)
 {
@@ -104,8 +105,8 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
     return OXL_OK;
 }
 
-/* 1: the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient is a part of
- * what the image gives. */
+/* Returns 1 if the centre is inside the window, or there is none. Of a Gaussian that is cut, the gradient
+ * is a part of what the image gives. */
 static int render_shows_centre(const struct renderer *r, size_t row)
 {
     const struct splat *s = &r->splat[row];

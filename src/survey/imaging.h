@@ -104,5 +104,8 @@ OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
 OXL_INTERNAL int imaging_alters_colours(
     /* 1: a medium, or light that falls off with range: viewers need a separate model */
     const struct imaging *m);
+/* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added
+ * so far. */
+OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block);
 
 #endif

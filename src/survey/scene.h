@@ -13,6 +13,8 @@ struct scene_stats { /* for `check` and the first message */
     int images_listed, images_missing, unregistered, views, test_views, distorted_cameras, masks;
     size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
+    /* of the first Gaussians, that training would split at once; 0: not known (src/train/forecast.c) */
+    double splitting;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
 
@@ -58,7 +60,7 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 /* From scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
-/* scene_load.c. Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
+/* Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
 OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
 /* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);

@@ -1,4 +1,4 @@
-/* survey_files.c - image files of a survey: search for missing ones, count of those that the model does not have.
+/* survey_files.c - image files of a survey: search for missing ones, count of those that the model lacks.
  */
 #include "scene.h"
 #include "survey.h"

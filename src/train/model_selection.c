@@ -16,10 +16,7 @@
 
 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
 #define SELECTION_NOISE 6e-5
-enum {
-    SELECTION_VIEWS_MIN = 8, /* with fewer training views none is used for validation */
-    SELECTION_VIEWS_MAX = 8  /* limit of validation views */
-};
+enum { SELECTION_VIEWS_MAX = 8 }; /* limit of validation views */
 
 /* Adds choice and evidence as a member of the object. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why)
@@ -163,14 +160,6 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
     if (rc == OXL_OK) selection_release_views(t);
     branch_free(t, &start);
     return rc;
-}
-
-/* ---------------- the cost of trials */
-
-OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
-{
-    const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
-    return views < SELECTION_VIEWS_MIN ? 0 : each * parts_trials(o);
 }
 
 /* ---------------- checkpoints */

@@ -174,6 +174,13 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
 }
 
 /* Limits the number of Gaussians, since more than the images determine overfit; at least one per point. */
+OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options)
+{
+    const float most =
+        oxl_scene_point_count(scene) > 0 ? options->densify_gradient : SCHEDULE_GRADIENT_POINTLESS;
+    return OXL_MIN(options->densify_gradient, most);
+}
+
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
 {
     if (options->max_gaussians > 0) return (size_t)options->max_gaussians;

@@ -1,6 +1,7 @@
 /* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and
  * pruning. */
 #include "parts_calls.h"
+#include "forecast.h"
 #include "../core/vecmath.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
@@ -350,7 +351,7 @@ OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_cha
 OXL_INTERNAL oxl_result step_densify(struct train *t)
 {
     const oxl_train_options *o = t->options;
-    struct density_rules rules = {.gradient = o->densify_gradient,
+    struct density_rules rules = {.gradient = schedule_densify_gradient(t->scene, o),
                                   .f_mid = 1,
                                   .f_far = 1,
                                   .extent = oxl_scene_extent(t->scene),
@@ -383,23 +384,24 @@ OXL_INTERNAL double step_seconds(const struct train *t)
     return t->seconds + os_seconds() - t->started;
 }
 
-OXL_INTERNAL int step_report(const struct train *t, int trial)
+OXL_INTERNAL int step_report(struct train *t, int trial)
 {
     const oxl_callback *callback = t->callback;
-    const double seconds = step_seconds(t), here = os_seconds() - t->started;
-    oxl_progress progress = {.iteration = t->step,
-                             .iterations = t->options->iterations,
-                             .gaussians = t->trained.model.count,
-                             .loss = t->loss,
-                             .psnr = t->psnr,
-                             .f_mid = 1,
-                             .f_far = 1,
-                             .seconds = seconds,
-                             .seconds_left = here / OXL_MAX(1, t->step - t->first_step) *
-                                             (t->options->iterations - t->step),
-                             .model = &t->trained.model,
-                             .nonfinite = t->nonfinite,
-                             .trial = trial};
+    const double seconds = step_seconds(t);
+    oxl_progress progress;
+    forecast_note_step(t);
+    progress = (oxl_progress){.iteration = t->step,
+                              .iterations = t->options->iterations,
+                              .gaussians = t->trained.model.count,
+                              .loss = t->loss,
+                              .psnr = t->psnr,
+                              .f_mid = 1,
+                              .f_far = 1,
+                              .seconds = seconds,
+                              .seconds_left = forecast_left(t),
+                              .model = &t->trained.model,
+                              .nonfinite = t->nonfinite,
+                              .trial = trial};
     parts_report(t, &progress);
     return context_report(callback, &progress);
 }

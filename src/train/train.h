@@ -29,6 +29,8 @@ struct train_output {
     int frozen; /* 1: gains and lamp stay as they are */
     /* the run pauses after this step and writes a checkpoint; 0: no pause */
     int until;
+    int viewed;  /* views that the caller renders afterwards; for the time left */
+    int refined; /* steps by which the caller refines a model whose medium is baked; likewise */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
@@ -38,6 +40,10 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 
 /* ---------------- schedule.c: functions of options and step */
 
+/* The threshold of density control; lowered to SCHEDULE_GRADIENT_POINTLESS in scenes without points, whose
+ * Gaussians all come from growth (docs/log/LEGO.md). */
+#define SCHEDULE_GRADIENT_POINTLESS 0.0002f
+OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options);
 /* Largest number of Gaussians for this scene. */
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* Factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
@@ -50,12 +56,6 @@ OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, i
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
-
-/* ---------------- model_selection.c: trials */
-
-/* Upper bound of the steps that the trials of a whole run take beyond its iterations. views: number of
- * training views. */
-OXL_INTERNAL int selection_trial_steps(const oxl_train_options *options, int views);
 
 /* ---------------- nonfinite.c: counts of numbers that are not finite */
 

@@ -4,6 +4,7 @@
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
 #include "parts_calls.h"
+#include "forecast.h"
 #include "../core/vecmath.h"
 #include "../survey/scene.h"
 #include "../survey/scene_alpha.h"

@@ -22,6 +22,15 @@ struct train_deferred { /* a step that the device has not reported yet */
     float gain[3]; /* by which the image was multiplied, at the start of the step */
 };
 
+struct forecast {         /* of the time left; not archived */
+    double seconds, work; /* of the last steps, and what forecast.c reckons of them; both fade */
+    double at;            /* time of the last step, os_seconds; 0: none yet */
+    size_t start;         /* Gaussians at the first step of this process */
+    int trial_steps;      /* made by this process */
+    double left, left_at; /* s, as reckoned at the time left_at */
+    int next;             /* step at which it is reckoned again */
+};
+
 struct train {
     oxl_context *ctx;
     oxl_scene *scene;
@@ -55,6 +64,7 @@ struct train {
     double saved_at;                   /* its time, os_seconds */
     const oxl_callback *callback;
     struct text decisions; /* members of a JSON object: decisions and evidence */
+    struct forecast forecast;
 };
 
 /* ---------------- schedule.c */
@@ -86,7 +96,7 @@ OXL_INTERNAL const struct image_window *step_window(const struct train *t, int v
 /* Renders a view and compares it with its image. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL double step_seconds(const struct train *t);         /* of the whole run, over all processes */
-OXL_INTERNAL int step_report(const struct train *t, int trial);  /* nonzero: the caller stops the run */
+OXL_INTERNAL int step_report(struct train *t, int trial);        /* nonzero: the caller stops the run */
 OXL_INTERNAL struct imaging step_imaging(const struct train *t); /* the present medium and lamp */
 
 /* ---------------- branch.c: copies of the training state */
@@ -103,6 +113,7 @@ OXL_INTERNAL void branch_archive(struct archive *a, struct train *t);
 /* ---------------- model_selection.c: model only what the scene requires */
 
 #define SELECTION_TRIAL (1.0 / 40) /* of the run: length of a trial */
+enum { SELECTION_VIEWS_MIN = 8 };  /* with fewer training views none is used for validation */
 
 /* 1: the index-th training view is a validation view: an eighth of them, at most 8, evenly spaced. */
 OXL_INTERNAL int selection_is_validation_view(int index, int views);

@@ -1,4 +1,4 @@
-/* seam.c - PSNR near the borders between blocks, compared with PSNR elsewhere.
+/* seam.h - PSNR near the borders between blocks, compared with PSNR elsewhere.
  *
  * A pixel's position follows from the rendered depth. Blocks are trained as parts of one model, each with the
  * others' Gaussians as context; where their colours do not meet all the same, the PSNR is lower near the
@@ -6,17 +6,21 @@
  *
  * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by
  * row.
+ *
+ * For borders.c and its test, which include the library's headers before.
  */
-#include "job.h"
-#include "../evaluate/evaluate.h"
-#include "../render/render.h"
-#include "../survey/sparse.h"
-#include "../survey/scene.h"
+#ifndef BENCH_SEAM_H
+#define BENCH_SEAM_H
 
 #define SEAM_WIDTH 0.02 /* near: this fraction of the block's size along the axis that the border cuts */
 
+struct seam { /* over all unmasked pixels of a split, not the mean over views; NaN without pixels */
+    double near_psnr, elsewhere_psnr;
+    size_t near_pixels, elsewhere_pixels;
+};
+
 /* The block that contains a point of the frame; `guess`: the neighbouring pixel's block. */
-static int seam_block(const struct partition *p, const double frame[3], int guess)
+static inline int seam_block(const struct partition *p, const double frame[3], int guess)
 {
     if (partition_contains(&p->block[guess].box, frame)) return guess;
     for (int b = 0; b < p->block_count; b++)
@@ -25,7 +29,7 @@ static int seam_block(const struct partition *p, const double frame[3], int gues
 }
 
 /* Within SEAM_WIDTH of a face that its own block shares with another: outer faces are infinite. */
-static int seam_is_near(const struct partition_block *block, const double frame[3])
+static inline int seam_is_near(const struct partition_block *block, const double frame[3])
 {
     int beside = 0;
     for (int a = 0; a < 3; a++) {
@@ -44,7 +48,7 @@ struct seam_view {
 };
 
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
-static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
+static inline void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 {
     int own = 0;
     for (int y = 0; y < v->rendered->height; y++)
@@ -63,9 +67,9 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 }
 
 /* Unreadable images are skipped, as in the evaluation. */
-static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p,
-                                 const oxl_model *model, oxl_scene *scene, int view,
-                                 struct metrics_sum sum[2])
+static inline oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p,
+                                        const oxl_model *model, oxl_scene *scene, int view,
+                                        struct metrics_sum sum[2])
 {
     const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
     oxl_image rendered = {0}, image = {0};
@@ -89,8 +93,8 @@ done:
     return rc;
 }
 
-OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model,
-                                     oxl_scene *scene, oxl_split split, struct seam *out)
+static inline oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model,
+                                      oxl_scene *scene, oxl_split split, struct seam *out)
 {
     struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
     struct renderer *r = NULL;
@@ -113,12 +117,4 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
     return OXL_OK;
 }
 
-OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam)
-{
-    text_add(
-        t,
-        "  \"seam\": {\"width\": %s, \"near_psnr\": %s, \"near_pixels\": %zu, \"elsewhere_psnr\": %s, \"elsewhere_pixels\": "
-        "%zu},\n",
-        NUMBER(SEAM_WIDTH), NUMBER(seam->near_psnr), seam->near_pixels, NUMBER(seam->elsewhere_psnr),
-        seam->elsewhere_pixels);
-}
+#endif

@@ -1,0 +1,144 @@
+/* model_formats.c - the formats of model files, a row each, and the public functions that choose among them.
+ *
+ * A file is read by what its first bytes say it is, else by its name; it is written by its name.
+ */
+#include "formats.h"
+
+struct model_format {
+    const char *ending;   /* of the file's name; of two that fit, the first row's */
+    const char *begin[2]; /* of the file, bytes; NULL: anything */
+    oxl_result (*read)(oxl_context *ctx, const char *path, oxl_model *out);
+    oxl_result (*write)(oxl_context *ctx, const char *path, const oxl_model *model);
+    int has_lobes; /* 1: it stores second lobes */
+    int degree;    /* of SH that it stores; -1: `write` itself checks that all values are finite */
+    const char *unread, *refuse; /* without a function: why not, and the fix */
+};
+
+static oxl_result model_write_ply(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    return model_file_write_ply(ctx, path, model, 3);
+}
+
+static const struct model_format MODEL_FORMATS[] = {
+    {"_standard.ply", {NULL}, model_file_read_ply, model_write_ply, 0, -1, NULL, NULL},
+    {".compressed.ply",
+     {NULL},
+     model_file_read_ply,
+     NULL,
+     0,
+     0,
+     NULL,
+     "viewers take this name for PlayCanvas's compressed PLY\n"
+     "fix: a name that ends in .ply alone, then splat-transform IN.ply OUT.compressed.ply"},
+    {".ply", {"ply"}, model_file_read_ply, model_write_ply, 1, -1, NULL, NULL},
+    {".splat", {NULL}, splat_file_read, splat_file_write, 0, 0, NULL, NULL},
+    {".spz", {"\x1f\x8b", "NGSP"}, spz_read, spz_write, 0, 3, NULL, NULL},
+    {".glb",
+     {"glTF"},
+     NULL,
+     gltf_write,
+     0,
+     3,
+     ".glb files are written, not read\nfix: use the .ply or .spz that it was made from",
+     NULL},
+    {".sog",
+     {"PK\3\4"},
+     NULL,
+     NULL,
+     0,
+     0,
+     "a model in the format SOG (a zip file), which is not read\nfix: splat-transform IN.sog OUT.ply",
+     NULL},
+    {".ksplat",
+     {NULL},
+     NULL,
+     NULL,
+     0,
+     0,
+     "a model in the format of GaussianSplats3D, KSPLAT, which is not read\n"
+     "fix: splat-transform IN.ksplat OUT.ply",
+     NULL},
+};
+
+/* Compares extensions without regard to case. */
+static int model_format_ends(const char *path, const char *ending)
+{
+    const size_t n = strlen(path), m = strlen(ending);
+    for (size_t i = 0; i < m && n >= m; i++) {
+        const char c = path[n - m + i];
+        if ((c >= 'A' && c <= 'Z' ? c + 'a' - 'A' : c) != ending[i]) return 0;
+    }
+    return n >= m;
+}
+
+/* Finds the row by the file's name. NULL: no row has this ending. */
+static const struct model_format *model_format_by_name(const char *path)
+{
+    for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS); i++)
+        if (model_format_ends(path, MODEL_FORMATS[i].ending)) return &MODEL_FORMATS[i];
+    return NULL;
+}
+
+static const struct model_format *model_format_of_file(const char *path)
+{
+    char head[4] = {0};
+    FILE *file = os_open(path, "rb");
+    const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
+    if (file) fclose(file);
+    for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS) && size == sizeof head; i++)
+        for (int k = 0; k < 2 && MODEL_FORMATS[i].begin[k]; k++)
+            if (!memcmp(head, MODEL_FORMATS[i].begin[k], strlen(MODEL_FORMATS[i].begin[k])))
+                return &MODEL_FORMATS[i];
+    return model_format_by_name(path);
+}
+
+oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
+{
+    const struct model_format *format = model_format_of_file(path);
+    oxl_result rc;
+    *out = (oxl_model){0};
+    if (format && !format->read) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: %s", path, format->unread);
+    else rc = (format ? format->read : model_file_read_ply)(ctx, path, out);
+    if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
+    if (rc == OXL_OK && out->count == 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
+    if (rc != OXL_OK) oxl_model_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out)
+{
+    const size_t room = max_bytes > 0 ? max_bytes : os_memory_free() > 0 ? os_memory_free() / 2 : SIZE_MAX;
+    struct model_file_layout layout = {0};
+    int has = 0;
+    oxl_result rc;
+    *out = (oxl_model){0};
+    rc = model_file_layout(ctx, path, &layout, out, &has);
+    if (rc != OXL_OK) return rc;
+    if (!has || layout.rows * layout.row_bytes <= room) return oxl_model_read(ctx, path, out);
+    return model_pages_open(ctx, path, &layout, out);
+}
+
+oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    const struct model_format *format = model_format_by_name(path);
+    oxl_model stored = *model; /* with borrowed planes */
+    oxl_result rc;
+    if (model->pages)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
+    if (format && !format->write && format->refuse)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: %s", path, format->refuse);
+    if (!format || !format->write)
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat",
+                        path);
+    if (model->lobes && !format->has_lobes) {
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians",
+                path, model->lobes, model->count);
+        model_drop_lobes(&stored);
+    }
+    rc = format->degree < 0
+             ? OXL_OK
+             : model_write_check_finite(ctx, path, &stored, OXL_MIN(format->degree, model->sh_degree));
+    return rc == OXL_OK ? format->write(ctx, path, &stored) : rc;
+}

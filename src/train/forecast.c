@@ -1,0 +1,167 @@
+/* forecast.c - the run ahead: how many Gaussians it will have, and how long it takes.
+ *
+ * The more Gaussians of the start density control would split in a first look (look.c), the faster the model
+ * grows: its logarithm rises by FORECAST_RATE times the root of that share, and less with each densification
+ * (docs/log/FORECAST.md). A step takes time in proportion to a power of the Gaussians, so steps that were
+ * timed, in the look or in the run itself, give the time of all others.
+ *
+ * Invariant: nothing here changes what is trained.
+ */
+#include "parts_calls.h"
+#include "forecast.h"
+#include "../core/vecmath.h"
+#include "../survey/scene.h"
+
+#define FORECAST_RATE 0.8   /* of the logarithm, for each densification at the start; measured: 0.4 to 1.1 */
+#define FORECAST_USUAL 0.1  /* share that is taken where there was no look */
+#define FORECAST_FADES 6.0  /* densifications after which growth is 1/e of its rate at the start */
+#define FORECAST_BEFORE 3.0 /* densifications of the run itself that count as much as the look */
+#define FORECAST_GAUSSIANS 0.7    /* power of Gaussians in the time of a step; measured: 0.5 to 0.9 */
+#define FORECAST_HALF 0.35        /* time of a step at half the sides over one of whole images */
+#define FORECAST_TRIALS 0.67      /* of the most trials that a run may make: most decide earlier */
+#define FORECAST_VIEW 4.0         /* steps that evaluation takes for a view, with its files */
+#define FORECAST_MEMORY 0.98      /* of what is known of a step's time that one more step leaves */
+enum { FORECAST_RECKONED = 200 }; /* times that a run reckons the time left */
+
+/* ---------------- how many Gaussians */
+
+/* Returns the growth of the logarithm by the first `done` densifications, for a share of one. */
+static double forecast_faded(double done)
+{
+    return FORECAST_FADES * (1 - vecmath_exp(-done / FORECAST_FADES));
+}
+
+static double forecast_rate(double share)
+{
+    return FORECAST_RATE * sqrt(share > 0 ? share : FORECAST_USUAL);
+}
+
+OXL_INTERNAL double forecast_gaussians(const oxl_train_options *o, double start, double share, double cap)
+{
+    const double grown = forecast_rate(share) * forecast_faded(schedule_densifications(o));
+    return OXL_MIN(start * vecmath_exp(grown), OXL_MAX(start, cap));
+}
+
+/* ---------------- the work of steps, relative to one of whole images with a single Gaussian */
+
+static double forecast_work(double gaussians, int halved)
+{
+    return vecmath_exp(FORECAST_GAUSSIANS * vecmath_log(OXL_MAX(gaussians, 1))) *
+           (halved ? FORECAST_HALF : 1);
+}
+
+struct forecast_state { /* of the run that lies ahead */
+    const oxl_train_options *o;
+    double gaussians, rate, cap, coarse; /* coarse: steps at half the sides end here */
+    int densified;
+};
+
+/* Returns the work of the steps from `step`, exclusively, to the last. */
+static double forecast_ahead(struct forecast_state *f, int step)
+{
+    double work = 0, each[2] = {forecast_work(f->gaussians, 0), forecast_work(f->gaussians, 1)};
+    while (++step <= f->o->iterations) {
+        work += each[step <= f->coarse];
+        if (!schedule_densifies_at(f->o, step)) continue;
+        f->gaussians *=
+            vecmath_exp(f->rate * (forecast_faded(f->densified + 1) - forecast_faded(f->densified)));
+        f->gaussians = OXL_MIN(f->gaussians, f->cap);
+        f->densified++;
+        each[0] = forecast_work(f->gaussians, 0), each[1] = forecast_work(f->gaussians, 1);
+    }
+    return work;
+}
+
+/* Returns the steps of the run at half the sides. */
+static double forecast_coarse_steps(const oxl_scene *scene, const oxl_train_options *o)
+{
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    return schedule_coarse_fraction(o, c->width, c->height) * o->iterations;
+}
+
+OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *o, int views)
+{
+    const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
+    return views < SELECTION_VIEWS_MIN ? 0 : each * parts_trials(o);
+}
+
+OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *o,
+                                     const struct look *look, double cap)
+{
+    struct forecast_state f = {.o = o,
+                               .gaussians = look->gaussians,
+                               .rate = forecast_rate(look->share),
+                               .cap = OXL_MAX(cap, look->gaussians),
+                               .coarse = forecast_coarse_steps(scene, o)};
+    double work = forecast_ahead(&f, 0);
+    work += forecast_work(f.gaussians, 0) *
+            (FORECAST_TRIALS * forecast_trial_steps(o, schedule_training_views(scene)) +
+             FORECAST_VIEW * oxl_scene_view_count(scene));
+    return work * look->seconds / forecast_work(look->gaussians, 0);
+}
+
+/* ---------------- the time left of a run */
+
+OXL_INTERNAL void forecast_note_step(struct train *t)
+{
+    struct forecast *f = &t->forecast;
+    const double now = os_seconds();
+    if (f->at > 0 && now > f->at) {
+        f->seconds = FORECAST_MEMORY * f->seconds + now - f->at;
+        f->work = FORECAST_MEMORY * f->work + forecast_work((double)t->trained.model.count, t->halved);
+    }
+    if (f->start == 0) f->start = t->trained.model.count;
+    f->at = now;
+    f->trial_steps += t->is_trial;
+}
+
+/* Returns the rate of growth: the look's and, the more densifications there were, the run's own. */
+static double forecast_rate_now(const struct train *t, int done)
+{
+    const double look = forecast_rate(t->scene->stats.splitting),
+                 grown = (double)t->trained.model.count / (double)OXL_MAX(t->forecast.start, (size_t)1);
+    if (done == 0 || t->first_step > 0 || !(grown > 1)) return look;
+    return (FORECAST_BEFORE * look + done * vecmath_log(grown) / forecast_faded(done)) /
+           (FORECAST_BEFORE + done);
+}
+
+/* Returns the steps beside the run's own: trials, evaluation, a model for viewers. */
+static double forecast_beside(const struct train *t)
+{
+    const double trials = FORECAST_TRIALS * forecast_trial_steps(t->options, t->views + t->validation_views);
+    struct imaging imaging = {0};
+    double steps = t->trial || t->step < parts_validate_until(t) ? trials - t->forecast.trial_steps : 0;
+    steps = OXL_MAX(steps, 0);
+    parts_form_image(t, &imaging);
+    if (!t->output) return steps;
+    return steps + FORECAST_VIEW * t->output->viewed +
+           (imaging_alters_colours(&imaging) ? t->output->refined : 0);
+}
+
+static double forecast_reckon(const struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    struct forecast_state f = {.o = o,
+                               .gaussians = (double)t->trained.model.count,
+                               .cap = (double)schedule_gaussian_cap(t->scene, o),
+                               .coarse = forecast_coarse_steps(t->scene, o)};
+    double work;
+    for (int step = 1; step <= t->step; step++) f.densified += schedule_densifies_at(o, step);
+    f.rate = forecast_rate_now(t, f.densified);
+    f.cap = OXL_MAX(f.cap, f.gaussians);
+    work = forecast_ahead(&f, t->step);
+    work += forecast_beside(t) * forecast_work(f.gaussians, 0);
+    return work * t->forecast.seconds / t->forecast.work;
+}
+
+OXL_INTERNAL double forecast_left(struct train *t)
+{
+    struct forecast *f = &t->forecast;
+    if (!(f->work > 0)) return 0;
+    if (t->step >= f->next || !(f->left_at > 0) || t->is_trial) {
+        f->left = forecast_reckon(t);
+        f->left_at = f->at;
+        f->next = t->step + t->options->iterations / FORECAST_RECKONED;
+    }
+    return OXL_MAX(0, f->left - (os_seconds() - f->left_at));
+}

@@ -1,0 +1,43 @@
+/* forecast.h - Gaussians and time of a run, before it begins and while it lasts. */
+#ifndef OXL_FORECAST_H
+#define OXL_FORECAST_H
+
+#include "train.h"
+
+struct train;
+
+/* ---------------- look.c: a first look at a survey */
+
+struct look {         /* all 0: there was none */
+    double share;     /* of the Gaussians at the start, that training would split at once */
+    double gaussians; /* at the start */
+    double seconds;   /* of a step on a whole image */
+    int steps, views; /* that it took */
+};
+/* What hinders a look is no error, but an interruption is. */
+OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  struct look *out);
+
+/* ---------------- forecast.c: Gaussians and time of a run */
+
+/* Gaussians at the end of a run that starts with `start`; share: as a look has it, 0: not known. */
+OXL_INTERNAL double forecast_gaussians(const oxl_train_options *options, double start, double share,
+                                       double cap);
+/* Upper bound of the steps that the trials of a whole run take beyond its iterations. views: number of
+ * training views. */
+OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *options, int views);
+/* Seconds of the run and its evaluation. */
+OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *options,
+                                     const struct look *look, double cap);
+
+/* ---------------- forecast.c: the time left */
+
+OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
+OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and what t->output names */
+
+/* ---------------- train_loop.c: what a look shares with a run */
+
+OXL_INTERNAL oxl_result train_begin(struct train *t);
+OXL_INTERNAL void train_end(struct train *t);
+
+#endif

@@ -1,0 +1,139 @@
+/* look.c - a first look at a survey: some steps on a few views, whose result is forgotten.
+ *
+ * The share of Gaussians that density control would split there says how fast the model will grow, the time
+ * of the steps how long the run takes (forecast.c). Images that the presets begin at half the sides are
+ * looked at so; their whole steps are timed behind it.
+ *
+ * Invariant: the run that follows gives the same bytes. The share is a function of survey and options; times
+ * are not.
+ */
+#include "parts_calls.h"
+#include "forecast.h"
+#include "../survey/scene.h"
+#include "../survey/survey.h"
+
+/* Time of a step on one thread, s, a pixel and a Gaussian; of these so many seconds: larger surveys get fewer
+ * steps. */
+#define LOOK_PIXEL 4e-8
+#define LOOK_POINT 1e-7
+#define LOOK_SECONDS 1.5
+enum {
+    LOOK_VIEWS = 8,
+    LOOK_STEPS = 120, /* at most, */
+    LOOK_FEWEST = 30, /* and at least */
+    LOOK_TIMED = 6    /* whole steps, after those at half the sides */
+};
+
+static int look_is_coarse(const oxl_scene *scene)
+{
+    const oxl_train_options o = {.coarse = -1};
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    return schedule_coarse_fraction(&o, c->width, c->height) > 0;
+}
+
+/* Copies the options without what decides by looking at images, masks or changes the number of Gaussians. */
+static oxl_train_options look_options(const oxl_train_options *options)
+{
+    oxl_train_options o = *options;
+    o.exposure = o.lamp = o.medium = OXL_OFF;
+    o.dog = OXL_DOG_OFF;
+    o.keep.kind = OXL_KEEP_ALL;
+    o.ucd.mode = OXL_UCD_OFF;
+    o.carve = o.mask_transients = 0;
+    o.dropout = 0;
+    o.ssim_contrast = OXL_MAX(o.ssim_contrast, 0);
+    return o;
+}
+
+/* Leaves evenly spaced ones of the training views. */
+static void look_choose_views(struct train *t)
+{
+    const int views = t->views, few = OXL_MIN(views, LOOK_VIEWS);
+    for (int i = 0; i < few; i++) t->view[i] = t->view[i * views / few];
+    t->views = few;
+}
+
+/* Counts the Gaussians seen whose gradient would split them. */
+static double look_share(const struct train *t)
+{
+    size_t seen = 0, split = 0;
+    for (size_t i = 0; i < t->trained.model.count; i++) {
+        const double gradient = density_mean_gradient(t->density, i);
+        seen += gradient > 0;
+        split += gradient > (double)schedule_densify_gradient(t->scene, t->options);
+    }
+    return seen ? (double)split / (double)seen : 0;
+}
+
+/* Trains `steps` more; took (steps): their seconds. */
+static oxl_result look_train(struct train *t, int steps, double *took)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < steps && rc == OXL_OK; k++) {
+        const double started = os_seconds();
+        rc = context_stopped(t->ctx);
+        t->step++;
+        if (rc == OXL_OK) rc = parts_before_step(t);
+        if (rc == OXL_OK) rc = step_on_next_view(t);
+        if (rc == OXL_OK) rc = step_observe(t);
+        took[k] = os_seconds() - started;
+    }
+    return rc;
+}
+
+/* The gradients of the first two thirds are of Gaussians that are still at their places of the start. */
+static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, struct look *out)
+{
+    double took[LOOK_STEPS];
+    const int last = OXL_MAX(1, steps / 3);
+    oxl_result rc = look_train(t, steps - last, took);
+    if (rc == OXL_OK) rc = step_flush(t);
+    if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->trained.model.count);
+    if (rc == OXL_OK) rc = look_train(t, last, took);
+    if (rc == OXL_OK) rc = step_flush(t);
+    if (rc != OXL_OK) return rc;
+    out->share = OXL_MAX(look_share(t), 1.0 / (double)OXL_MAX(t->trained.model.count, (size_t)1));
+    out->gaussians = (double)t->trained.model.count;
+    out->seconds = stats_select(took, (size_t)last, 0.5);
+    if (!(o->coarse > 0)) return OXL_OK;
+    o->coarse = 0;
+    rc = look_train(t, LOOK_TIMED, took);
+    if (rc == OXL_OK) out->seconds = stats_select(took + 1, LOOK_TIMED - 1, 0.5);
+    return rc;
+}
+
+static int look_steps(const oxl_scene *scene, const oxl_train_options *o)
+{
+    const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
+    const double pixels = (double)c->width * c->height * (o->coarse > 0 ? 0.25 : 1),
+                 points = (double)OXL_MAX(oxl_scene_point_count(scene), scene_start_count(scene)),
+                 each = LOOK_PIXEL * pixels + LOOK_POINT * points;
+    return (int)OXL_MIN(OXL_CLAMP(LOOK_SECONDS / each, LOOK_FEWEST, LOOK_STEPS), OXL_MAX(1, o->iterations));
+}
+
+OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  struct look *out)
+{
+    oxl_train_options o = look_options(options);
+    oxl_context quiet = *ctx;
+    struct train t = {.ctx = &quiet, .scene = scene, .options = &o, .started = os_seconds()};
+    oxl_result rc = OXL_OK;
+    *out = (struct look){0};
+    if (oxl_scene_view_count(scene) == 0 || schedule_training_views(scene) == 0) return OXL_OK;
+    quiet.options.log = NULL;
+    quiet.notes = NULL;
+    o.coarse = look_is_coarse(scene);
+    t.decisions.ctx = &quiet;
+    rc = train_begin(&t);
+    if (rc == OXL_OK) {
+        look_choose_views(&t);
+        rc = look_measure(&t, &o, look_steps(scene, &o), out);
+    }
+    train_end(&t);
+    ctx->backend = quiet.backend;
+    if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted before the first step");
+    if (rc == OXL_OK) out->steps = t.step, out->views = t.views;
+    else *out = (struct look){0};
+    return rc == OXL_ERR_INTERRUPTED ? rc
+                                     : OXL_OK; /* whatever hinders a look is said where it hinders the run */
+}
