@@ -460,8 +460,8 @@ typedef struct oxl_train_options {
     /* red, green, blue, 0..1; -1,-1,-1: white where transparent images are composited over it, else black */
     float background[3];
     float ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
-    /* SSIM's C2 is its square; -1: the median standard deviation of small cells of the images, at most 0.03
-     * [Wang 2004]; CPU only */
+    /* SSIM's C2 is its square; -1: the median standard deviation of small cells of the images where it is
+     * below 0.011, otherwise 0.03 [Wang 2004]; CPU only */
     float ssim_contrast;
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */

@@ -182,6 +182,7 @@ typedef struct synth_options {
     double lamp;
     /* of that lamp: what the water near the camera adds, of full white, at most (0) */
     double backscatter;
+    double sand_contrast; /* of bare sand, a fraction of its own; below 1 it is dark and has few points (1) */
     double stereo; /* metres between the two cameras of a rig; 0: one camera (0) */
     int scene;     /* enum synth_scene (any) */
     long points;   /* sparse points; 0: 400 a view (0) */

@@ -108,6 +108,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"exposure-jitter", "STOPS", OXL_OPTION_DOUBLE, FIELD(synth.exposure_jitter), 0, 4, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "largest change of the images' brightness along the path", NULL},
 {"lamp", "POWER", OXL_OPTION_DOUBLE, FIELD(synth.lamp), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "a lamp that moves with the camera and falls off with this power of the range; otherwise no lamp", NULL},
 {"backscatter", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.backscatter), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "largest backscatter of --lamp, as a fraction of full white", NULL},
+{"sand-contrast", "FRACTION", OXL_OPTION_DOUBLE, FIELD(synth.sand_contrast), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "contrast of bare sand, as a fraction of its own; below 1 it is dark and has few points", NULL},
 {"stereo", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.stereo), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "distance of two cameras that take the images in pairs; 0: one camera", NULL},
 {"water", "none|I|IA|IB|II|III|1C|3C|5C|7C|9C", OXL_OPTION_CHOICE, FIELD(synth.water), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "Jerlov's water type", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, 100, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sensor noise, standard deviation in 8-bit levels", NULL},

@@ -8,6 +8,7 @@ synth_options synth_options_default(void)
                            .height = 260,
                            .water = SYNTH_1C,
                            .lamp = -1,
+                           .sand_contrast = 1,
                            .noise = 1.5,
                            .seed = 1,
                            .write_images = 1};

@@ -364,6 +364,7 @@ static oxl_result synth_make(struct synth_run *s)
         !synth_world_create(o->seed, s->trajectory.half, s->trajectory.wreck, scene, &s->world))
         return oxl_fail(s->ctx, OXL_ERR_MEMORY,
                         "synth: no memory for the world\nfix: a smaller --extent or fewer --views");
+    s->world.sand_contrast = o->sand_contrast;
     synth_trajectory_set_heights(&s->trajectory, &s->world);
     rc = synth_make_points(s);
     if (rc == OXL_OK && o->write_images) rc = synth_views(s);

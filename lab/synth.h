@@ -66,6 +66,7 @@ struct synth_near { /* an object's sphere, side by side with its neighbours' in 
 struct synth_world {
     uint32_t seed;
     enum synth_scene scene;
+    double sand_contrast;   /* of options */
     v3 wreck;               /* its centre, at the height of its deck */
     v3 turn[3];             /* world to wreck, rows */
     struct synth_limb mast; /* in the wreck's frame */

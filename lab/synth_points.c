@@ -17,7 +17,7 @@
 #define SIMILAR_SIDE 0.68  /* cosine: descriptors match up to about 47 degrees apart */
 #define FACING 0.15        /* cosine between normal and view when no ray is cast */
 #define NOISE 0.3          /* px, each axis */
-#define SAND_FRACTION 0.05 /* of the features that a reef has, on the sand of the scenes wreck and ridge */
+#define SAND_FRACTION 0.05 /* of the features that a reef has, on faint sand and on that of the scenes wreck and ridge */
 #define OUTLIER_FRACTION 0.01
 #define OUTLIER_NOISE 1.5 /* px */
 #define FRAME 2.0         /* px at the border where no feature is found */
@@ -157,12 +157,17 @@ static void points_colour(const struct points_search *s, double range, struct po
     for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(rgb[c], 0, 1) + 0.5);
 }
 
+static int points_are_uneven(const struct points_search *s)
+{
+    return s->run->world.scene != SYNTH_REEF || s->run->world.sand_contrast < 1;
+}
+
 /* Returns 1 for a point that is left out as bare sand, which has few features: so most points lie on the
  * objects on it. */
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;
-    if (s->run->world.scene == SYNTH_REEF || random_unit(random_bits(seed, 4, 0)) < SAND_FRACTION) return 0;
+    if (!points_are_uneven(s) || random_unit(random_bits(seed, 4, 0)) < SAND_FRACTION) return 0;
     synth_distance(&s->run->world, p, &surface);
     return surface.material == SYNTH_SAND;
 }
@@ -173,7 +178,7 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
 {
     const uint64_t seed = random_bits(s->run->options->seed ^ 0x9017, number, attempt);
     /* of cameras over sand less */
-    const uint64_t pick = s->run->world.scene == SYNTH_REEF ? number : random_bits(seed, 3, 0);
+    const uint64_t pick = points_are_uneven(s) ? random_bits(seed, 3, 0) : number;
     const int source = (int)(pick % (uint64_t)s->run->trajectory.count);
     const struct synth_camera *c = &s->run->trajectory.camera[source];
     const double u = random_unit(random_bits(seed, 0, 0)), v = random_unit(random_bits(seed, 1, 0));
@@ -201,7 +206,7 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
 
 static void points_make(const struct points_search *s, uint64_t number, struct points_track *t)
 {
-    const uint64_t attempts = s->run->world.scene == SYNTH_REEF ? ATTEMPTS : BARE_ATTEMPTS;
+    const uint64_t attempts = points_are_uneven(s) ? BARE_ATTEMPTS : ATTEMPTS;
     t->count = 0;
     for (uint64_t attempt = 0; attempt < attempts; attempt++)
         if (points_try(s, number, attempt, attempt < attempts / 2 ? 3 : 2, t)) return;

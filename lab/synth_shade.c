@@ -255,8 +255,10 @@ v3 synth_light(v3 albedo, v3 normal, double sun, double open)
                  shade_display(light.z * albedo.z));
 }
 
+/* Faint sand is dark, too: what light and grain change of it is a fraction of what they change of sand. */
 v3 synth_shade(const struct synth_world *w, v3 p, double footprint)
 {
+    static const v3 faint = {0.30, 0.29, 0.27};
     struct synth_surface surface;
     v3 normal, albedo;
     double sun, open;
@@ -266,5 +268,7 @@ v3 synth_shade(const struct synth_world *w, v3 p, double footprint)
     open = shade_open(w, p, normal);
     sun = synth_max(0, v3_dot(normal, w->sun));
     if (sun > 0) sun *= shade_sunlit(w, v3_along(p, normal, 0.004));
-    return synth_light(albedo, normal, sun, open);
+    albedo = synth_light(albedo, normal, sun, open);
+    return surface.material == SYNTH_SAND && w->sand_contrast < 1 ? v3_mix(faint, albedo, w->sand_contrast)
+                                                                  : albedo;
 }

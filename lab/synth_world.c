@@ -574,6 +574,7 @@ int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene sc
 {
     *w = (struct synth_world){.seed = (uint32_t)random_mix(seed),
                               .scene = scene,
+                              .sand_contrast = 1,
                               .wreck = wreck,
                               .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;

@@ -27,6 +27,15 @@ static oxl_scene *ssim_contrast_test_scene(float level)
     return scene;
 }
 
+TEST(ssim_contrast_follows_faint_images_alone)
+{
+    CHECK(ssim_contrast_of_detail(0.0086) == 0.0086);
+    CHECK(ssim_contrast_of_detail(0.001) == 1.0 / 255); /* rounding to 8 bits */
+    CHECK(ssim_contrast_of_detail(0.0123) == 0.03);     /* Wang's */
+    CHECK(ssim_contrast_of_detail(0.09) == 0.03);
+    CHECK(ssim_contrast_of_detail(0) == 0.03); /* nothing was measured */
+}
+
 TEST(ssim_contrast_is_the_standard_deviation_of_detail_whatever_the_light)
 {
     const float levels[] = {0, 0.01f, 0.1f};
@@ -40,4 +49,45 @@ TEST(ssim_contrast_is_the_standard_deviation_of_detail_whatever_the_light)
                     0.003); /* of 5 rows: sqrt(24) / 5; levels of 8 bits */
         oxl_scene_free(test_ctx, scene);
     }
+}
+
+/* Structure of the trained model's images against the scene without water, lamp and noise. */
+static double ssim_contrast_test_learned(const synth_options *survey, float contrast)
+{
+    oxl_train_options o = train_options(150);
+    oxl_scene_options truth = oxl_scene_options_default();
+    char clean[600];
+    oxl_metrics metrics;
+    oxl_scene *scene;
+    oxl_model model;
+    double learned;
+    o.ssim_contrast = contrast;
+    CHECK_OK(oxl_scene_load(test_ctx, survey->out, NULL, &scene));
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    oxl_scene_free(test_ctx, scene);
+    snprintf(clean, sizeof clean, "%s/truth/clean", survey->out);
+    truth.images = clean;
+    CHECK_OK(oxl_scene_load(test_ctx, survey->out, &truth, &scene));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_ALL, &metrics));
+    learned = metrics.structure;
+    oxl_metrics_free(test_ctx, &metrics);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+    return learned;
+}
+
+/* A dark strip of faint sand with few points, on which SSIM with its own constant learns the light alone. */
+TEST(faint_sand_is_learned_better_than_with_the_constant_for_bright_images)
+{
+    synth_options o = synth_test_options("faint");
+    struct colmap survey = {0};
+    double learned[2];
+    o.views = 10, o.width = 128, o.height = 80, o.points = 100, o.water = SYNTH_3C, o.path = SYNTH_FORWARD;
+    o.stereo = 0.3, o.lamp = 1, o.exposure_jitter = 0.5, o.noise = 0.6, o.sand_contrast = 0.2;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    learned[0] = ssim_contrast_test_learned(&o, 0.03f);
+    learned[1] = ssim_contrast_test_learned(&o, train_options(1).ssim_contrast);
+    CHECK(learned[1] > learned[0] + 0.02);
+    if (getenv("SEABED_PRINT")) printf("%f %f\n", learned[0], learned[1]);
 }

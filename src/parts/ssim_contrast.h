@@ -8,5 +8,7 @@
  * the images that it is of. */
 OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, oxl_scene *scene, double *contrast,
                                               int *views);
+/* What SSIM is to have where the images' detail has this standard deviation. */
+OXL_INTERNAL double ssim_contrast_of_detail(double measured);
 
 #endif
