@@ -27,6 +27,9 @@
 #define MEDIUM_FIT_MIN 1e-6
 #define MEDIUM_FIT_MAX 1e6   /* of one before the softplus, in a checkpoint */
 #define MEDIUM_FIT_START 0.3 /* attenuation over the median range then */
+/* By how much larger residuals must be without the medium where the points' depths span too little to
+ * identify it: it gains 1.3 to 1.5 dB from 0.6 on, nothing at 0.1 (docs/log/PARSIMONY.md). */
+#define MEDIUM_FIT_EVIDENT 0.3
 
 static double medium_fit_softplus(double x)
 {
@@ -78,8 +81,10 @@ OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const
 OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p,
                                              char *why, size_t size)
 {
+    const int identified = span >= SCENE_DEPTH_SPAN_MIN,
+              evident = p->without[0] >= (1 + MEDIUM_FIT_EVIDENT) * p->residual;
     float value[3][3];
-    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && span >= SCENE_DEPTH_SPAN_MIN;
+    f->on = f->fixed = (p->parts & PHOTOMETRY_MEDIUM) && (identified || evident);
     for (int c = 0; c < 3; c++)
         value[0][c] = (float)p->attenuation[c], value[1][c] = (float)p->backscatter[c],
         value[2][c] = (float)p->veiling_light[c];
@@ -92,10 +97,12 @@ OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, 
         p->attenuation[1], p->attenuation[2], 100 * p->error[0], 100 * p->error[1], 100 * p->error[2],
         p->backscatter[0], p->backscatter[1], p->backscatter[2], 100 * p->error[3], 100 * p->error[4],
         100 * p->error[5], p->veiling_light[0], p->veiling_light[1], p->veiling_light[2]);
-    if (span < SCENE_DEPTH_SPAN_MIN)
-        snprintf(why, size,
-                 "the points' depths span a factor of %.1f: less than %d does not identify a medium", span,
-                 SCENE_DEPTH_SPAN_MIN);
+    if (!identified && !f->on)
+        snprintf(
+            why, size,
+            "the points' depths span a factor of %.1f: less than %d does not identify a medium, and residuals, %.2f %% of white, "
+            "are %.2f without one: on from %.2g times as much",
+            span, SCENE_DEPTH_SPAN_MIN, 100 * p->residual, 100 * p->without[0], 1 + MEDIUM_FIT_EVIDENT);
     else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
     else if (!f->on)
         snprintf(why, size,

@@ -1,0 +1,23 @@
+/* test_medium.c - whether `auto` has a medium, from what the tracks show. */
+#include "test.h"
+#include "../src/parts/medium.h"
+
+/* Depths that span too little do not identify a medium; residuals half as large again without one are
+ * evidence that images gain by it. */
+TEST(medium_that_tracks_show_clearly_is_on_whatever_the_depths_span)
+{
+    NEEDS_PART(medium);
+    struct photometry p = {.points = 100, .observations = 900, .parts = PHOTOMETRY_MEDIUM, .residual = 0.003};
+    static const struct {
+        double without, span;
+        int on;
+    } seen[] = {{0.0050, 1.2, 1}, {0.0033, 1.2, 0}, {0.0034, 3, 1}, {0.0040, 1.9, 1}};
+    for (int c = 0; c < 3; c++) p.attenuation[c] = p.backscatter[c] = 0.1, p.veiling_light[c] = 0.3;
+    for (size_t i = 0; i < OXL_COUNT(seen); i++) {
+        struct medium_fit f = {.range = 2};
+        char why[400];
+        p.without[0] = seen[i].without;
+        medium_fit_set_from_tracks(&f, seen[i].span, &p, why, sizeof why);
+        CHECK(f.on == seen[i].on && f.fixed == seen[i].on);
+    }
+}
