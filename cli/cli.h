@@ -183,11 +183,11 @@ typedef struct synth_options {
     /* of that lamp: what the water near the camera adds, of full white, at most (0) */
     double backscatter;
     double sand_contrast; /* of bare sand, a fraction of its own; below 1 it is dark and has few points (1) */
-    double stereo; /* metres between the two cameras of a rig; 0: one camera (0) */
-    int scene;     /* enum synth_scene (any) */
-    long points;   /* sparse points; 0: 400 a view (0) */
-    double noise;  /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int fish;      /* fish in each image (0) */
+    double stereo;        /* metres between the two cameras of a rig; 0: one camera (0) */
+    int scene;            /* enum synth_scene (any) */
+    long points;          /* sparse points; 0: 400 a view (0) */
+    double noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
+    int fish;             /* fish in each image (0) */
     /* images are transparent beyond so many metres from the vertical axis through the centre; 0: nowhere (0) */
     double alpha;
     double origin[3]; /* where the survey's middle lies in the export's world, metres (0 0 0) */
