@@ -82,12 +82,11 @@ TEST(faint_sand_is_learned_better_than_with_the_constant_for_bright_images)
     synth_options o = synth_test_options("faint");
     struct colmap survey = {0};
     double learned[2];
-    o.views = 10, o.width = 128, o.height = 80, o.points = 100, o.water = SYNTH_3C, o.path = SYNTH_FORWARD;
+    o.views = 8, o.width = 96, o.height = 64, o.points = 60, o.water = SYNTH_3C, o.path = SYNTH_FORWARD;
     o.stereo = 0.3, o.lamp = 1, o.exposure_jitter = 0.5, o.noise = 0.6, o.sand_contrast = 0.2;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
     learned[0] = ssim_contrast_test_learned(&o, 0.03f);
     learned[1] = ssim_contrast_test_learned(&o, train_options(1).ssim_contrast);
-    CHECK(learned[1] > learned[0] + 0.02);
-    if (getenv("SEABED_PRINT")) printf("%f %f\n", learned[0], learned[1]);
+    CHECK(learned[1] > learned[0] + 0.04);
 }
