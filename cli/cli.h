@@ -117,6 +117,18 @@ oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotif
 oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
                        FILE *to);
 
+enum { OVERVIEW_VIEWS = 2 /* training views that a place of the overview is in, at least */ };
+struct overview {
+    oxl_image image; /* the map; dark where it has no ground */
+    double sampling; /* median ground sampling distance of the training views, units a pixel; 0: not known */
+    double area;     /* of the ground in it, square units */
+    double covered, high; /* shares of the ground in any training view: in two or more; with a height too */
+};
+/* The map at a side of at most so many px, along the frame of the kind auto. Gaussians that no training view
+ * shows are made invisible in the model. The caller frees the image, also on error. */
+oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
+                          struct overview *out);
+
 /* ---------------- flight.c: frames along a path */
 
 /* Writes --frames of --flight to -o. A nonzero result of stop stops it. */

@@ -30,8 +30,12 @@ struct ortho {
     oxl_context *ctx;
     const oxl_scene *scene;
     struct frame frame;
-    double unit;   /* metres a unit, or 1 */
-    double pixel;  /* units */
+    double unit;     /* metres a unit, or 1 */
+    double pixel;    /* units */
+    double sampling; /* units: median ground sampling distance of the training views; 0: not known */
+    int fit;         /* px that the longer side has at most; 0: as the pixel size requires */
+    /* pixels with ground: that any training view sees, that --min-views see, and of these with a height */
+    size_t ground_seen, ground_covered, ground_high;
     double ground; /* units: median distance of the ground from the cameras */
     double top;    /* above the frame's centre: the highest camera, units */
     double low[2], high[2];
@@ -211,7 +215,11 @@ static void ortho_take(struct ortho *o, const oxl_image *image, const float *dep
         memset(o->rgba + 4 * to, 0, 4);
         if (!(fabsf(depth[i]) > 0)) continue;
         ortho_place(o, x + 0.5, y + 0.5, height, place);
+        if (!ortho_views_see(o, place, 1)) continue;
+        o->ground_seen++;
         if (!ortho_views_see(o, place, min_views)) continue;
+        o->ground_covered++;
+        o->ground_high += depth[i] > 0;
         if (depth[i] > 0) o->level[to] = (float)((height + o->shift[2]) * o->unit);
         for (size_t k = 0; k < 3; k++) o->rgba[4 * to + k] = ortho_byte(image->rgb[k * plane + i]);
         o->rgba[4 * to + 3] = 255;
@@ -357,6 +365,14 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
             : "along the survey's principal axes, which frame.txt has (--frame world: the world's)";
     print_format(to, "map       %s/ortho.tif and height.tif, %d x %d px of %.6g %s, %s\n", a->out, o->width,
                  o->height, o->pixel * o->unit, a->scale > 0 ? "metres" : "units", axes);
+    if (o->ground_seen > 0)
+        print_format(
+            to,
+            "ground    %.4g square %s; of what any view sees %d or more see %.1f %%, %.1f %% have a height\n",
+            (double)o->ground_covered * o->pixel * o->pixel * o->unit * o->unit,
+            a->scale > 0 ? "metres" : "units", a->min_views,
+            100 * (double)o->ground_covered / (double)o->ground_seen,
+            100 * (double)o->ground_high / (double)o->ground_seen);
     if (hidden) print_format(to, "hidden    %zu Gaussians that no training view shows\n", hidden);
     ortho_compare_points(o, to);
 }
@@ -365,7 +381,7 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
 
 static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
 {
-    double pixel = 0, side;
+    double side;
     if (strlen(a->out) > 4000)
         return oxl_fail(o->ctx, OXL_ERR_USAGE,
                         "ortho: the folder's name is too long\nfix: -o with a shorter one");
@@ -380,13 +396,14 @@ static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
                         "ortho: --epsg names the system of the world's coordinates, but the map is along the "
                         "survey's own axes\nfix: --frame world if the survey is georeferenced, else "
                         "georeference it first (docs/TUTORIAL.md, 5)");
-    if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_measure(o, &pixel))
+    if (!frame_bounds(&o->frame, o->scene, 0, o->low, o->high) || !ortho_measure(o, &o->sampling))
         return oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory");
     side = fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
     if (!(side > 0))
         return oxl_fail(o->ctx, OXL_ERR_INPUT,
                         "ortho: all points lie in one place\nfix: export the survey again");
-    if (!(o->pixel > 0)) o->pixel = pixel > 0 ? pixel : side / 2048;
+    if (!(o->pixel > 0)) o->pixel = o->sampling > 0 ? o->sampling : side / 2048;
+    if (o->fit > 0) o->pixel = fmax(o->pixel, side / o->fit);
     if (side / o->pixel > ORTHO_SIDE_MAX)
         return oxl_fail(o->ctx, OXL_ERR_USAGE,
                         "ortho: the map would have more than %d px a side\nfix: a larger --pixel",
@@ -411,6 +428,35 @@ oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scen
     if (rc == OXL_OK) rc = ortho_write_frame(&o, a->out);
     if (rc == OXL_OK && a->png) rc = ortho_write_png(&o, a->out);
     if (rc == OXL_OK) ortho_say(&o, a, hidden, to);
+    free(o.order);
+    free(o.rgba);
+    free(o.level);
+    return rc;
+}
+
+oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
+                          struct overview *out)
+{
+    const struct arguments a = {.out = ""};
+    static const float empty[3] = {0.035f, 0.10f, 0.14f}; /* the report's map has the same */
+    struct ortho o = {.ctx = ctx, .scene = scene, .unit = 1, .fit = side};
+    oxl_result rc = ortho_open(&o, &a);
+    memset(out, 0, sizeof *out);
+    if (rc == OXL_OK) {
+        ortho_hide_unseen(&o, model);
+        rc = ortho_draw(&o, model, OVERVIEW_VIEWS);
+    }
+    if (rc == OXL_OK) rc = oxl_image_create(ctx, o.width, o.height, &out->image);
+    if (rc == OXL_OK) {
+        const size_t plane = (size_t)o.width * (size_t)o.height;
+        for (size_t i = 0; i < 3 * plane; i++)
+            out->image.rgb[i] = o.rgba[4 * (i % plane) + 3] ? (float)o.rgba[4 * (i % plane) + i / plane] / 255
+                                                            : empty[i / plane];
+        out->sampling = o.sampling;
+        out->area = (double)o.ground_covered * o.pixel * o.pixel;
+        out->covered = o.ground_seen ? (double)o.ground_covered / (double)o.ground_seen : 0;
+        out->high = o.ground_seen ? (double)o.ground_high / (double)o.ground_seen : 0;
+    }
     free(o.order);
     free(o.rgba);
     free(o.level);

@@ -11,7 +11,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { REPORT_EVIDENCE = 3, REPORT_NOTES = 100 /* lines that are shown at once; at all */ };
+enum {
+    REPORT_EVIDENCE = 3,
+    REPORT_NOTES = 12,    /* lines that are shown at once */
+    REPORT_LINES = 100000 /* at all */
+};
 
 /* ---------------- at the top */
 
@@ -32,14 +36,15 @@ static void report_tiles(struct report *r)
             report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "lpips"), 3), "mean LPIPS (AlexNet)");
         if (!isnan(oxl_json_number(r->metrics, "structure")))
             report_tile(t, OUTPUT_FIXED(oxl_json_number(r->metrics, "structure"), 3), "mean structure");
+        if (isfinite(oxl_json_number(r->metrics, "cc_psnr")))
+            output_add(t, "<div class=\"tile\"><b>%.2f dB</b><span>mean cc-PSNR</span></div>\n",
+                       oxl_json_number(r->metrics, "cc_psnr"));
         report_tile(t, OUTPUT_COUNT(oxl_json_number(r->metrics, "gaussians")), "Gaussians");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "bytes")), "model");
         report_tile(t, OUTPUT_SECONDS(oxl_json_number(r->metrics, "seconds")), "training time");
         report_tile(t, OUTPUT_SIZE(oxl_json_number(r->metrics, "peak_rss_bytes")), "peak memory");
     }
-    report_tile(
-        t, OUTPUT_COUNT(oxl_json_number(r->survey, "images") - oxl_json_number(r->survey, "images_missing")),
-        "images");
+    ground_tiles(r);
     report_tile(t, OUTPUT_COUNT(oxl_json_number(r->survey, "points")), "initial points");
     output_add(t, "</div>\n");
 }
@@ -73,7 +78,7 @@ static void report_line(struct report_list *list, int block, const char *text)
 {
     struct output *t = &list->r->page;
     if (list->count++ == list->folded) output_add(t, "<details><summary>more</summary>");
-    if (list->count > REPORT_NOTES) return;
+    if (list->count > REPORT_LINES) return;
     output_add(t, "<%s>", list->tag);
     if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
     output_add(t, "%S</%s>\n", text, list->tag);
@@ -97,8 +102,8 @@ static void report_notes(struct report_list *list)
 static void report_list_end(struct report_list *list)
 {
     struct output *t = &list->r->page;
-    if (list->count > REPORT_NOTES)
-        output_add(t, "<%s>and %d more</%s>", list->tag, list->count - REPORT_NOTES, list->tag);
+    if (list->count > REPORT_LINES)
+        output_add(t, "<%s>and %d more</%s>", list->tag, list->count - REPORT_LINES, list->tag);
     if (list->count > list->folded) output_add(t, "</details>");
 }
 
@@ -288,8 +293,11 @@ static void report_reproduction(struct report *r)
 
 static void report_compose(struct report *r)
 {
+    ground_open(r);
     report_head(r);
+    verdict_section(r);
     report_warnings(r);
+    ground_section(r);
     views_section(r);
     views_training_section(r);
     page_section(r, "Survey");
@@ -322,6 +330,7 @@ oxl_result report_write(oxl_context *ctx, const char *out)
     else
         rc = oxl_fail(ctx, OXL_ERR_IO, "report: cannot write %s\nfix: check free disk space and permissions",
                       path);
+    ground_close(&r);
     report_close(&r);
     return rc;
 }

@@ -133,16 +133,6 @@ static void map_figure(struct report *r, const oxl_scene *scene)
                "yellow: held-out views.</figcaption></figure>\n");
 }
 
-/* The survey as the run read it, without its images. */
-static oxl_scene *map_load(oxl_context *ctx, const struct report *r)
-{
-    oxl_scene_options options = r->options.scene;
-    oxl_scene *scene = NULL;
-    options.read_images = 0;
-    options.allow_truncated = 1;
-    return oxl_scene_load(ctx, r->scene, &options, &scene) == OXL_OK ? scene : NULL;
-}
-
 static void map_partition(struct report *r)
 {
     size_t size = 0;
@@ -160,11 +150,7 @@ static void map_partition(struct report *r)
 
 void map_section(struct report *r)
 {
-    oxl_context *silent = NULL; /* the run has logged the survey's warnings already */
-    oxl_scene *scene = r->scene && oxl_context_create(NULL, &silent) == OXL_OK ? map_load(silent, r) : NULL;
-    if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
+    if (r->survey_scene && oxl_scene_point_count(r->survey_scene) > 0) map_figure(r, r->survey_scene);
     else output_add(&r->page, "<p class=\"pale\">No map: the survey is not found.</p>\n");
-    oxl_scene_free(silent, scene);
-    oxl_context_free(silent);
     map_partition(r);
 }

@@ -26,7 +26,7 @@ static const char *const PAGE_STYLE[] = {
     "font-variant-numeric:tabular-nums}.tile span{font-size:.85rem;color:var(--pale)}",
     "table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}th,td{text-align:left;padding:.3rem .5rem .3rem 0;"
     "border-bottom:1px solid var(--line);vertical-align:top}th{font-weight:600;color:var(--pale);font-size:.85rem}"
-    "td.n,th.n{text-align:right}.scroll{overflow-x:auto}td.name{overflow-wrap:anywhere}",
+    "td.n,th.n{text-align:right}.scroll{overflow-x:auto}td.name{overflow-wrap:anywhere;min-width:9rem}",
     "dl{display:grid;grid-template-columns:1fr;gap:0;margin:0}dt{font-weight:600;padding-top:.5rem}dd{margin:0;padding-bottom:.5rem;"
     "border-bottom:1px solid var(--line);overflow-wrap:anywhere}dd small{display:block}",
     "@media(min-width:40rem){dl{grid-template-columns:13rem 1fr}dt{border-bottom:1px solid var(--line);padding:.45rem 0}dd{padding:.45rem 0}}",

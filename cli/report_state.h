@@ -4,6 +4,8 @@
  *     report_read.c    reads OUT
  *     report_page.c    the page's frame: style, base64, JPEG
  *     report_chart.c   curves over the iterations as inline SVG
+ *     report_verdict.c what the figures mean, in words
+ *     report_ground.c  the survey and its orthomosaic
  *     report_map.c     cameras and points from above
  *     report_views.c   views by PSNR; the worst beside their images, with an error map
  */
@@ -40,6 +42,9 @@ struct report {
     oxl_manifest *manifest;   /* holds their strings; NULL: not read */
     int blocks, parts;        /* parts: the blocks, then the coarse and the merged model if they are there */
     struct report_block *block;
+    oxl_context *silent;     /* of the survey below: the run has logged its warnings already */
+    oxl_scene *survey_scene; /* as the run read it, without its images; NULL: not found */
+    struct overview ground;  /* image.rgb NULL: there is none */
     struct output page;
     int sections; /* begun */
 };
@@ -64,6 +69,12 @@ void page_jpeg(struct report *r, const oxl_image *image, int q);
 
 void chart_section(struct report *r);
 void map_section(struct report *r);
+void verdict_section(struct report *r);
+/* loads the survey and renders the overview; frees both */
+void ground_open(struct report *r);
+void ground_close(struct report *r);
+void ground_tiles(struct report *r);
+void ground_section(struct report *r);
 void views_section(struct report *r);
 void views_training_section(struct report *r); /* report_views.c */
 

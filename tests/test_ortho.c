@@ -315,6 +315,31 @@ TEST(ortho_is_transparent_where_too_few_views_saw_the_ground)
     CHECK(alpha == 255 && !isnan(height));
 }
 
+/* Flat ground 10 below the cameras at x = 3 and 7, whose images are 8 wide there: of the map, 10 x 4, both have
+ * the middle 4 x 4. */
+TEST(ortho_overview_measures_the_ground_that_two_views_share)
+{
+    oxl_scene *scene = ortho_test_scene();
+    oxl_model model = {0};
+    struct overview v;
+    const double *origin = oxl_scene_origin(scene);
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int k = 0; k < 3; k++) {
+        model.plane[OXL_MEAN + k][0] = (float)((k == 0 ? 5 : k == 1 ? 2 : -5) - origin[k]);
+        model.plane[OXL_LOG_SCALE + k][0] = logf(k < 2 ? 10 : 0.01f);
+    }
+    model.plane[OXL_SH][0] = 0, model.plane[OXL_OPACITY][0] = 6;
+    CHECK_OK(ortho_overview(test_ctx, &model, scene, 100, &v));
+    CHECK_CLOSE(v.sampling, 0.1, 0.001); /* 5 to the points, by 50 px */
+    CHECK_CLOSE(v.area, 16, 0.5);
+    CHECK_CLOSE(v.covered, 0.4, 0.02);
+    CHECK_CLOSE(v.high, 0.4, 0.02);
+    CHECK(v.image.width <= 101 && v.image.height <= 41);
+    oxl_image_free(test_ctx, &v.image);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* Ground that falls by 25 degrees below cameras that look straight down. */
 TEST(frame_of_a_georeferenced_slope_is_the_world)
 {

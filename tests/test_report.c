@@ -7,6 +7,8 @@
 #include "../cli/report_read.c"
 #include "../cli/report_page.c"
 #include "../cli/report_views.c"
+#include "../cli/report_ground.c"
+#include "../cli/report_verdict.c"
 
 #define REPORT_TEST_JOB                                                                                                                      \
     "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "           \
@@ -250,4 +252,56 @@ TEST(report_json_reads_nothing_past_the_end_of_a_text_that_is_cut_short)
     CHECK(!oxl_json_member(in_a_name, "b") && !oxl_json_member(in_an_escape, "b") &&
           !oxl_json_member(in_a_list, "b"));
     CHECK(!oxl_json_next(oxl_json_first(oxl_json_member(in_a_list, "a"))));
+}
+
+/* The verdict's word for a mean structure and explained contrast, in dB; PSNR is high. */
+static void report_test_verdict(double structure, double explained, double training, const char *word)
+{
+    char json[600], *page;
+    snprintf(
+        json, sizeof json,
+        "{\"split\": \"test\", \"psnr\": 38, \"cc_psnr\": 39, \"ssim\": 0.97, \"structure\": %.3f, \"explained\": %.3f, "
+        "\"structure_least\": 0.1, \"no_structure\": 1, \"training\": {\"psnr\": 40.5, \"structure\": %.3f, \"views\": []}, "
+        "\"views\": [{\"name\": \"a.jpg\", \"psnr\": 38, \"ssim\": 0.97}]}",
+        structure, explained, training);
+    report_test_run();
+    test_write("out/metrics.json", json);
+    page = report_test_page();
+    CHECK_TEXT(page, word);
+    CHECK_TEXT(page, "it is 39.00 dB (cc-PSNR): brightness differs, not shape");
+    CHECK_TEXT(page, "1 views have no structure");
+    CHECK_TEXT(page, "40.50 dB (2.50 dB more than held-out views)");
+    CHECK(!strstr(page, "New views are worse") == (training - structure <= VERDICT_GAP));
+    free(page);
+}
+
+TEST(report_judges_by_structure_and_explained_contrast_whatever_the_psnr)
+{
+    report_test_verdict(0.97, 13, 0.98, "Image quality: very good.");
+    report_test_verdict(0.97, 9, 0.98, "Image quality: good.");
+    report_test_verdict(0.91, 13, 0.98, "Image quality: good.");
+    report_test_verdict(0.82, 13, 0.95, "Image quality: fair.");
+    report_test_verdict(0.55, 13, 0.60, "Image quality: poor.");
+    report_test_verdict(0.97, 1, 0.98, "Image quality: not usable.");
+    report_test_verdict(0.3, 13, 0.35, "Image quality: not usable.");
+}
+
+TEST(report_has_every_warning_of_the_log)
+{
+    struct output t = {0};
+    char *page;
+    report_test_run();
+    output_add(&t, "{\"finished\": true, \"blocks\": 1, " REPORT_TEST_JOB ", \"notes\": [");
+    for (int i = 0; i < 150; i++)
+        output_add(&t, "%s{\"level\": \"warning\", \"text\": \"number %d.\"}", i ? ", " : "", i);
+    output_add(&t, "]}");
+    test_write("out/run.json", t.data);
+    page = report_test_page();
+    for (int i = 0; i < 150; i++) {
+        char line[40];
+        snprintf(line, sizeof line, "<li>number %d.</li>", i);
+        CHECK_TEXT(page, line);
+    }
+    free(page);
+    free(t.data);
 }

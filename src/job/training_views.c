@@ -284,6 +284,7 @@ static void training_add_json(const struct training_views *t, struct text *out)
     for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != NULL;
     text_add(out, "  \"training\": {\"count\": %d, \"flagged\": %d, \"structure\": %s, ", t->m->count,
              flagged, NUMBER(t->m->structure));
+    text_add(out, "\"psnr\": %s, \"cc_psnr\": %s, ", NUMBER(t->m->psnr), NUMBER(t->m->cc_psnr));
     text_add(out, "\"structure_least\": %s, \"no_structure\": %d, \"views\": [",
              NUMBER(t->m->structure_least), t->m->no_structure);
     for (int i = 0; i < t->m->count; i++) {

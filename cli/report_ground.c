@@ -1,0 +1,85 @@
+/* report_ground.c - the survey and the model from above: the orthomosaic reduced to the page, ground sampling
+ * distance, area and coverage.
+ *
+ * Lengths are in the survey's unit, metres if it is georeferenced. Invariant: without a survey, a model or
+ * points the page has no figure of the ground, and says so.
+ */
+#include "report_state.h"
+
+#include <math.h>
+
+enum { GROUND_SIDE = 800 /* px */ };
+
+/* Renders the model that is for viewers; one that does not fit in memory has no overview. */
+static void ground_render(struct report *r)
+{
+    char path[4200];
+    oxl_model model = {0};
+    snprintf(path, sizeof path, "%s/scene.ply", r->out);
+    if (oxl_model_open(r->silent, path, r->options.ram / 4, &model) == OXL_OK && !model.pages) {
+        oxl_model_move_origin(&model, oxl_scene_origin(r->survey_scene));
+        if (ortho_overview(r->silent, &model, r->survey_scene, GROUND_SIDE, &r->ground) != OXL_OK)
+            oxl_image_free(r->silent, &r->ground.image);
+    }
+    oxl_model_free(r->silent, &model);
+}
+
+void ground_open(struct report *r)
+{
+    oxl_scene_options options = r->options.scene;
+    options.read_images = 0;
+    options.allow_truncated = 1;
+    if (!r->scene || oxl_context_create(NULL, &r->silent) != OXL_OK) return;
+    if (oxl_scene_load(r->silent, r->scene, &options, &r->survey_scene) != OXL_OK) return;
+    if (oxl_scene_point_count(r->survey_scene) > 2) ground_render(r);
+}
+
+void ground_close(struct report *r)
+{
+    if (r->silent) oxl_image_free(r->silent, &r->ground.image);
+    oxl_scene_free(r->silent, r->survey_scene);
+    oxl_context_free(r->silent);
+}
+
+void ground_tiles(struct report *r)
+{
+    struct output *t = &r->page;
+    const double registered = oxl_json_number(r->survey, "images"),
+                 left = oxl_json_number(r->survey, "images_unregistered");
+    output_add(t, "<div class=\"tile\"><b>%s", OUTPUT_COUNT(registered));
+    if (left >= 0) output_add(t, " of %s", OUTPUT_COUNT(registered + left));
+    output_add(t, "</b><span>images with a camera</span></div>\n");
+    if (!r->ground.image.rgb) return;
+    if (r->ground.sampling > 0)
+        output_add(t, "<div class=\"tile\"><b>%.*f</b><span>units a pixel on the ground</span></div>\n",
+                   (int)fmin(9, fmax(0, 1 - floor(log10(r->ground.sampling)))), r->ground.sampling);
+    output_add(t, "<div class=\"tile\"><b>%.*f</b><span>square units of ground</span></div>\n",
+               r->ground.area < 100 ? 2 : 0, r->ground.area);
+    output_add(t, "<div class=\"tile\"><b>%.0f %%</b><span>of it in %d images or more</span></div>\n",
+               100 * r->ground.covered, OVERVIEW_VIEWS);
+}
+
+void ground_section(struct report *r)
+{
+    struct output *t = &r->page;
+    const struct overview *g = &r->ground;
+    page_section(r, "Orthomosaic");
+    if (!g->image.rgb) {
+        output_add(
+            t, "<p class=\"pale\">None: the survey or the model is not found, has no points, or is larger "
+               "than the memory.</p>\n");
+        return;
+    }
+    output_add(t, "<figure><img width=\"%d\" height=\"%d\" alt=\"Orthomosaic\" src=\"", g->image.width,
+               g->image.height);
+    page_jpeg(r, &g->image, 82);
+    output_add(
+        t,
+        "\"><figcaption>The model from straight above, reduced. Empty: ground in fewer than %d training "
+        "images, or none.</figcaption></figure>\n"
+        "<p>%.0f %% of the ground that any image shows is in %d or more; %.0f %% has a surface clear "
+        "enough for a height. Lengths are in the survey's unit: metres if it is georeferenced. For a "
+        "GeoTIFF in full resolution, with heights: <code>oceanxl render %S",
+        OVERVIEW_VIEWS, 100 * g->covered, OVERVIEW_VIEWS, 100 * g->high, PRINT_WORD(r->out));
+    output_add(t, " %S -o map --ortho</code></p>\n", PRINT_WORD(r->scene));
+}

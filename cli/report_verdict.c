@@ -1,0 +1,99 @@
+/* report_verdict.c - what the figures of the evaluated views mean, in words.
+ *
+ * The grade is the lower of two: of structure, the correlation of detail, and of explained contrast, the share
+ * of the images' variance that the model accounts for. PSNR takes no part: it is high where images are dark or
+ * even, whatever the model shows.
+ *
+ * The limits lie between the surveys of docs/log/HEIGHTS.md: 0.98 and 0.97 of dense ones, 0.91 of the demo,
+ * 0.82 of a dark one with a view behind a veil, 0.63 of 15 images of a beach.
+ */
+#include "report_state.h"
+
+#include <math.h>
+#include <string.h>
+
+#define VERDICT_GAP 0.08     /* of structure, training less held-out views: the model fits its images only */
+#define VERDICT_EXPOSURE 0.5 /* dB that one factor a channel mends */
+
+struct verdict {
+    double structure, explained; /* at least; explained: share of the variance */
+    const char *word, *mark, *meaning;
+};
+
+static const struct verdict VERDICTS[] = {
+    {0.95, 0.90, "very good", "good", "renderings show nearly all the detail of the images"},
+    {0.85, 0.80, "good", "good", "renderings show the detail of the images, the finest of it softer"},
+    {0.70, 0.60, "fair", "warn", "shapes are right, fine detail is missing; fit for an overview"},
+    {0.50, 0.30, "poor", "warn", "large shapes alone are right; not fit for measuring"},
+    {-1, -HUGE_VAL, "not usable", "warn", "renderings do not look like the images"},
+};
+
+static const struct verdict *verdict_of(double structure, double explained)
+{
+    const struct verdict *v = VERDICTS;
+    while (v->structure >= 0 && !(structure >= v->structure && explained >= v->explained)) v++;
+    return v;
+}
+
+static void verdict_gap(struct report *r, double psnr, double structure)
+{
+    struct output *t = &r->page;
+    const char *training = oxl_json_member(r->metrics, "training");
+    const double seen = oxl_json_number(training, "structure"), seen_psnr = oxl_json_number(training, "psnr");
+    if (!isfinite(seen) || !isfinite(structure)) return;
+    output_add(t, "<li>Training views: structure %.2f", seen);
+    if (isfinite(seen_psnr))
+        output_add(t, ", %.2f dB (%.2f dB more than held-out views)", seen_psnr, seen_psnr - psnr);
+    output_add(
+        t,
+        seen - structure > VERDICT_GAP
+            ? ". <b class=\"warn\">New views are worse than those trained on</b>: images overlap too little, or "
+              "their poses disagree.</li>\n"
+            : ". New views are about as good as those trained on.</li>\n");
+}
+
+static void verdict_list(struct report *r, double structure, double share)
+{
+    struct output *t = &r->page;
+    const double psnr = oxl_json_number(r->metrics, "psnr"), cc = oxl_json_number(r->metrics, "cc_psnr"),
+                 fog = oxl_json_number(r->metrics, "no_structure"),
+                 least = oxl_json_number(r->metrics, "structure_least");
+    const char *split = oxl_json_member(r->metrics, "split");
+    output_add(
+        t,
+        "<ul>\n<li>Structure %.2f: correlation of the detail of image and rendering (1: the same, 0: a veil)",
+        structure);
+    if (isfinite(least)) output_add(t, "; %.2f in the worst view", least);
+    output_add(t, ".</li>\n");
+    if (isfinite(share))
+        output_add(
+            t, "<li>Explained contrast %.0f %%: what the model accounts for of the images' variance.</li>\n",
+            100 * fmax(share, 0));
+    if (fog > 0)
+        output_add(t, "<li><b class=\"warn\">%.0f views have no structure</b>; they are shown below.</li>\n",
+                   fog);
+    output_add(t,
+               "<li>PSNR %.2f dB: compare it between runs of one survey only; dark or even images have more.",
+               psnr);
+    if (isfinite(cc)) {
+        output_add(
+            t,
+            " After one factor a channel and view, which mends exposure and white balance, it is %.2f dB (cc-PSNR)%s",
+            cc, cc - psnr > VERDICT_EXPOSURE ? ": brightness differs, not shape." : ".");
+    }
+    output_add(t, "</li>\n");
+    if (split && strncmp(split, "\"test\"", 6) == 0) verdict_gap(r, psnr, structure);
+    output_add(t, "</ul>\n");
+}
+
+void verdict_section(struct report *r)
+{
+    const double structure = oxl_json_number(r->metrics, "structure"),
+                 explained = oxl_json_number(r->metrics, "explained"), share = 1 - pow(10, -explained / 10);
+    const struct verdict *v = verdict_of(structure, isfinite(explained) ? share : HUGE_VAL);
+    if (!r->metrics || !isfinite(structure)) return; /* of a run before it was measured */
+    page_section(r, "Verdict");
+    output_add(&r->page, "<p><b class=\"%s\">Image quality: %s.</b> In the mean of the views, %s.</p>\n",
+               v->mark, v->word, v->meaning);
+    verdict_list(r, structure, share);
+}
