@@ -404,10 +404,11 @@ static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
                                                                          : (enum frame_kind)a->frame,
                  fabs(a->up[0]) + fabs(a->up[1]) + fabs(a->up[2]) > 0 ? a->up : NULL, &o->frame);
     if (a->epsg && oxl_scene_reference(o->scene))
-        return oxl_fail(o->ctx, OXL_ERR_USAGE,
-                        "ortho: the survey's coordinates are metres around a reference (%.6f, %.6f), not of EPSG:%d\n"
-                        "fix: leave --epsg out, then gdalwarp -t_srs EPSG:%d map/ortho.tif warped.tif",
-                        oxl_scene_reference(o->scene)[0], oxl_scene_reference(o->scene)[1], a->epsg, a->epsg);
+        return oxl_fail(
+            o->ctx, OXL_ERR_USAGE,
+            "ortho: the survey's coordinates are metres around a reference (%.6f, %.6f), not of EPSG:%d\n"
+            "fix: leave --epsg out, then gdalwarp -t_srs EPSG:%d map/ortho.tif warped.tif",
+            oxl_scene_reference(o->scene)[0], oxl_scene_reference(o->scene)[1], a->epsg, a->epsg);
     if (a->epsg && !o->frame.is_world)
         return oxl_fail(o->ctx, OXL_ERR_USAGE,
                         "ortho: --epsg names the system of the world's coordinates, but the map is along the "

@@ -220,10 +220,11 @@ static void jsurvey_reference(const char *beside, const char *own, double out[2]
 {
     struct colmap c;
     char text[600];
-    snprintf(text, sizeof text,
-             "[{%s\"cameras\": {\"c\": {\"projection_type\": \"perspective\", \"width\": 8, \"height\": 8, \"focal\": 1}}, "
-             "\"shots\": {\"a\": " JSURVEY_SHOT "}}]",
-             own);
+    snprintf(
+        text, sizeof text,
+        "[{%s\"cameras\": {\"c\": {\"projection_type\": \"perspective\", \"width\": 8, \"height\": 8, \"focal\": 1}}, "
+        "\"shots\": {\"a\": " JSURVEY_SHOT "}}]",
+        own);
     test_write("place/reconstruction.json", text);
     test_write("place/reference_lla.json", beside);
     CHECK_OK(json_survey_read(test_ctx, test_path("place"), "reconstruction.json", NULL, &c));

@@ -71,7 +71,7 @@ struct colmap {
     /* latitude and longitude in degrees of the world's origin, whose x is east, y north, z up, metres */
     double reference[2];
     int has_reference;
-    int states_split;  /* each image's split is stated: COLMAP_TRAIN or COLMAP_TEST */
+    int states_split; /* each image's split is stated: COLMAP_TRAIN or COLMAP_TEST */
     enum colmap_format format;
     const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
