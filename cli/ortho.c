@@ -254,6 +254,12 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_vi
 
 /* ---------------- files */
 
+/* 1: map coordinates are metres east and north of a known place. */
+static int ortho_reference(const struct ortho *o)
+{
+    return oxl_scene_reference(o->scene) && o->frame.is_world && !(fabs(o->unit - 1) > 0);
+}
+
 static oxl_result ortho_write_tiffs(const struct ortho *o, const struct arguments *a)
 {
     const char *words = a->scale > 0 || a->epsg || o->frame.is_world
@@ -267,6 +273,10 @@ static oxl_result ortho_write_tiffs(const struct ortho *o, const struct argument
     char path[4200];
     oxl_result rc;
     if (!o->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt";
+    else if (ortho_reference(o)) {
+        g.reference = oxl_scene_reference(o->scene);
+        g.citation = "oceanxl: metres east and north of the survey's reference";
+    }
     for (int d = 0; d < 2; d++) g.corner[d] = (o->corner[d] + o->shift[d]) * o->unit;
     snprintf(path, sizeof path, "%s/ortho.tif", a->out);
     rc = geotiff_write(o->ctx, path, &g, o->rgba);
@@ -389,8 +399,16 @@ static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
         return oxl_fail(
             o->ctx, OXL_ERR_INPUT,
             "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
-    frame_choose(o->scene, (enum frame_kind)a->frame,
+    frame_choose(o->scene,
+                 a->frame == FRAME_AUTO && oxl_scene_reference(o->scene) ? FRAME_WORLD_AXES
+                                                                         : (enum frame_kind)a->frame,
                  fabs(a->up[0]) + fabs(a->up[1]) + fabs(a->up[2]) > 0 ? a->up : NULL, &o->frame);
+    if (a->epsg && oxl_scene_reference(o->scene))
+        return oxl_fail(
+            o->ctx, OXL_ERR_USAGE,
+            "ortho: the survey's coordinates are metres around a reference (%.6f, %.6f), not of EPSG:%d\n"
+            "fix: leave --epsg out, then gdalwarp -t_srs EPSG:%d map/ortho.tif warped.tif",
+            oxl_scene_reference(o->scene)[0], oxl_scene_reference(o->scene)[1], a->epsg, a->epsg);
     if (a->epsg && !o->frame.is_world)
         return oxl_fail(o->ctx, OXL_ERR_USAGE,
                         "ortho: --epsg names the system of the world's coordinates, but the map is along the "

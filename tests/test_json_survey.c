@@ -215,6 +215,37 @@ TEST(opensfm_that_is_wrong_is_refused_with_the_record)
                "found none for the images");
 }
 
+/* The reference that a reconstruction has, 0 0 if none; beside: the text of reference_lla.json; own: members. */
+static void jsurvey_reference(const char *beside, const char *own, double out[2])
+{
+    struct colmap c;
+    char text[600];
+    snprintf(
+        text, sizeof text,
+        "[{%s\"cameras\": {\"c\": {\"projection_type\": \"perspective\", \"width\": 8, \"height\": 8, \"focal\": 1}}, "
+        "\"shots\": {\"a\": " JSURVEY_SHOT "}}]",
+        own);
+    test_write("place/reconstruction.json", text);
+    test_write("place/reference_lla.json", beside);
+    CHECK_OK(json_survey_read(test_ctx, test_path("place"), "reconstruction.json", NULL, &c));
+    for (int i = 0; i < 2; i++) out[i] = c.has_reference ? c.reference[i] : 0;
+    colmap_free(test_ctx, &c);
+}
+
+TEST(opensfm_reference_is_its_own_or_that_of_the_file_beside_it)
+{
+    static const char file[] = "{\"latitude\": 46.84, \"longitude\": -91.99, \"altitude\": 198.3}";
+    double at[2];
+    jsurvey_reference(file, "", at);
+    CHECK(at[0] == 46.84 && at[1] == -91.99);
+    jsurvey_reference(file, "\"reference_lla\": {\"latitude\": -1.5, \"longitude\": 2.5}, ", at);
+    CHECK(at[0] == -1.5 && at[1] == 2.5);
+    jsurvey_reference("{\"latitude\": 146, \"longitude\": 2}", "", at); /* warned of */
+    CHECK(at[0] == 0 && at[1] == 0);
+    jsurvey_reference("{\"latitude\": 4", "", at);
+    CHECK(at[0] == 0 && at[1] == 0);
+}
+
 TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
 {
     struct colmap c;

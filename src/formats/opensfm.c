@@ -199,6 +199,40 @@ static oxl_result opensfm_read_cameras(struct colmap_reader *r, const char *obje
     return rc;
 }
 
+/* Reads where the world's origin lies: {"latitude": , "longitude": } in degrees. */
+static void opensfm_reference(struct colmap *out, const char *lla)
+{
+    const double latitude = oxl_json_number(lla, "latitude"), longitude = oxl_json_number(lla, "longitude");
+    if (!(fabs(latitude) < 90 && fabs(longitude) <= 360)) return;
+    out->reference[0] = latitude, out->reference[1] = longitude;
+    out->has_reference = 1;
+}
+
+/* Of the reconstruction itself; else of reference_lla.json beside the file, as OpenDroneMap has it. */
+static oxl_result opensfm_read_reference(struct colmap_reader *r, const char *reconstruction)
+{
+    char *folder = oxl_strdup(r->ctx, r->path), *path = NULL;
+    char *slash = folder ? strrchr(folder, '/') : NULL;
+    struct os_file_map map = {0};
+    oxl_result rc = folder ? OXL_OK : oxl_fail(r->ctx, OXL_ERR_MEMORY, "no memory for a path");
+    opensfm_reference(r->out, oxl_json_member(reconstruction, "reference_lla"));
+    if (slash) {
+        *slash = 0;
+        path = oxl_path_join(r->ctx, folder, "reference_lla.json");
+        if (!path) rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "no memory for a path");
+    }
+    if (path && !r->out->has_reference && os_is_file(path)) {
+        rc = os_read_file(r->ctx, path, &map);
+        if (rc == OXL_OK && !oxl_json_error(map.data)) opensfm_reference(r->out, map.data);
+        if (rc == OXL_OK && !r->out->has_reference)
+            oxl_log(r->ctx, OXL_LOG_WARNING,
+                    "%s has no latitude and longitude in degrees: maps have no place on Earth", path);
+        os_release_file(r->ctx, &map);
+    }
+    OXL_FREE(r->ctx, folder, path);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
 {
     const char *best = NULL;
@@ -223,5 +257,6 @@ OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
     }
     oxl_free(r->ctx, cameras.name);
     r->line = 0;
+    if (rc == OXL_OK) rc = opensfm_read_reference(r, best);
     return rc == OXL_OK ? opensfm_points(r, oxl_json_member(best, "points")) : rc;
 }

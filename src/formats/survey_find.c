@@ -190,7 +190,8 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
-            "fix: copy the model's files to %s, or name their folder by --sparse",
+            "fix: copy the model's files to %s, or name their folder by --sparse; photos without cameras: "
+            "examples/from_images.sh PHOTOS SURVEY finds them by COLMAP, then trains",
             path, sparse, sparse_option ? "" : ", or beside it", sparse);
     if (rc == OXL_OK && models > 1)
         oxl_log(ctx, OXL_LOG_WARNING,

@@ -85,6 +85,11 @@ const double *oxl_scene_origin(const oxl_scene *scene)
     return scene->origin;
 }
 
+const double *oxl_scene_reference(const oxl_scene *scene)
+{
+    return scene->colmap.has_reference ? scene->colmap.reference : NULL;
+}
+
 double oxl_scene_extent(const oxl_scene *scene)
 {
     return scene->extent;

@@ -68,7 +68,10 @@ struct colmap {
     size_t warnings;   /* deviations that were logged and corrected */
     int is_truncated;  /* a file has fewer rows than its header states */
     int images_beside; /* names are relative to `folder`, not to the image folder */
-    int states_split;  /* each image's split is stated: COLMAP_TRAIN or COLMAP_TEST */
+    /* latitude and longitude in degrees of the world's origin, whose x is east, y north, z up, metres */
+    double reference[2];
+    int has_reference;
+    int states_split; /* each image's split is stated: COLMAP_TRAIN or COLMAP_TEST */
     enum colmap_format format;
     const char *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
