@@ -62,6 +62,7 @@ static double ssim_contrast_test_learned(const synth_options *survey, float cont
     oxl_model model;
     double learned;
     o.ssim_contrast = contrast;
+    o.lamp = OXL_ON;
     CHECK_OK(oxl_scene_load(test_ctx, survey->out, NULL, &scene));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
     oxl_scene_free(test_ctx, scene);

@@ -5,15 +5,19 @@
  * loss is then L1 alone, whose sign follows what gains and lamp do not explain, not the ground; its gradients
  * stay below the threshold of density control, and whole views become a glow (docs/log/IMAGING.md). So where
  * the images are faint, C2 is the median variance of their small cells, at least that of one 8-bit level.
- * Others keep Wang's, which is worth 0.2 dB of PSNR to them. Density control follows, since it adds up
+ * Others keep Wang's, which is worth 0.2 dB of PSNR to them; so does what is faint without a lamp: behind
+ * haze the loss that sees detail costs 0.5 dB and gives no structure (docs/log/IMAGING.md). Density control follows, since it adds up
  * gradients of this loss.
  *
- * Invariant: a function of the scene's training images. Views and cells are taken in order.
+ * Invariant: a function of the scene's training images and tracks. Views and cells are taken in order. The
+ * constant is archived, since tracks are compared before the first step alone.
  */
 #include "ssim_contrast.h"
 #include "../train/part.h"
 #include "../core/option_rows.h"
 #include "../survey/image.h"
+#include "../survey/photometry.h"
+#include "../train/train_tools.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
@@ -30,6 +34,7 @@ struct ssim_contrast {
     double contrast; /* standard deviation, fraction of white: C2 = contrast^2 */
     double measured; /* the images'; 0: not measured */
     int views;       /* it was measured in */
+    int is_unlit;    /* 1: no lamp is known of, which keeps Wang's */
 };
 
 /* Variance of a cell's values, in squared levels; -1: one of them is masked. */
@@ -111,15 +116,35 @@ static oxl_result ssim_contrast_begin(struct train *t, void *state)
     return rc;
 }
 
+/* Keeps Wang's where neither the tracks nor the user say that a lamp lights the scene. */
+static void ssim_contrast_use_tracks(struct train *t, void *state, const struct photometry *p)
+{
+    struct ssim_contrast *s = state;
+    if (s->views == 0 || t->options->lamp == OXL_ON || (p->parts & PHOTOMETRY_LAMP)) return;
+    s->is_unlit = 1;
+    s->contrast = SSIM_CONTRAST_WANG;
+    renderer_set_contrast(t->renderer, s->contrast);
+}
+
+static void ssim_contrast_archive(struct archive *a, struct train *t, void *state)
+{
+    struct ssim_contrast *s = state;
+    archive_doubles(a, &s->contrast, 1);
+    archive_int(a, &s->is_unlit);
+    archive_expect(a, s->contrast > 0 && s->contrast <= 1);
+    if (a->reading && a->rc == OXL_OK) renderer_set_contrast(t->renderer, s->contrast);
+}
+
 static void ssim_contrast_record(struct train *t, void *state)
 {
     const struct ssim_contrast *s = state;
     char why[200];
     snprintf(
         why, sizeof why,
-        "detail of the images has a standard deviation of %.2g of white (median of %d views); from %g on "
-        "SSIM keeps its own constant, %g",
-        s->measured, s->views, SSIM_CONTRAST_FAINT, SSIM_CONTRAST_WANG);
+        "detail of the images has a standard deviation of %.2g of white (median of %d views)%s; from %g on "
+        "or without a lamp SSIM keeps its own constant, %g",
+        s->measured, s->views, s->is_unlit ? ", no lamp is known of" : "", SSIM_CONTRAST_FAINT,
+        SSIM_CONTRAST_WANG);
     selection_record(t, "ssim_contrast", NUMBER(floor(s->contrast * 1e5 + 0.5) / 1e5),
                      t->options->ssim_contrast >= 0     ? "as set"
                      : renderer_has_device(t->renderer) ? TRAIN_ON_DEVICE
@@ -128,7 +153,7 @@ static void ssim_contrast_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option ssim_contrast_options[] = {
-{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT | CPU_ONLY, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images where it is below 0.011, so that faint ground is learned; otherwise 0.03", NULL},
+{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT | CPU_ONLY, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images where it is below 0.011 and a lamp shows in the tracks, so that faint ground is learned; otherwise 0.03", NULL},
 {0}};
 /* clang-format on */
 
@@ -136,4 +161,6 @@ OXL_INTERNAL const struct part part_ssim_contrast = {.name = "ssim_contrast",
                                                      .size = sizeof(struct ssim_contrast),
                                                      .option = ssim_contrast_options,
                                                      .begin = ssim_contrast_begin,
+                                                     .archive = ssim_contrast_archive,
+                                                     .use_tracks = ssim_contrast_use_tracks,
                                                      .record = ssim_contrast_record};
