@@ -49,7 +49,7 @@ OXL_INTERNAL void train_imaging_describe(struct train *t)
     parts_describe(t);
     if ((m->medium.on || m->medium.has_falloff) && span < SCENE_DEPTH_SPAN_MIN)
         oxl_log(
-            t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
+            t->ctx, OXL_LOG_INFO,
             "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: medium and falloff are not identified, "
             "and scene_clear.ply is not measured colour",
             span);
