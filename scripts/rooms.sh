@@ -180,6 +180,10 @@ if [ "${1:-}" = write ]; then
 else
     between | diff - "$table.page" >/dev/null || complain "$page shows other layers. fix: scripts/rooms.sh write"
 fi
+# The single unit is all of src/: a part that is missing there is an empty row, and builds.
+for file in src/*/*.c; do
+    grep -qF "\"$file\"" oceanxl.c || complain "oceanxl.c does not include $file"
+done
 # The map, the derivations and the paper's table name functions of today.
 for name in $(grep -oh '`[a-z][a-z0-9]*_[a-z0-9_]*`' docs/ARCHITECTURE.md docs/MATH.md docs/PAPER.md README.md | tr -d '`' | sort -u); do
     grep -rqw "$name" src tests reference cli lab oceanxl.h oceanxl_job.h || complain "the documents name $name, which is nowhere in the code"

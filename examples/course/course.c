@@ -28,7 +28,7 @@ static double course_sh(double c) { return (c - 0.5) * sqrt(4 * PI); }
 
 static struct camera course_camera(int width, int height, double focal) {
     return (struct camera){
-        {width, height}, {focal, focal}, {width / 2.0, height / 2.0}, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {0, 0, 0}, 0.2};
+        {width, height}, {focal, focal}, {width / 2.0, height / 2.0}, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {0, 0, 0}, 0.2, 0};
 }
 
 /* ---------------------------------------------------------------- 1: one Gaussian */
