@@ -17,6 +17,7 @@
 #define LOOK_PIXEL 4e-8
 #define LOOK_POINT 1e-7
 #define LOOK_SECONDS 1.5
+#define LOOK_CONTRAST 0.03f /* of SSIM in the loss [Wang 2004] */
 enum {
     LOOK_VIEWS = 8,
     LOOK_STEPS = 120, /* at most, */
@@ -41,7 +42,7 @@ static oxl_train_options look_options(const oxl_train_options *options)
     o.ucd.mode = OXL_UCD_OFF;
     o.carve = o.mask_transients = 0;
     o.dropout = 0;
-    o.ssim_contrast = OXL_MAX(o.ssim_contrast, 0);
+    if (o.ssim_contrast < 0) o.ssim_contrast = LOOK_CONTRAST; /* a device has no other */
     return o;
 }
 
@@ -111,12 +112,22 @@ static int look_steps(const oxl_scene *scene, const oxl_train_options *o)
     return (int)OXL_MIN(OXL_CLAMP(LOOK_SECONDS / each, LOOK_FEWEST, LOOK_STEPS), OXL_MAX(1, o->iterations));
 }
 
+/* Says that the look left the device; the run, which begins there anew, says so itself. */
+static void look_tell_fallback(oxl_context *ctx, const oxl_context *quiet, int before)
+{
+    if (!ctx->backend || ctx->backend->fell_back == before) return;
+    oxl_log(ctx, OXL_LOG_WARNING, "%.*s: continuing on the CPU", (int)strcspn(quiet->error, "\n"),
+            quiet->error);
+    ctx->backend->fell_back = before;
+}
+
 OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   struct look *out)
 {
     oxl_train_options o = look_options(options);
     oxl_context quiet = *ctx;
     struct train t = {.ctx = &quiet, .scene = scene, .options = &o, .started = os_seconds()};
+    const int fell_back = ctx->backend ? ctx->backend->fell_back : 0;
     oxl_result rc = OXL_OK;
     *out = (struct look){0};
     if (oxl_scene_view_count(scene) == 0 || schedule_training_views(scene) == 0) return OXL_OK;
@@ -131,6 +142,7 @@ OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_
     }
     train_end(&t);
     ctx->backend = quiet.backend;
+    look_tell_fallback(ctx, &quiet, fell_back);
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted before the first step");
     if (rc == OXL_OK) out->steps = t.step, out->views = t.views;
     else *out = (struct look){0};
