@@ -130,8 +130,8 @@ void ellipse_forward(struct splat *s, int k, int mip) {
     const double *b0 = s->B[k][0], *b1 = s->B[k][1], low = mip ? MIP_LOW_PASS : LOW_PASS;
     const double xx = dot(b0, b0, 3) + low, xy = dot(b0, b1, 3), yy = dot(b1, b1, 3) + low;
     const double cross[3] = {b0[1] * b1[2] - b0[2] * b1[1], b0[2] * b1[0] - b0[0] * b1[2], b0[0] * b1[1] - b0[1] * b1[0]};
-    const double bare = dot(cross, cross, 3),
-                 det = bare + low * (xx + yy - low);            /* xx yy - xy^2, but a needle keeps all digits */
+    const double bare = dot(cross, cross, 3);
+    const double det = bare + low * (xx + yy - low);            /* xx yy - xy^2, but a needle keeps all digits */
     if (mip) s->opacity[k] *= sqrt(fmax(FADE_MIN, bare / det)); /* its sum over the pixels stays [Y eq. 9] */
     if (mip && bare > FADE_MIN * det) memcpy(s->V[k], cross, sizeof cross);
     const double reach = 2 * log(fmax(1, s->opacity[k] / ALPHA_MIN)); /* (standard deviations)^2 to o G = ALPHA_MIN */

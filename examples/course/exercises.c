@@ -67,7 +67,7 @@ static double determinant(void) {
     const double c = sqrt(3) / 2, l = 1e8, w = 0.01, B[2][3] = {{c * l, -0.5 * w, 0}, {0.5 * l, c * w, 0}};
     const double exact = l * l * w * w + LOW_PASS * (l * l + w * w + LOW_PASS);
     memcpy(s.B[0], B, sizeof B);
-    ellipse_forward(&s, 0);
+    ellipse_forward(&s, 0, 0);
     return fabs((dot(B[1], B[1], 3) + LOW_PASS) / s.conic[0][0] / exact - 1);
 }
 

@@ -6,8 +6,8 @@
  * stay below the threshold of density control, and whole views become a glow (docs/log/IMAGING.md). So where
  * the images are faint, C2 is the median variance of their small cells, at least that of one 8-bit level.
  * Others keep Wang's, which is worth 0.2 dB of PSNR to them; so does what is faint without a lamp: behind
- * haze the loss that sees detail costs 0.5 dB and gives no structure (docs/log/IMAGING.md). Density control follows, since it adds up
- * gradients of this loss.
+ * haze the loss that sees detail costs 0.5 dB and gives no structure. Density control follows, since it adds
+ * up gradients of this loss.
  *
  * Invariant: a function of the scene's training images and tracks. Views and cells are taken in order. The
  * constant is archived, since tracks are compared before the first step alone.
