@@ -138,14 +138,15 @@ extremes: $(BUILD)/extremes ## docs/STABILITY.md: the kernels at the extremes, f
 # libFuzzer comes with clang. Inputs that are kept lie in fuzz/corpus; what is found goes to build/fuzz/NAME, crashes beside it.
 SECONDS ?= 10
 SEED ?= 0
+RUNS ?= -1
 FUZZ_CC ?= clang
 FUZZ_TARGETS := $(notdir $(wildcard fuzz/corpus/*))
 FUZZ_RUNS := $(addprefix fuzz-,$(FUZZ_TARGETS))
 .PHONY: $(FUZZ_RUNS)
-fuzz: $(FUZZ_RUNS) ## each reader of input files for SECONDS (10) under libFuzzer, in parallel with -j; FUZZ_TARGETS=ply for one; SEED=1: same inputs again
+fuzz: $(FUZZ_RUNS) ## each reader of input files for SECONDS (10) under libFuzzer, in parallel with -j; FUZZ_TARGETS=ply for one; SEED=1 RUNS=9000: the same inputs again
 $(FUZZ_RUNS): fuzz-%: $(BUILD)/fuzz/fuzz
 	@mkdir -p $(BUILD)/fuzz/$*
-	@OXL_FUZZ=$* $< -max_total_time=$(SECONDS) -seed=$(SEED) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
+	@OXL_FUZZ=$* $< -max_total_time=$(SECONDS) -runs=$(RUNS) -seed=$(SEED) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
 	  -artifact_prefix=$(BUILD)/fuzz/crash-$*- $(BUILD)/fuzz/$* fuzz/corpus/$* > $(BUILD)/fuzz/$*.log 2>&1 || \
 	  { tail -n 25 $(BUILD)/fuzz/$*.log; exit 1; }
 	@echo "fuzz $*"; grep -ah -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$*.log | tail -n 2

@@ -204,8 +204,10 @@ static int scene_file_names_are_good(const oxl_scene *s)
     const struct colmap *c = &s->colmap;
     if (c->names_size == 0 || c->names[c->names_size - 1]) return 0;
     for (size_t i = 0; i < c->image_count; i++) {
-        const char *name = c->names + c->image[i].name;
-        if (c->image[i].name >= c->names_size || !colmap_name_is_safe(name, name + strlen(name))) return 0;
+        const char *name;
+        if (c->image[i].name >= c->names_size) return 0;
+        name = c->names + c->image[i].name;
+        if (!colmap_name_is_safe(name, name + strlen(name))) return 0;
     }
     return 1;
 }
