@@ -1,15 +1,15 @@
 /* test_working_files.c - files that a run leaves for itself: what a fault has changed in them is not believed. */
 #include "test.h"
 
-/* The byte at a fraction of a file changes. */
-static void working_damage(const char *path, double at)
+/* Changes the byte at a fraction of a file, its last `rest` bytes left out. */
+static void working_damage(const char *path, double at, size_t rest)
 {
     struct os_file_map map = {0};
     char *copy;
     CHECK_OK(os_read_file(test_ctx, path, &map));
     copy = oxl_alloc(test_ctx, map.size + 1, 1);
     memcpy(copy, map.data, map.size);
-    copy[(size_t)(at * (double)(map.size - 1))] ^= 1;
+    copy[(size_t)(at * (double)(map.size - rest - 1))] ^= 1;
     CHECK_OK(os_write_file(test_ctx, path, copy, map.size));
     oxl_free(test_ctx, copy);
     os_release_file(test_ctx, &map);
@@ -44,11 +44,28 @@ TEST(survey_file_with_any_changed_byte_is_not_taken)
     oxl_scene_free(test_ctx, mapped);
     for (int i = 0; i <= 60; i++) {
         CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
-        working_damage(path, i / 60.0 * 0.995); /* the last bytes are zeros behind the checksum */
+        working_damage(path, i / 60.0, 56); /* the last bytes are zeros behind the checksum */
         CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
         CHECK(!mapped);
         oxl_scene_free(test_ctx, mapped);
     }
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(survey_file_gives_the_scene_that_was_written)
+{
+    oxl_scene *scene = NULL, *mapped = NULL;
+    const char *path = working_scene_file(&scene), *again = test_path("again.oxl");
+    CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
+    CHECK_OK(scene_file_write(test_ctx, again, mapped, "key"));
+    CHECK(working_same(path, again));
+    CHECK(mapped && !strcmp(oxl_scene_view(mapped, 3)->name, oxl_scene_view(scene, 3)->name));
+    CHECK(mapped && !strcmp(mapped->colmap.images_file, scene->colmap.images_file));
+    CHECK(mapped && !strcmp(mapped->colmap.camera->file, scene->colmap.camera->file));
+    CHECK(mapped && scene_file_pixels(mapped, 3) == scene_file_pixels(scene, 3));
+    oxl_scene_free(test_ctx, mapped);
+    CHECK_OK(scene_file_map(test_ctx, path, "another", &mapped));
+    CHECK(!mapped);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -57,12 +74,13 @@ TEST(survey_file_with_counts_and_indices_out_of_range_is_not_taken)
 {
     oxl_scene *scene = NULL, *mapped = NULL;
     const char *path = working_scene_file(&scene);
-    for (int kind = 0; kind < 9; kind++) {
+    for (int kind = 0; kind < 10; kind++) {
         const oxl_scene whole = *scene;
         const struct scene_source source = scene->source[3];
         const struct colmap_track track = scene->colmap.track[5];
         const struct colmap_point point = scene->colmap.point[2];
         const struct colmap_image image = scene->colmap.image[1];
+        const struct colmap_camera camera = scene->colmap.camera[0];
         if (kind == 0) scene->source[3].image = scene->colmap.image_count;
         if (kind == 1) scene->source[3].camera = SIZE_MAX;
         if (kind == 2) scene->colmap.track[5].image_row = UINT32_MAX;
@@ -70,8 +88,9 @@ TEST(survey_file_with_counts_and_indices_out_of_range_is_not_taken)
         if (kind == 4) scene->colmap.image[1].name = scene->colmap.names_size;
         if (kind == 5) scene->colmap.names_size -= 1; /* the last name has no end */
         if (kind == 6) scene->colmap.names[scene->colmap.image[1].name] = '/';
-        if (kind == 7) scene->from_files = 0;
+        if (kind == 7) scene->colmap.image[1].mask = scene->colmap.names_size;
         if (kind == 8) scene->colmap.format = (enum colmap_format)77;
+        if (kind == 9) scene->colmap.camera[0].parameter_count = CAMERA_PARAMETERS + 1;
         CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
         CHECK_OK(scene_file_map(test_ctx, path, "key", &mapped));
         CHECK(!mapped);
@@ -79,7 +98,7 @@ TEST(survey_file_with_counts_and_indices_out_of_range_is_not_taken)
         oxl_scene_free(test_ctx, mapped);
         *scene = whole;
         scene->source[3] = source, scene->colmap.track[5] = track, scene->colmap.point[2] = point;
-        scene->colmap.image[1] = image;
+        scene->colmap.image[1] = image, scene->colmap.camera[0] = camera;
         if (kind == 6) scene->colmap.names[scene->colmap.image[1].name] = '1';
     }
     CHECK_OK(scene_file_write(test_ctx, path, scene, "key"));
@@ -167,7 +186,7 @@ TEST(blocks_with_a_damaged_file_end_in_the_same_bytes_or_are_refused)
         CHECK(rc == OXL_ERR_INTERRUPTED);
         snprintf(path, sizeof path, "out%zu/%s", k, files[k]);
         CHECK(os_is_file(test_path(path)));
-        working_damage(test_path(path), 0.6);
+        working_damage(test_path(path), 0.6, 0);
         if (strstr(files[k], "checkpoint"))
             os_remove(PATH(test_path(out), "%.11scheckpoint.prev.oxl", files[k]));
         rc = oxl_job_run(test_ctx, survey, test_path(out), &options, NULL);
@@ -185,7 +204,7 @@ TEST(a_trained_model_that_was_damaged_before_the_result_is_trained_again)
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("ref"), &options, NULL));
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(remove(test_path("out/run.json")) == 0 && remove(test_path("out/scene.ply")) == 0);
-    working_damage(test_path("out/blocks/000/model.ply"), 0.9);
+    working_damage(test_path("out/blocks/000/model.ply"), 0.9, 0);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(working_same(test_path("out/scene.ply"), test_path("ref/scene.ply")));
 }

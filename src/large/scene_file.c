@@ -1,10 +1,11 @@
 /* scene_file.c - a loaded survey in one file, which is then mapped: points and tracks take memory only while
  * they are used.
  *
- * The file holds the scene's struct and arrays as they are in memory, so only the same build on the same kind
- * of machine can read it; `key` identifies the run. The last SCENE_FILE_ALIGN bytes begin with the checksum
- * of all others. Invariant: a mapped scene has the same values as the one that was written; all its indices
- * and counts lie within its arrays, whatever the file holds.
+ * The file is a head and arrays of rows without addresses, each from a multiple of SCENE_FILE_ALIGN bytes on.
+ * Rows are as they are in memory, so only the same build on the same kind of machine reads them: the head has
+ * their sizes. The key identifies the run. The last SCENE_FILE_ALIGN bytes begin with the checksum of all
+ * others. Invariant: a mapped scene has the same values as the one that was written; scene_rows_are_good has
+ * checked all its indices and counts before there is a scene, whatever the file holds.
  */
 #include "large.h"
 #include "../survey/sparse.h"
@@ -13,55 +14,80 @@
 #include "../survey/scene.h"
 
 enum {
-    SCENE_ARRAYS = 14, /* the key is the last */
     SCENE_FILE_ALIGN = 64,
-    SCENE_FILE_CHUNK = 1 << 16, /* bytes that are checked at once: mapped pages would count as memory */
-    /* places in scene_file_arrays */
-    SCENE_POINTS = 7,
-    SCENE_TRACKS = 8,
-    SCENE_IMAGES = 10,
-    SCENE_MASKS = 11,
-    SCENE_FOLDER = 12
+    SCENE_FILE_CHUNK = 1 << 16 /* bytes that are checked at once: mapped pages would count as memory */
 };
 
-struct scene_file {
+enum scene_array {
+    SCENE_FACTS, /* one row */
+    SCENE_VIEWS,
+    SCENE_CAMERAS,
+    SCENE_DEPTHS,
+    SCENE_START, /* oxl_point */
+    SCENE_IMAGES,
+    SCENE_POINTS,
+    SCENE_TRACKS,
+    SCENE_NAMES, /* of images; bytes, like all that follow */
+    SCENE_IMAGE_FOLDER,
+    SCENE_MASK_FOLDER, /* 0 rows: none */
+    SCENE_FOLDER,
+    SCENE_IMAGES_FILE,
+    SCENE_CAMERAS_FILE,
+    SCENE_KEY,
+    SCENE_ARRAYS
+};
+
+struct scene_facts { /* what a scene has once */
+    double origin[3], extent, may_miss, reference[2];
+    struct scene_stats stats;
+    struct image_alpha alpha;
+    uint64_t warnings;
+    int32_t transparent, is_truncated, images_beside, has_reference, states_split, format;
+};
+struct scene_view_row {
+    oxl_camera camera;
+    uint64_t image, source; /* rows of SCENE_IMAGES, SCENE_CAMERAS */
+    int32_t is_test;
+};
+struct scene_camera_row {
+    int64_t id;
+    double parameter[CAMERA_PARAMETERS], on_disk;
+    int32_t model, width, height, parameter_count, line;
+};
+
+static const size_t SCENE_ROW[SCENE_ARRAYS] = {sizeof(struct scene_facts),
+                                               sizeof(struct scene_view_row),
+                                               sizeof(struct scene_camera_row),
+                                               sizeof(double),
+                                               sizeof(oxl_point),
+                                               sizeof(struct colmap_image),
+                                               sizeof(struct colmap_point),
+                                               sizeof(struct colmap_track),
+                                               1,
+                                               1,
+                                               1,
+                                               1,
+                                               1,
+                                               1,
+                                               1};
+
+struct scene_head {
     char magic[32];
-    uint64_t size, bytes[SCENE_ARRAYS]; /* of the struct, of the arrays */
-    struct oxl_scene scene;
+    uint64_t row[SCENE_ARRAYS], count[SCENE_ARRAYS]; /* SCENE_ROW of the build that wrote it */
 };
-
 static const char SCENE_FILE_MAGIC[32] = "oceanxl survey " OXL_VERSION;
 
-struct scene_file_array {
-    void *pointer; /* to the scene's pointer */
-    size_t bytes;
+struct scene_rows { /* the arrays, in a scene or in a file */
+    const void *data[SCENE_ARRAYS];
+    size_t count[SCENE_ARRAYS];
 };
-
-static void scene_file_arrays(struct oxl_scene *s, struct scene_file_array out[SCENE_ARRAYS - 1])
-{
-    struct colmap *c = &s->colmap;
-    const size_t views = (size_t)s->view_count;
-    const struct scene_file_array all[SCENE_ARRAYS - 1] = {
-        {&s->view, views * sizeof *s->view},
-        {&s->point, s->point_count * sizeof *s->point},
-        {&s->depth, s->depth_count * sizeof *s->depth},
-        {&s->source, views * sizeof *s->source},
-        {&s->on_disk, c->camera_count * sizeof *s->on_disk},
-        {&c->camera, c->camera_count * sizeof *c->camera},
-        {&c->image, c->image_count * sizeof *c->image},
-        {&c->point, c->point_count * sizeof *c->point},
-        {&c->track, c->track_count * sizeof *c->track},
-        {&c->names, c->names_size},
-        {&s->images, s->images ? strlen(s->images) + 1 : 0},
-        {&s->masks, s->masks ? strlen(s->masks) + 1 : 0},
-        {&c->folder, c->folder ? strlen(c->folder) + 1 : 0}};
-    memcpy(out, all, sizeof all);
-}
 
 static size_t scene_file_padded(size_t bytes)
 {
     return (bytes + SCENE_FILE_ALIGN - 1) / SCENE_FILE_ALIGN * SCENE_FILE_ALIGN;
 }
+
+/* ---------------- from a scene to its file */
 
 struct scene_file_writer {
     struct os_writer w;
@@ -86,54 +112,126 @@ static oxl_result scene_file_put(oxl_context *ctx, struct scene_file_writer *out
     return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", out->w.path);
 }
 
-OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
-                                         const char *key)
+static oxl_result scene_file_put_rows(oxl_context *ctx, const char *path, const struct scene_rows *rows)
 {
-    struct scene_file *head = oxl_calloc(ctx, 1, sizeof *head);
-    struct scene_file_array array[SCENE_ARRAYS - 1];
     struct scene_file_writer w = {.sum = CHECKSUM_SEED};
+    struct scene_head head = {.magic = {0}};
     uint64_t sum;
-    oxl_result rc =
-        head ? os_writer_open(ctx, path, &w.w) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path);
-    if (rc != OXL_OK) {
-        oxl_free(ctx, head);
-        return rc;
-    }
-    memcpy(head->magic, SCENE_FILE_MAGIC, sizeof head->magic);
-    head->size = sizeof *head;
-    head->scene = *scene;
-    scene_file_arrays(&head->scene, array);
-    for (int k = 0; k < SCENE_ARRAYS - 1; k++) head->bytes[k] = array[k].bytes;
-    head->bytes[SCENE_ARRAYS - 1] = strlen(key) + 1;
-    rc = scene_file_put(ctx, &w, head, sizeof *head);
-    for (int k = 0; k < SCENE_ARRAYS - 1 && rc == OXL_OK; k++) {
-        const void *data;
-        memcpy(&data, array[k].pointer, sizeof data);
-        rc = scene_file_put(ctx, &w, data, array[k].bytes);
-    }
-    if (rc == OXL_OK) rc = scene_file_put(ctx, &w, key, strlen(key) + 1);
+    oxl_result rc = os_writer_open(ctx, path, &w.w);
+    if (rc != OXL_OK) return rc;
+    memcpy(head.magic, SCENE_FILE_MAGIC, sizeof head.magic);
+    for (int k = 0; k < SCENE_ARRAYS; k++) head.row[k] = SCENE_ROW[k], head.count[k] = rows->count[k];
+    rc = scene_file_put(ctx, &w, &head, sizeof head);
+    for (int k = 0; k < SCENE_ARRAYS && rc == OXL_OK; k++)
+        rc = scene_file_put(ctx, &w, rows->data[k], rows->count[k] * SCENE_ROW[k]);
     sum = w.sum;
     if (rc == OXL_OK) rc = scene_file_put(ctx, &w, &sum, sizeof sum);
-    oxl_free(ctx, head);
     return os_writer_close(ctx, &w.w, rc);
 }
 
-/* Returns 1 if the file's bytes are those that the header announces, and it is of this run. */
-static int scene_file_is_whole(const struct os_file_map *map, const char *key)
+static void scene_rows_set(struct scene_rows *rows, enum scene_array k, const void *data, size_t count)
 {
-    const struct scene_file *head = (const void *)map->data;
-    const size_t last = scene_file_padded(strlen(key) + 1);
-    double size = (double)scene_file_padded(sizeof *head) + SCENE_FILE_ALIGN;
-    if (map->size < sizeof *head + last + SCENE_FILE_ALIGN ||
-        memcmp(head->magic, SCENE_FILE_MAGIC, sizeof head->magic))
-        return 0;
-    for (int k = 0; k < SCENE_ARRAYS; k++) {
-        if (head->bytes[k] > map->size) return 0;
-        size += (double)scene_file_padded(head->bytes[k]);
+    rows->data[k] = data;
+    rows->count[k] = count;
+}
+
+static void scene_rows_set_text(struct scene_rows *rows, enum scene_array k, const char *s)
+{
+    scene_rows_set(rows, k, s, s ? strlen(s) + 1 : 0);
+}
+
+/* Lists the arrays that a scene has as they are in the file. */
+static void scene_rows_of(const oxl_scene *s, const char *key, struct scene_rows *rows)
+{
+    const struct colmap *c = &s->colmap;
+    scene_rows_set(rows, SCENE_DEPTHS, s->depth, s->depth_count);
+    scene_rows_set(rows, SCENE_START, s->point, s->point_count);
+    scene_rows_set(rows, SCENE_IMAGES, c->image, c->image_count);
+    scene_rows_set(rows, SCENE_POINTS, c->point, c->point_count);
+    scene_rows_set(rows, SCENE_TRACKS, c->track, c->track_count);
+    scene_rows_set(rows, SCENE_NAMES, c->names, c->names_size);
+    scene_rows_set_text(rows, SCENE_IMAGE_FOLDER, s->images);
+    scene_rows_set_text(rows, SCENE_MASK_FOLDER, s->masks);
+    scene_rows_set_text(rows, SCENE_FOLDER, c->folder);
+    scene_rows_set_text(rows, SCENE_IMAGES_FILE, c->images_file);
+    scene_rows_set_text(rows, SCENE_CAMERAS_FILE, c->camera_count ? c->camera->file : "");
+    scene_rows_set_text(rows, SCENE_KEY, key);
+}
+
+static void scene_facts_of(const oxl_scene *s, struct scene_facts *f)
+{
+    const struct colmap *c = &s->colmap;
+    memcpy(f->origin, s->origin, sizeof f->origin);
+    memcpy(f->reference, c->reference, sizeof f->reference);
+    f->extent = s->extent, f->may_miss = s->may_miss;
+    f->stats = s->stats, f->alpha = s->alpha, f->warnings = c->warnings;
+    f->transparent = s->transparent, f->is_truncated = c->is_truncated, f->images_beside = c->images_beside;
+    f->has_reference = c->has_reference, f->states_split = c->states_split, f->format = c->format;
+}
+
+static void scene_view_rows(const oxl_scene *s, struct scene_view_row *row)
+{
+    for (int i = 0; i < s->view_count; i++) {
+        row[i].camera = s->view[i].camera;
+        row[i].image = s->source[i].image;
+        row[i].source = s->source[i].camera;
+        row[i].is_test = s->view[i].is_test;
     }
-    return head->size == sizeof *head && size == (double)map->size &&
-           head->bytes[SCENE_ARRAYS - 1] == strlen(key) + 1 &&
-           !memcmp(map->data + map->size - SCENE_FILE_ALIGN - last, key, strlen(key) + 1);
+}
+
+static void scene_camera_rows(const oxl_scene *s, struct scene_camera_row *row)
+{
+    for (size_t i = 0; i < s->colmap.camera_count; i++) {
+        const struct colmap_camera *c = &s->colmap.camera[i];
+        row[i].id = c->id, row[i].line = c->line, row[i].on_disk = s->on_disk[i];
+        row[i].model = c->model, row[i].width = c->width, row[i].height = c->height;
+        row[i].parameter_count = c->parameter_count;
+        memcpy(row[i].parameter, c->parameter, sizeof row[i].parameter);
+    }
+}
+
+OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene,
+                                         const char *key)
+{
+    const size_t views = (size_t)scene->view_count, cameras = scene->colmap.camera_count;
+    struct scene_facts *facts = oxl_calloc(ctx, 1, sizeof *facts); /* zeros between members, too */
+    struct scene_view_row *view = oxl_calloc(ctx, views + 1, sizeof *view);
+    struct scene_camera_row *camera = oxl_calloc(ctx, cameras + 1, sizeof *camera);
+    struct scene_rows rows = {{0}, {0}};
+    oxl_result rc = OXL_OK;
+    if (!facts || !view || !camera) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path);
+        goto done;
+    }
+    scene_facts_of(scene, facts);
+    scene_view_rows(scene, view);
+    scene_camera_rows(scene, camera);
+    scene_rows_of(scene, key, &rows);
+    scene_rows_set(&rows, SCENE_FACTS, facts, 1);
+    scene_rows_set(&rows, SCENE_VIEWS, view, views);
+    scene_rows_set(&rows, SCENE_CAMERAS, camera, cameras);
+    rc = scene_file_put_rows(ctx, path, &rows);
+done:
+    OXL_FREE(ctx, facts, view, camera);
+    return rc;
+}
+
+/* ---------------- the rows of a file, and what is checked of them */
+
+/* Returns 1 if the file's bytes are those that the head announces, and of this build; finds its rows. */
+static int scene_rows_find(const struct os_file_map *map, struct scene_rows *rows)
+{
+    const struct scene_head *head = (const void *)map->data;
+    size_t at = scene_file_padded(sizeof *head);
+    if (map->size < at || memcmp(head->magic, SCENE_FILE_MAGIC, sizeof head->magic)) return 0;
+    for (int k = 0; k < SCENE_ARRAYS; k++) {
+        if (head->row[k] != SCENE_ROW[k] || head->count[k] > (map->size - at) / SCENE_ROW[k]) return 0;
+        scene_rows_set(rows, (enum scene_array)k, head->count[k] ? map->data + at : NULL,
+                       (size_t)head->count[k]);
+        at += scene_file_padded(rows->count[k] * SCENE_ROW[k]);
+        if (at > map->size) return 0;
+    }
+    return map->size - at == SCENE_FILE_ALIGN;
 }
 
 /* Calls `check` with the bytes from `offset` on, in pieces. 1: read, and each was right. */
@@ -172,151 +270,191 @@ static int scene_file_has_sum(oxl_context *ctx, const char *path, const struct o
            sum == stored;
 }
 
-/* ---------------- ranges */
-
-static int scene_file_point_is_good(void *user, const void *data, size_t size)
+static int scene_rows_point_is_good(void *user, const void *data, size_t size)
 {
-    const struct colmap *c = user;
+    const size_t tracks = ((const struct scene_rows *)user)->count[SCENE_TRACKS];
     const struct colmap_point *point = data;
     for (size_t i = 0; i < size / sizeof *point; i++)
-        if (point[i].track_count > c->track_count ||
-            point[i].first_track > c->track_count - point[i].track_count)
-            return 0;
+        if (point[i].track_count > tracks || point[i].first_track > tracks - point[i].track_count) return 0;
     return 1;
 }
 
-static int scene_file_track_is_good(void *user, const void *data, size_t size)
+static int scene_rows_track_is_good(void *user, const void *data, size_t size)
 {
-    const struct colmap *c = user;
+    const size_t images = ((const struct scene_rows *)user)->count[SCENE_IMAGES];
     const struct colmap_track *track = data;
     for (size_t i = 0; i < size / sizeof *track; i++)
-        if (track[i].image_row >= c->image_count) return 0;
+        if (track[i].image_row >= images) return 0;
     return 1;
 }
 
-static int scene_file_has_string(const char *s, size_t bytes)
+/* Returns 1 if the bytes are one text with its end. */
+static int scene_rows_have_text(const struct scene_rows *rows, enum scene_array k)
 {
-    return bytes > 0 && !memchr(s, 0, bytes - 1) && !s[bytes - 1];
+    const char *s = rows->data[k];
+    const size_t size = rows->count[k];
+    return size > 0 && !s[size - 1] && !memchr(s, 0, size - 1);
 }
 
-static int scene_file_names_are_good(const oxl_scene *s)
+static int scene_rows_have_names(const struct scene_rows *rows)
 {
-    const struct colmap *c = &s->colmap;
-    if (c->names_size == 0 || c->names[c->names_size - 1]) return 0;
-    for (size_t i = 0; i < c->image_count; i++) {
+    const struct colmap_image *image = rows->data[SCENE_IMAGES];
+    const char *names = rows->data[SCENE_NAMES];
+    const size_t size = rows->count[SCENE_NAMES];
+    if (size == 0 || names[size - 1]) return 0;
+    for (size_t i = 0; i < rows->count[SCENE_IMAGES]; i++) {
         const char *name;
-        if (c->image[i].name >= c->names_size) return 0;
-        name = c->names + c->image[i].name;
+        if (image[i].name >= size || image[i].mask >= size) return 0;
+        name = names + image[i].name;
         if (!colmap_name_is_safe(name, name + strlen(name))) return 0;
     }
     return 1;
 }
 
-static int scene_file_views_are_good(const oxl_scene *s)
+static int scene_rows_have_cameras(const struct scene_rows *rows)
 {
-    const struct colmap *c = &s->colmap;
-    for (size_t i = 0; i < c->camera_count; i++)
-        if (c->camera[i].model < 0 || c->camera[i].model >= camera_model_count() || c->camera[i].width < 1 ||
-            c->camera[i].height < 1)
+    const struct scene_camera_row *c = rows->data[SCENE_CAMERAS];
+    for (size_t i = 0; i < rows->count[SCENE_CAMERAS]; i++)
+        if (c[i].model < 0 || c[i].model >= camera_model_count() || c[i].width < 1 || c[i].height < 1 ||
+            c[i].parameter_count != camera_model_at(c[i].model)->parameter_count)
             return 0;
-    for (int i = 0; i < s->view_count; i++) {
-        const oxl_camera *camera = &s->view[i].camera;
-        if (s->source[i].image >= c->image_count || s->source[i].camera >= c->camera_count ||
-            camera->width < 1 || camera->height < 1 || !(camera->fx > 0) || !(camera->fy > 0))
+    return 1;
+}
+
+static int scene_rows_have_views(const struct scene_rows *rows)
+{
+    const struct scene_view_row *v = rows->data[SCENE_VIEWS];
+    for (size_t i = 0; i < rows->count[SCENE_VIEWS]; i++)
+        if (v[i].image >= rows->count[SCENE_IMAGES] || v[i].source >= rows->count[SCENE_CAMERAS] ||
+            v[i].camera.width < 1 || v[i].camera.height < 1 || !(v[i].camera.fx > 0) || !(v[i].camera.fy > 0))
+            return 0;
+    return rows->count[SCENE_VIEWS] >= 1 && rows->count[SCENE_VIEWS] < INT_MAX;
+}
+
+/* Returns 1 if the rows are of this run, and all indices, counts and texts in them are whole. */
+static int scene_rows_are_good(oxl_context *ctx, const char *path, const char *key, const char *start,
+                               struct scene_rows *rows)
+{
+    static const struct {
+        enum scene_array array;
+        int (*is_good)(void *user, const void *data, size_t size);
+        size_t piece;
+    } read[] = {{SCENE_POINTS, scene_rows_point_is_good, 1024 * sizeof(struct colmap_point)},
+                {SCENE_TRACKS, scene_rows_track_is_good, SCENE_FILE_CHUNK}};
+    const struct scene_facts *facts = rows->data[SCENE_FACTS];
+    if (rows->count[SCENE_FACTS] != 1 || facts->format < COLMAP_TEXT || facts->format > COLMAP_JSON) return 0;
+    for (int k = SCENE_IMAGE_FOLDER; k <= SCENE_KEY; k++)
+        if (!scene_rows_have_text(rows, (enum scene_array)k) && !(k == SCENE_MASK_FOLDER && !rows->count[k]))
+            return 0;
+    if (strcmp(rows->data[SCENE_KEY], key) || !scene_rows_have_names(rows) ||
+        !scene_rows_have_cameras(rows) || !scene_rows_have_views(rows))
+        return 0;
+    for (size_t k = 0; k < OXL_COUNT(read); k++) {
+        const enum scene_array a = read[k].array;
+        if (rows->count[a] &&
+            !scene_file_pieces(ctx, path, (uint64_t)((const char *)rows->data[a] - start),
+                               rows->count[a] * SCENE_ROW[a], read[k].piece, read[k].is_good, rows))
             return 0;
     }
     return 1;
 }
 
-/* Returns 1 if the arrays have the sizes of their counts, and names, indices and strings are whole. */
-static int scene_file_is_good(oxl_context *ctx, const char *path, const struct scene_file *head, oxl_scene *s)
+/* ---------------- from the rows to a scene */
+
+static void scene_use_facts(const struct scene_facts *f, oxl_scene *s)
 {
-    struct scene_file_array array[SCENE_ARRAYS - 1];
-    uint64_t offset[SCENE_ARRAYS] = {scene_file_padded(sizeof *head)};
-    const size_t most = SIZE_MAX / 4096; /* of any count: no product of one overflows */
-    if (s->view_count < 1 || s->point_count > most || s->depth_count > most ||
-        s->colmap.camera_count > most || s->colmap.image_count > most || s->colmap.point_count > most ||
-        s->colmap.track_count > most || !s->from_files || s->colmap.format < COLMAP_TEXT ||
-        s->colmap.format > COLMAP_JSON)
-        return 0;
-    for (int k = 0; k < SCENE_ARRAYS - 1; k++) offset[k + 1] = offset[k] + scene_file_padded(head->bytes[k]);
-    if (!scene_file_has_string(s->images, head->bytes[SCENE_IMAGES]) ||
-        (s->masks && !scene_file_has_string(s->masks, head->bytes[SCENE_MASKS])) ||
-        !scene_file_has_string(s->colmap.folder, head->bytes[SCENE_FOLDER]))
-        return 0;
-    scene_file_arrays(s, array);
-    for (int k = 0; k < SCENE_ARRAYS - 1; k++)
-        if (array[k].bytes != head->bytes[k]) return 0;
-    return scene_file_names_are_good(s) && scene_file_views_are_good(s) &&
-           scene_file_pieces(ctx, path, offset[SCENE_POINTS], head->bytes[SCENE_POINTS],
-                             1024 * sizeof *s->colmap.point, scene_file_point_is_good, &s->colmap) &&
-           scene_file_pieces(ctx, path, offset[SCENE_TRACKS], head->bytes[SCENE_TRACKS], SCENE_FILE_CHUNK,
-                             scene_file_track_is_good, &s->colmap);
+    struct colmap *c = &s->colmap;
+    memcpy(s->origin, f->origin, sizeof s->origin);
+    memcpy(c->reference, f->reference, sizeof c->reference);
+    s->extent = f->extent, s->may_miss = f->may_miss;
+    s->stats = f->stats, s->alpha = f->alpha, c->warnings = (size_t)f->warnings;
+    s->transparent = f->transparent, c->is_truncated = f->is_truncated, c->images_beside = f->images_beside;
+    c->has_reference = f->has_reference, c->states_split = f->states_split;
+    c->format = (enum colmap_format)f->format;
+    s->from_files = 1;
 }
 
-/* Copies what holds pointers. */
-static oxl_result scene_file_own(oxl_context *ctx, oxl_scene *s)
+/* Makes arrays in the map the scene's own: they are read only. */
+static void scene_use_rows(const struct scene_rows *rows, oxl_scene *s)
 {
-    const oxl_view *view = s->view;
-    const struct colmap_camera *camera = s->colmap.camera;
-    s->view = oxl_alloc(ctx, (size_t)s->view_count + 1, sizeof *s->view);
-    s->colmap.camera = oxl_alloc(ctx, s->colmap.camera_count + 1, sizeof *s->colmap.camera);
-    if (!s->view || !s->colmap.camera)
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d views", s->view_count);
+    struct colmap *c = &s->colmap;
+    s->depth = (void *)rows->data[SCENE_DEPTHS], s->depth_count = rows->count[SCENE_DEPTHS];
+    s->point = (void *)rows->data[SCENE_START], s->point_count = rows->count[SCENE_START];
+    c->image = (void *)rows->data[SCENE_IMAGES], c->image_count = rows->count[SCENE_IMAGES];
+    c->point = (void *)rows->data[SCENE_POINTS], c->point_count = rows->count[SCENE_POINTS];
+    c->track = (void *)rows->data[SCENE_TRACKS], c->track_count = rows->count[SCENE_TRACKS];
+    c->names = (void *)rows->data[SCENE_NAMES], c->names_size = rows->count[SCENE_NAMES];
+    s->images = (void *)rows->data[SCENE_IMAGE_FOLDER];
+    s->masks = (void *)rows->data[SCENE_MASK_FOLDER];
+    c->folder = (void *)rows->data[SCENE_FOLDER];
+    c->images_file = rows->data[SCENE_IMAGES_FILE];
+}
+
+static void scene_use_views(const struct scene_view_row *row, oxl_scene *s)
+{
     for (int i = 0; i < s->view_count; i++) {
-        s->view[i] = view[i];
-        s->view[i].name = s->colmap.names + s->colmap.image[s->source[i].image].name;
+        s->source[i] = (struct scene_source){(size_t)row[i].image, (size_t)row[i].source};
+        s->view[i] =
+            (oxl_view){s->colmap.names + s->colmap.image[row[i].image].name, row[i].camera, row[i].is_test};
     }
-    for (size_t i = 0; i < s->colmap.camera_count; i++) {
-        s->colmap.camera[i] = camera[i];
-        s->colmap.camera[i].file = "cameras.txt";
-    }
-    s->colmap.images_file = "images.txt";
-    return scene_begin_cache(ctx, s, (size_t)s->view_count);
 }
 
-/* Makes the arrays in the map the scene's. */
-static void scene_file_point_into(oxl_scene *s, const struct scene_file *head, const char *data)
+static void scene_use_cameras(const struct scene_camera_row *row, const char *file, oxl_scene *s)
 {
-    struct scene_file_array array[SCENE_ARRAYS - 1];
-    size_t offset = scene_file_padded(sizeof *head);
-    s->imaging = (struct imaging){0};
-    s->cache = (struct image_cache){0};
-    s->lpips = NULL;
-    s->decoded = s->images = s->masks = s->colmap.folder = NULL; /* addresses of another process */
-    scene_file_arrays(s, array);
-    for (int k = 0; k < SCENE_ARRAYS - 1; k++) {
-        const char *at = head->bytes[k] ? data + offset : NULL;
-        memcpy(array[k].pointer, &at, sizeof at);
-        offset += scene_file_padded(head->bytes[k]);
+    for (size_t i = 0; i < s->colmap.camera_count; i++) {
+        s->on_disk[i] = row[i].on_disk;
+        s->colmap.camera[i] = (struct colmap_camera){.id = row[i].id,
+                                                     .model = row[i].model,
+                                                     .width = row[i].width,
+                                                     .height = row[i].height,
+                                                     .parameter_count = row[i].parameter_count,
+                                                     .file = file,
+                                                     .line = row[i].line};
+        memcpy(s->colmap.camera[i].parameter, row[i].parameter, sizeof row[i].parameter);
     }
+}
+
+/* Makes the scene of the file; the map becomes its own, on error too. */
+static oxl_result scene_of_rows(oxl_context *ctx, const struct scene_rows *rows, struct os_file_map *map,
+                                oxl_scene **out)
+{
+    const size_t views = rows->count[SCENE_VIEWS], cameras = rows->count[SCENE_CAMERAS];
+    oxl_scene *s = oxl_calloc(ctx, 1, sizeof *s);
+    oxl_result rc;
+    if (!s) {
+        os_unmap_file(ctx, map);
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
+    }
+    s->map = *map;
+    scene_use_facts(rows->data[SCENE_FACTS], s);
+    scene_use_rows(rows, s);
+    s->view = oxl_calloc(ctx, views + 1, sizeof *s->view);
+    s->source = oxl_calloc(ctx, views + 1, sizeof *s->source);
+    s->on_disk = oxl_calloc(ctx, cameras + 1, sizeof *s->on_disk);
+    s->colmap.camera = oxl_calloc(ctx, cameras + 1, sizeof *s->colmap.camera);
+    if (!s->view || !s->source || !s->on_disk || !s->colmap.camera)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene of %zu views", views);
+    else {
+        s->view_count = (int)views;
+        s->colmap.camera_count = cameras;
+        scene_use_views(rows->data[SCENE_VIEWS], s);
+        scene_use_cameras(rows->data[SCENE_CAMERAS], rows->data[SCENE_CAMERAS_FILE], s);
+        rc = scene_begin_cache(ctx, s, views);
+    }
+    if (rc == OXL_OK) *out = s;
+    else oxl_scene_free(ctx, s);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out)
 {
     struct os_file_map map = {0};
-    oxl_scene *s = NULL;
+    struct scene_rows rows;
     oxl_result rc = os_is_file(path) ? os_map_file(ctx, path, &map) : OXL_OK;
     *out = NULL;
-    if (rc == OXL_OK && map.data && scene_file_is_whole(&map, key) && scene_file_has_sum(ctx, path, &map) &&
-        !(s = oxl_calloc(ctx, 1, sizeof *s)))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
-    if (s) {
-        const struct scene_file *head = (const void *)map.data;
-        *s = head->scene;
-        scene_file_point_into(s, head, map.data);
-        if (!scene_file_is_good(ctx, path, head, s)) {
-            oxl_free(ctx, s);
-            s = NULL;
-        }
-    }
-    if (!s) {
-        os_unmap_file(ctx, &map);
-        return rc;
-    }
-    s->map = map;
-    rc = scene_file_own(ctx, s);
-    if (rc != OXL_OK) oxl_scene_free(ctx, s);
-    else *out = s;
+    if (rc == OXL_OK && map.data && scene_rows_find(&map, &rows) && scene_file_has_sum(ctx, path, &map) &&
+        scene_rows_are_good(ctx, path, key, map.data, &rows))
+        return scene_of_rows(ctx, &rows, &map, out);
+    os_unmap_file(ctx, &map);
     return rc;
 }

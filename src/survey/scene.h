@@ -47,7 +47,7 @@ struct oxl_scene {
     char *decoded;               /* folder of decoded images, or NULL */
     int transparent;             /* images with an alpha channel */
     struct image_alpha alpha;    /* what it means */
-    /* of scene_file_map: it holds all arrays but views and cameras; or no data */
+    /* of scene_file_map: it holds all arrays but those by view and by camera; or no data */
     struct os_file_map map;
 };
 

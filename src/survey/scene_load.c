@@ -24,15 +24,14 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->lpips);
-    oxl_free(ctx, scene->view);
+    OXL_FREE(ctx, scene->view, scene->source, scene->on_disk, scene->decoded);
     if (scene->map.data) { /* the other arrays are there */
-        OXL_FREE(ctx, scene->colmap.camera, scene->decoded);
+        oxl_free(ctx, scene->colmap.camera);
         os_unmap_file(ctx, &scene->map);
         oxl_free(ctx, scene);
         return;
     }
-    OXL_FREE(ctx, scene->point, scene->depth, scene->decoded, scene->source, scene->on_disk, scene->images,
-             scene->masks);
+    OXL_FREE(ctx, scene->point, scene->depth, scene->images, scene->masks);
     colmap_free(ctx, &scene->colmap);
     oxl_free(ctx, scene);
 }
