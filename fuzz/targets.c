@@ -315,12 +315,9 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     const oxl_train_options options = fuzz_train_options();
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
-    struct train t = {.ctx = ctx,
-                      .scene = fuzz_scene(ctx),
-                      .options = &options,
-                      .output = &place,
-                      .decisions = {.ctx = ctx}};
+    const struct train_task place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
+    struct train t = {
+        .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .task = place, .decisions = {.ctx = ctx}};
     oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");

@@ -61,9 +61,9 @@ TEST(depth_of_tracks_is_compared_at_the_places_of_the_window_and_of_halved_image
 {
     const struct image_window window = {.x = 16, .y = 32, .width = 64, .height = 48};
     struct image_window all[14];
-    struct train_output output = {.window = all};
+    const struct train_task task = {.window = all};
     struct depth_point point[DEPTH_POINTS];
-    struct train t = {.ctx = test_ctx, .output = &output, .step = 7};
+    struct train t = {.ctx = test_ctx, .task = task, .step = 7};
     struct track_depth d = {0};
     int count;
     photometry_test_make("depth_window", SYNTH_3C);

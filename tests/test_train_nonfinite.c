@@ -173,12 +173,11 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
         struct text log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        const struct train_output place = {
-            .folder = test_folder(), .key = "key", .log = &log, .notes = &notes};
+        struct train_task place = {.folder = test_folder(), .key = "key", .log = &log, .notes = &notes};
         struct nonfinite_test_case c, again;
         int found = 0;
         nonfinite_test_begin(&c, 2);
-        c.t.output = &place;
+        c.t.task = place;
         if (fault == 1) c.t.view[3] = 7;
         if (fault == 2) c.t.step = 201;
         if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.trained.mean, 1));
@@ -188,7 +187,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 7) c.t.trained.square.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
         nonfinite_test_begin(&again, 0);
-        again.t.output = &place;
+        again.t.task = place;
         CHECK(checkpoint_read(test_ctx, place.folder, place.key, train_archive, &again.t, &found) ==
               (fault ? OXL_ERR_INPUT : OXL_OK));
         CHECK(found == (fault == 0));

@@ -2944,8 +2944,7 @@ static oxl_result vulkan_saved_run(oxl_context *ctx, const oxl_callback *callbac
                                    uint64_t *sum)
 {
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place = {
-        .folder = test_path("saved"), .key = "saved", .log = &log, .notes = &notes};
+    struct train_task place = {.folder = test_path("saved"), .key = "saved", .log = &log, .notes = &notes};
     oxl_scene *scene = vulkan_survey(ctx, 0);
     oxl_train_options options = train_options(60);
     struct os_file_map map = {0};
@@ -3165,7 +3164,7 @@ static void vulkan_train_exposed(oxl_context *ctx, int how, oxl_model *out, doub
     int last = 0, stops = 0;
     const oxl_callback callback = {how == VULKAN_STOPPED ? vulkan_stops : NULL, &last};
     struct text log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place = {
+    struct train_task place = {
         .folder = test_path("exposed"), .key = "exposed", .log = &log, .notes = &notes};
     oxl_scene *scene = vulkan_survey(ctx, 0.3);
     oxl_train_options options = train_options(80);
@@ -3221,7 +3220,7 @@ static void vulkan_check_windows(oxl_context *device)
     oxl_model model[2];
     for (int i = 0; i < 6; i++) window[i] = (struct image_window){.x = 8, .y = 4, .width = 32, .height = 24};
     for (int k = 0; k < 2; k++) {
-        const struct train_output place = {
+        struct train_task place = {
             .folder = test_path(k ? "device" : "cpu"), .key = "windows", .window = window};
         oxl_scene *scene = vulkan_survey(ctx[k], 0);
         oxl_train_options options = train_options(20);
@@ -3277,7 +3276,7 @@ static void vulkan_check_dropout(oxl_context *device)
 static void vulkan_check_lamp_and_medium(oxl_context *device)
 {
     struct text decisions = {.ctx = device};
-    const struct train_output place = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
+    struct train_task place = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
     oxl_scene *scene = vulkan_survey(device, 0);
     oxl_job_options options = {.train = train_options(2)};
     oxl_model model;

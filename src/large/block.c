@@ -250,35 +250,33 @@ static struct block_record block_record_of(const struct block *b, const oxl_mode
 static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct block_record *record,
                                     oxl_model *model)
 {
-    int trained = 0;
     const struct block_task *task = b->task;
-    const struct train_output place = {.folder = task->folder,
-                                       .key = task->key,
-                                       .log = &b->log,
-                                       .notes = &b->notes,
-                                       .decisions = &b->decisions,
-                                       .start = task->start,
-                                       .context = task->context,
-                                       .window = task->window,
-                                       .first = task->first,
-                                       .until = task->until,
-                                       .viewed = task->viewed,
-                                       .refined = task->standard,
-                                       .from = task->from,
-                                       .nonfinite = &b->nonfinite,
-                                       .trained = &trained};
+    struct train_task train = {.folder = task->folder,
+                               .key = task->key,
+                               .log = &b->log,
+                               .notes = &b->notes,
+                               .decisions = &b->decisions,
+                               .start = task->start,
+                               .context = task->context,
+                               .window = task->window,
+                               .first = task->first,
+                               .until = task->until,
+                               .viewed = task->viewed,
+                               .refined = task->standard,
+                               .from = task->from};
     oxl_result rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
-    rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
+    rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &train, model);
+    b->nonfinite = train.nonfinite;
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || model->count == 0)) return rc;
     *record = block_record_of(b, model);
-    record->trained = trained;
+    record->trained = train.finished;
     os_remove(PATH(task->folder, "model_standard.ply")); /* it is of another model.ply */
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_imaging(b, scene);
     if (written == OXL_OK) written = block_write_record(b, record);
-    if (written == OXL_OK && trained) checkpoint_remove(task->folder, 0); /* spent */
+    if (written == OXL_OK && train.finished) checkpoint_remove(task->folder, 0); /* spent */
     return written == OXL_OK ? rc : written;
 }
 
@@ -323,14 +321,13 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 {
     oxl_train_options o = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_output place = {.folder = b->task->folder,
-                                 .log = &log,
-                                 .notes = &notes,
-                                 .start = model,
-                                 .context = b->task->context,
-                                 .window = b->task->window,
-                                 .frozen = 1,
-                                 .nonfinite = &b->nonfinite};
+    struct train_task train = {.folder = b->task->folder,
+                               .log = &log,
+                               .notes = &notes,
+                               .start = model,
+                               .context = b->task->context,
+                               .window = b->task->window,
+                               .frozen = 1};
     const int hides = imaging_alters_colours(&scene->imaging);
     oxl_model plain = {0};
     oxl_result rc;
@@ -342,14 +339,15 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     o.lr_sh *= hides ? BLOCK_REFINE_SH : 1;
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
-    place.key = key.data;
+    train.key = key.data;
     rc = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
         oxl_log(b->ctx, OXL_LOG_INFO,
                 "the model without second lobes and medium, for viewers, is refined for %d iterations",
                 o.iterations);
     if (rc == OXL_OK)
-        rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &place, &plain);
+        rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &train, &plain);
+    b->nonfinite = train.nonfinite;
     *done = rc == OXL_OK && b->last.iteration == o.iterations;
     if (*done) rc = block_write_model(b, "model_standard.ply", &plain);
     oxl_model_free(b->ctx, &plain);

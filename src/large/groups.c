@@ -354,22 +354,22 @@ static oxl_result groups_train(struct groups *g, const struct image_window *wind
     oxl_train_options o = block_refinement(&job->options.train, all->model.sh_degree, steps);
     struct text key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model out = {0};
-    struct train_output place = {.folder = g->folder,
-                                 .log = &log,
-                                 .notes = &notes,
-                                 .start = &all->model,
-                                 .moments = all,
-                                 .window = window,
-                                 .first = from,
-                                 .until = until};
+    struct train_task train = {.folder = g->folder,
+                               .log = &log,
+                               .notes = &notes,
+                               .start = &all->model,
+                               .moments = all,
+                               .window = window,
+                               .first = from,
+                               .until = until};
     const double started = os_seconds();
     oxl_result rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
-    place.key = key.data;
+    train.key = key.data;
     rc = key.failed ? job_no_memory(job) : OXL_OK;
     job_limit_time(job, &o);
     if (rc == OXL_OK)
-        rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
+        rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &train, &out);
     if (rc == OXL_OK) oxl_model_free(job->ctx, &all->model), all->model = out;
     else oxl_model_free(job->ctx, &out);
     g->seconds += os_seconds() - started;

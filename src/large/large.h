@@ -150,7 +150,7 @@ struct block_task {
     const oxl_callback *callback;
     const oxl_model *start;   /* a trained model that is refined; NULL: the scene's points */
     const oxl_model *from;    /* starts instead of the points; NULL: the points do */
-    const oxl_model *context; /* this and the next three as in struct train_output */
+    const oxl_model *context; /* this and the next three as in struct train_task */
     const struct image_window *window;
     int first, until;
     int viewed; /* views that are rendered after the run; for the time left */

@@ -201,7 +201,7 @@ static oxl_result exposure_part_begin(struct train *t, void *state)
 {
     struct exposure *e = state;
     const oxl_result rc = exposure_begin(t->ctx, e, t->scene, t->options->exposure, t->continues);
-    if (t->output && t->output->frozen) e->known_until = 2;
+    if (t->task.frozen) e->known_until = 2;
     return rc;
 }
 

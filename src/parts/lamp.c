@@ -110,8 +110,7 @@ static oxl_result lamp_part_begin(struct train *t, void *state)
     struct lamp_fit *l = state;
     if (t->options->lamp != OXL_OFF)
         lamp_begin(l, t->scene, t->options->medium, t->continues ? &t->scene->imaging : NULL);
-    l->frozen =
-        t->output && (t->output->frozen || t->output->context); /* a block sees a part of each image */
+    l->frozen = t->task.frozen || t->task.context; /* a block sees a part of each image */
     return OXL_OK;
 }
 

@@ -23,7 +23,7 @@ static oxl_result sh_degree_begin(struct train *t, void *state)
 {
     struct sh_degree *s = state;
     s->final = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
-    if (!t->output || !t->output->from || t->trained.model.sh_degree <= s->final) return OXL_OK;
+    if (!t->task.from || t->trained.model.sh_degree <= s->final) return OXL_OK;
     return model_trained_set_degree(t->ctx, &t->trained, s->final);
 }
 

@@ -134,7 +134,7 @@ OXL_INTERNAL oxl_result track_depth_before_backward(struct train *t, void *state
     double weight;
     oxl_result rc = OXL_OK;
     if (!v->imaging.medium.on) return OXL_OK;
-    if (!d->started) rc = track_depth_begin(t->ctx, d, t->scene, t->output ? t->output->window : NULL);
+    if (!d->started) rc = track_depth_begin(t->ctx, d, t->scene, t->task.window);
     if (rc != OXL_OK) return rc;
     weight = track_depth_of_step(d, v->view, t->step, v->progress, &count, point);
     for (int i = 0; i < count; i++) {

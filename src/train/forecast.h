@@ -33,7 +33,7 @@ OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_opt
 /* ---------------- forecast.c: the time left */
 
 OXL_INTERNAL void forecast_note_step(struct train *t); /* after each step, also of a trial */
-OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and what t->output names */
+OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and what t->task names */
 
 /* ---------------- train_loop.c: what a look shares with a run */
 

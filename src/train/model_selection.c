@@ -57,8 +57,7 @@ OXL_INTERNAL int selection_is_validation_view(int index, int views)
 /* 1: the run trains the view, or holds it for validation. */
 static int selection_is_training_view(const struct train *t, int view)
 {
-    return !oxl_scene_view(t->scene, view)->is_test &&
-           (!t->output || !t->output->window || t->output->window[view].width > 0);
+    return !oxl_scene_view(t->scene, view)->is_test && (!t->task.window || t->task.window[view].width > 0);
 }
 
 /* Sorts views into training and validation views, both in name order. */

@@ -34,7 +34,7 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 
 OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view)
 {
-    return t->output && t->output->window ? &t->output->window[view] : NULL;
+    return t->task.window ? &t->task.window[view] : NULL;
 }
 
 /* Returns the camera of that part at this step's resolution, and tells the renderer the full image's size. */
@@ -114,7 +114,7 @@ static oxl_result step_refuse_unreadable(struct train *t, oxl_result why)
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
-        const int step = t->step - 1 - (t->output ? t->output->first : 0), slot = step % t->views;
+        const int step = t->step - 1 - t->task.first, slot = step % t->views;
         oxl_result rc;
         if (slot == 0) step_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
@@ -194,7 +194,7 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
 {
     const double psnr =
         -VECMATH_DECIBEL_OF_E * vecmath_log(loss->mse > STEP_MSE_MIN ? loss->mse : STEP_MSE_MIN);
-    const double k = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->output ? t->output->first : 0)));
+    const double k = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - t->task.first));
     parts_after_loss(t, of, loss);
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
                       renderer_has_device(t->renderer) ? NULL : &t->trained);

@@ -7,35 +7,36 @@
 
 /* ---------------- train_loop.c: a run */
 
-/* Where a run keeps its state. */
-struct train_output {
-    const char *folder; /* of the checkpoints */
-    const char *key;    /* all inputs of the result */
-    struct text *log;   /* the caller's; saved with the state */
-    struct text *notes; /* likewise */
-    /* trained model to continue, with the scene's imaging; NULL: `from`, else the points */
-    const oxl_model *start;
-    struct text *decisions;   /* receives members of a JSON object, decisions and evidence; or NULL */
-    oxl_nonfinite *nonfinite; /* out: of the whole run; or NULL */
-    int *trained;             /* out: 1: the run is complete; or NULL */
-    const oxl_model *from;    /* model that replaces the scene's points; or NULL */
-    /* of one block of a survey (src/large/rounds.c): */
+/* What is asked of a run beside its options. All zero: from the points to the end, without checkpoints. */
+struct train_task {
+    /* checkpoints: their folder, NULL: none; all inputs of the result; the caller's texts, saved with them */
+    const char *folder, *key;
+    struct text *log, *notes;
+    struct text *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
+
+    /* what it begins with, instead of the points: at most one of the two */
+    const oxl_model *from;  /* a model that is densified like the points */
+    const oxl_model *start; /* a trained model that is continued, with the scene's imaging */
+    int first;              /* step that `start` is at */
+    /* mean and square of `start`: consumed, and returned with the model; NULL: 0 */
+    struct trained_model *moments;
+    int until; /* the run pauses after this step and writes a checkpoint; 0: no pause */
+
+    /* one block of a survey (src/large/rounds.c) */
     const oxl_model *context; /* Gaussians that are rendered but not trained; NULL: none */
     /* (views) trained part of each view, width 0: none; NULL: whole views */
     const struct image_window *window;
-    /* mean and square of `start`: consumed, and returned with the model; NULL: 0 */
-    struct trained_model *moments;
-    int first;  /* step that `start` is at */
-    int frozen; /* 1: gains and lamp stay as they are */
-    /* the run pauses after this step and writes a checkpoint; 0: no pause */
-    int until;
+    int frozen;  /* 1: gains and lamp stay as they are */
     int viewed;  /* views that the caller renders afterwards; for the time left */
     int refined; /* steps by which the caller refines a model whose medium is baked; likewise */
+
+    /* out */
+    oxl_nonfinite nonfinite; /* of the whole run */
+    int finished;            /* 1: all iterations are made */
 };
-/* oxl_train with checkpoints: resumes from the last one if it exists. output may be NULL. */
+/* oxl_train with checkpoints: resumes from the last one if it exists. task may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_output *output,
-                                  oxl_model *out);
+                                  const oxl_callback *callback, struct train_task *task, oxl_model *out);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
 
 /* ---------------- schedule.c: functions of options and step */

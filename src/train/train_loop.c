@@ -99,8 +99,8 @@ static oxl_result train_first_from_model(struct train *t, const oxl_model *from)
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
-    if (t->output && t->output->start) return model_copy(t->ctx, t->output->start, &t->trained.model);
-    if (t->output && t->output->from) return train_first_from_model(t, t->output->from);
+    if (t->task.start) return model_copy(t->ctx, t->task.start, &t->trained.model);
+    if (t->task.from) return train_first_from_model(t, t->task.from);
     rc = train_fresh_model(t);
     if (rc == OXL_OK) train_sharpen_start(t);
     return rc;
@@ -108,7 +108,7 @@ static oxl_result train_first_model(struct train *t)
 
 static oxl_result train_begin_moments(struct train *t)
 {
-    struct trained_model *given = t->output ? t->output->moments : NULL;
+    struct trained_model *given = t->task.moments;
     if (!given) return model_trained_begin(t->ctx, &t->trained);
     OXL_SWAP(oxl_model, t->trained.mean, given->mean);
     OXL_SWAP(oxl_model, t->trained.square, given->square);
@@ -125,13 +125,13 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     scene_set_background(ctx, t->scene, t->render.background); /* before the first image is read */
     rc = train_first_model(t);
     if (rc != OXL_OK) return rc;
-    t->continues = t->output && t->output->start;
+    t->continues = t->task.start != NULL;
     memcpy(t->trained.model.origin, oxl_scene_origin(t->scene), sizeof t->trained.model.origin);
     rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
-    if (rc == OXL_OK) renderer_set_context(t->renderer, t->output ? t->output->context : NULL);
-    if (rc == OXL_OK && t->output && t->output->window) renderer_use_cpu(t->renderer);
+    if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
+    if (rc == OXL_OK && t->task.window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
     if (rc == OXL_OK) rc = parts_create(t);
@@ -181,8 +181,8 @@ OXL_INTERNAL void train_archive(struct archive *a, void *user)
     parts_archive(a, t, 0);
     selection_archive(a, t);
     archive_expect(a, t->views + t->validation_views <= schedule_training_views(t->scene));
-    archive_text(a, t->output->log);
-    archive_text(a, t->output->notes);
+    archive_text(a, t->task.log);
+    archive_text(a, t->task.notes);
     if (a->reading && a->rc == OXL_OK) t->seconds = spent;
 }
 
@@ -191,17 +191,17 @@ static oxl_result train_save(struct train *t)
     oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     t->saved_step = t->step;
     t->saved_at = os_seconds();
-    if (rc != OXL_OK || !t->output) return rc;
-    rc = checkpoint_write(t->ctx, t->output->folder, t->output->key, train_archive, t);
+    if (rc != OXL_OK || !t->task.folder) return rc;
+    rc = checkpoint_write(t->ctx, t->task.folder, t->task.key, train_archive, t);
     /* it was deleted meanwhile, and is made again */
-    if (rc == OXL_ERR_IO && !os_is_folder(t->output->folder))
-        rc = checkpoint_write(t->ctx, t->output->folder, t->output->key, train_archive, t);
+    if (rc == OXL_ERR_IO && !os_is_folder(t->task.folder))
+        rc = checkpoint_write(t->ctx, t->task.folder, t->task.key, train_archive, t);
     return rc;
 }
 
 static int train_save_is_due(const struct train *t)
 {
-    return t->output && t->step < t->options->iterations &&
+    return t->task.folder && t->step < t->options->iterations &&
            (t->step - t->saved_step >= TRAIN_SAVE_STEPS || os_seconds() - t->saved_at >= TRAIN_SAVE_SECONDS);
 }
 
@@ -210,7 +210,7 @@ OXL_INTERNAL oxl_result train_resume(struct train *t)
     int found = 0;
     oxl_result rc = OXL_OK;
     t->saved_at = t->started;
-    if (t->output) rc = checkpoint_read(t->ctx, t->output->folder, t->output->key, train_archive, t, &found);
+    if (t->task.folder) rc = checkpoint_read(t->ctx, t->task.folder, t->task.key, train_archive, t, &found);
     if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
     t->saved_step = t->step;
     return rc;
@@ -263,8 +263,7 @@ static oxl_result train_stop(struct train *t)
 static oxl_result train_loop(struct train *t)
 {
     const oxl_train_options *o = t->options;
-    const int end =
-        t->output && t->output->until > 0 ? OXL_MIN(t->output->until, o->iterations) : o->iterations;
+    const int end = t->task.until > 0 ? OXL_MIN(t->task.until, o->iterations) : o->iterations;
     oxl_result rc = OXL_OK;
     t->first_step = t->step;
     if (t->step > 0 && step_report(t, 0)) return OXL_ERR_INTERRUPTED;
@@ -302,21 +301,20 @@ static void train_return_background(const struct train *t, oxl_model *out)
 /* Copies the decisions to the caller. */
 static void train_return_decisions(struct train *t)
 {
-    struct text *out = t->output ? t->output->decisions : NULL;
+    struct text *out = t->task.decisions;
     if (out && t->decisions.data) text_add(out, "%s", t->decisions.data);
     if (out) out->failed |= t->decisions.failed;
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_output *output,
-                                  oxl_model *out)
+                                  const oxl_callback *callback, struct train_task *task, oxl_model *out)
 {
     struct train t = {.ctx = ctx,
                       .scene = scene,
                       .options = options,
                       .started = os_seconds(),
-                      .output = output,
-                      .step = output ? output->first : 0,
+                      .task = task ? *task : (struct train_task){0},
+                      .step = task ? task->first : 0,
                       .callback = callback,
                       .decisions = {.ctx = ctx}};
     oxl_result rc = train_check(ctx, options), ended = OXL_OK;
@@ -328,13 +326,13 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK) rc = train_loop(&t);
     OXL_SWAP(oxl_model, *out, t.trained.model);
     train_return_background(&t, out);
-    if (output && output->moments && t.trained.square.memory) { /* rows keep their places */
-        output->moments->mean = t.trained.mean, output->moments->square = t.trained.square;
+    if (t.task.moments && t.trained.square.memory) { /* rows keep their places */
+        t.task.moments->mean = t.trained.mean, t.task.moments->square = t.trained.square;
         t.trained = (struct trained_model){0};
     } else if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
-    if (output && output->nonfinite) *output->nonfinite = t.nonfinite;
-    if (output && output->trained) *output->trained = rc == OXL_OK && t.step == options->iterations;
+    if (task) task->nonfinite = t.nonfinite;
+    if (task) task->finished = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED)
         oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !started)) oxl_model_free(ctx, out);

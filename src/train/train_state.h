@@ -35,6 +35,7 @@ struct train {
     oxl_context *ctx;
     oxl_scene *scene;
     const oxl_train_options *options;
+    struct train_task task;
     oxl_render_options render;
     struct trained_model trained;
     struct renderer *renderer;
@@ -56,12 +57,11 @@ struct train {
     double loss, psnr; /* smoothed */
     double last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite nonfinite;
-    int first_step;                    /* at which this process started: 0, or the step of a checkpoint */
-    double started;                    /* time of that, os_seconds */
-    double seconds;                    /* that earlier processes spent on the run */
-    const struct train_output *output; /* of its checkpoints, or NULL */
-    int saved_step;                    /* step of the last checkpoint */
-    double saved_at;                   /* its time, os_seconds */
+    int first_step;  /* at which this process started: 0, or the step of a checkpoint */
+    double started;  /* time of that, os_seconds */
+    double seconds;  /* that earlier processes spent on the run */
+    int saved_step;  /* step of the last checkpoint */
+    double saved_at; /* its time, os_seconds */
     const oxl_callback *callback;
     struct text decisions; /* members of a JSON object: decisions and evidence */
     struct forecast forecast;
