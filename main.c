@@ -100,6 +100,8 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a, const o
     oxl_result rc = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) print_text(stdout, json ? json : survey.text);
+    for (const char *s = survey.warnings; rc == OXL_OK && !json && *s; s += strcspn(s, "\n") + 1)
+        printf("warning: %.*s\n", (int)strcspn(s, "\n"), s);
     oxl_text_free(ctx, json);
     if (rc == OXL_OK && a->control) rc = run_control(ctx, a, options);
     return rc;

@@ -168,11 +168,11 @@ typedef struct oxl_survey {
     double seconds_range[2]; /* lower and upper limit of the duration */
     int look_steps;     /* training steps that were tried for these; 0: none, they are computed from counts */
     double memory_free; /* available now, bytes; 0: unknown */
-    char cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report as lines of text */
+    char cameras_text[160];          /* "1 x OPENCV 1920 x 1080, distorted" */
+    char text[2048], warnings[2560]; /* the report, and what is wrong: lines that end in a newline */
 } oxl_survey;
 
-/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. out->text ends in a
- * newline. */
+/* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. */
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options,
                              oxl_survey *out);
 /* The same; also decodes every image as training does, compares it with those taken beside it, and logs the

@@ -148,7 +148,7 @@ static int check_complete(struct arguments *a)
                     : a->png   ? "png"
                     : a->frame ? "frame"
                                : "up");
-    if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
+    if (a->devices || (a->path_count == c->paths && (!c->needs_out || a->out))) return 0;
     return fail(a, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
 }
 

@@ -270,7 +270,7 @@ struct arguments arguments_default(void);
 
 struct cli_command {
     const char *name;
-    int paths;
+    int paths, needs_out; /* words that are paths; 1: -o is not optional */
     const char *usage, *purpose, *example, *more;
 };
 extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* of COMMAND_NONE: empty */

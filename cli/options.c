@@ -14,64 +14,65 @@
 
 const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_TRAIN] =
-        {"train", 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
+        {"train", 1, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
          "oceanxl train survey -o out",
          "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
          "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
-    [COMMAND_MERGE] = {"merge", 1, "OUT",
+    [COMMAND_MERGE] = {"merge", 1, 0, "OUT",
                        "Joins the blocks that train --block K made, trains the merged model, evaluates it.",
                        "oceanxl merge out", "OUT gets the same bytes as from train."},
-    [COMMAND_CHECK] = {"check", 1, "SCENE",
+    [COMMAND_CHECK] = {"check", 1, 0, "SCENE",
                        "Checks a survey: what train reads of it, predicted memory and time.",
                        "oceanxl check survey",
                        "Exit code 3: it cannot be trained; the message gives the reason."},
     [COMMAND_PARTITION] =
-        {"partition", 1, "SCENE -o OUT",
+        {"partition", 1, 1, "SCENE -o OUT",
          "Cuts a survey into blocks of equal work, each a COLMAP text export.",
          "oceanxl partition survey -o out",
          "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at.\n"
          "It takes the options of train, so that partition and train --block K can be given one list; what changes neither the\n"
          "blocks nor the prediction has no effect here."},
     [COMMAND_RENDER] =
-        {"render", 2, "MODEL SCENE -o DIR",
+        {"render", 2, 1, "MODEL SCENE -o DIR",
          "Renders a model from the cameras of a survey, from above, or along a flight.",
          "oceanxl render out/scene.ply survey -o renders",
          "One PNG a view, named as its image; --ortho and --flight render other views instead."},
     [COMMAND_MEASURE] =
-        {"measure", 1, "SCENE --scale-bar ENDS",
+        {"measure", 1, 0, "SCENE --scale-bar ENDS",
          "Measures in a survey: the length of a scale bar, and from it metres per unit.",
          "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
          "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
     [COMMAND_EVAL] =
-        {"eval", 2, "MODEL SCENE",
+        {"eval", 2, 0, "MODEL SCENE",
          "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
          "oceanxl eval out/scene.ply survey",
          "The images are those that train held out, unless --split says otherwise. --lpips WEIGHTS adds LPIPS: its network's\n"
          "weights do not come with the program, examples/lpips_weights.py writes them."},
-    [COMMAND_INFO] = {"info", 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
+    [COMMAND_INFO] = {"info", 1, 0, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
                       "Reads .ply, .spz and .splat."},
     [COMMAND_CONVERT] =
-        {"convert", 2, "IN OUT",
+        {"convert", 2, 0, "IN OUT",
          "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
          "oceanxl convert out/scene.ply scene.splat",
          ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view; .glb is glTF with KHR_gaussian_splatting."},
     [COMMAND_REPORT] =
-        {"report", 1, "OUT", "Writes one page about a run: input, decisions, metrics.", "oceanxl report out",
+        {"report", 1, 0, "OUT", "Writes one page about a run: input, decisions, metrics.",
+         "oceanxl report out",
          "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
     [COMMAND_SYNTH] =
-        {"synth", 0, "-o DIR",
+        {"synth", 0, 1, "-o DIR",
          "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
          "oceanxl synth -o survey",
          "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
     [COMMAND_ABLATE] =
-        {"ablate", 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
+        {"ablate", 1, 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
          "oceanxl ablate survey -o ablation --preset standard --seeds 3",
          "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and for each row and seed a run of train, in NAME-seedS/. The\n"
          "same command resumes a stopped study. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
          "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
          "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
     [COMMAND_TRADEOFF] =
-        {"tradeoff", 1, "SCENE -o OUT",
+        {"tradeoff", 1, 1, "SCENE -o OUT",
          "Measures speed against accuracy on a survey: options one at a time, and the presets.",
          "oceanxl tradeoff survey -o tradeoff --budget 20m",
          "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"

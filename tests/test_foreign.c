@@ -424,7 +424,7 @@ TEST(images_that_the_model_does_not_have_are_counted)
     test_write("survey/images/masks/00.png", "");
     CHECK_OK(oxl_check(test_ctx, test_path("survey"), NULL, &s));
     CHECK(s.images_unregistered == 3);
-    CHECK_TEXT(s.text, "warning: 3 of the 13 images in the folder are not in the model");
+    CHECK_TEXT(s.warnings, "3 of the 13 images in the folder are not in the model");
 }
 
 TEST(folders_named_from_the_survey_are_found_and_said)

@@ -718,7 +718,7 @@ TEST(survey_counts_what_the_files_hold)
     CHECK_CLOSE(s.bounds_max[2], 4, 1e-6);
     CHECK_TEXT(s.text, "9 listed, 0 missing; 7 training views, 2 held-out views");
     CHECK_TEXT(s.text, "PINHOLE 48 x 32");
-    CHECK_TEXT(s.text, "warning: only 60 points");
+    CHECK_TEXT(s.warnings, "only 60 points");
     CHECK_OK(oxl_survey_to_json(test_ctx, &s, &json));
     CHECK_TEXT(json, "\"train_views\": 7");
     oxl_text_free(test_ctx, json);

@@ -48,7 +48,7 @@ TEST(lint_says_that_poses_and_points_do_not_belong_together)
     }
     CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
     CHECK(s.missed == 1);
-    CHECK_TEXT(s.text, "warning: 100 % of the track entries project outside their images");
+    CHECK_TEXT(s.warnings, "100 % of the track entries project outside their images");
     CHECK(!strstr(lint_heard, "its pose is wrong")); /* all are */
 }
 
@@ -88,7 +88,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     CHECK(s.unusable == 3 && s.masks == 3);
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
     CHECK_TEXT(s.text, "3 masks (50 % of their pixels black, ignored)");
-    CHECK_TEXT(s.text, "warning: 3 of 9 images cannot be used");
+    CHECK_TEXT(s.warnings, "3 of 9 images cannot be used");
     CHECK_TEXT(lint_heard,
                "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn it");
     CHECK_TEXT(lint_heard, "8.png: neither a JPEG nor a PNG");

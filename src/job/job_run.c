@@ -191,14 +191,9 @@ leave:
 
 /* ---------------- the survey */
 
-static void job_log_survey(struct job *job)
+static void job_log_lines(struct job *job, oxl_log_level level, const char *s)
 {
-    static const char warning[] = "warning: ";
-    for (const char *s = job->survey.text; *s; s += strcspn(s, "\n") + 1) {
-        const size_t skip = strncmp(s, warning, sizeof warning - 1) == 0 ? sizeof warning - 1 : 0;
-        oxl_log(job->ctx, skip ? OXL_LOG_WARNING : OXL_LOG_INFO, "%.*s", (int)(strcspn(s, "\n") - skip),
-                s + skip);
-    }
+    for (; *s; s += strcspn(s, "\n") + 1) oxl_log(job->ctx, level, "%.*s", (int)strcspn(s, "\n"), s);
 }
 
 /* Sets the preset's iterations for this survey; options in run.json have that number. */
@@ -219,7 +214,8 @@ static oxl_result job_open(struct job *job)
     if (rc != OXL_OK) return rc;
     memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
     job_count_iterations(job, job->survey.images - job->survey.images_missing);
-    job_log_survey(job);
+    job_log_lines(job, OXL_LOG_INFO, job->survey.text);
+    job_log_lines(job, OXL_LOG_WARNING, job->survey.warnings);
     job_describe_found(job);
     return job_make_key(job);
 }

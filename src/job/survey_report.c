@@ -82,6 +82,19 @@ static void survey_write(oxl_survey *s, const char *format, ...)
     va_end(args);
 }
 
+/* Adds a line to the warnings. */
+static void survey_warn(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
+static void survey_warn(oxl_survey *s, const char *format, ...)
+{
+    const size_t used = strlen(s->warnings), room = sizeof s->warnings - 1 - used; /* one for the newline */
+    int size;
+    va_list args;
+    va_start(args, format);
+    size = vsnprintf(s->warnings + used, room, format, args);
+    va_end(args);
+    if (size >= 0 && room > 0) strcat(s->warnings + used, "\n");
+}
+
 /* Writes a time as "about 4 min (3 to 6)". */
 OXL_INTERNAL void survey_write_duration(oxl_survey *s, double seconds, const double range[2])
 {
@@ -174,47 +187,42 @@ static int survey_has_no_baseline(const oxl_scene *scene, const oxl_survey *s)
 static void survey_write_warnings(oxl_survey *s, int one_place)
 {
     if (s->images_missing > 0)
-        survey_write(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing,
-                     s->images);
+        survey_warn(s, "%d of %d images are missing on disk and are left out", s->images_missing, s->images);
     if (s->images_unregistered > 0)
-        survey_write(
+        survey_warn(
             s,
-            "warning: %d of the %d images in the folder are not in the model (COLMAP did not register them), so what "
+            "%d of the %d images in the folder are not in the model (COLMAP did not register them), so what "
             "only they show is missing; match again with more overlap or another matcher, or name another sub-model "
-            "by --sparse\n",
+            "by --sparse",
             s->images_unregistered, s->images_unregistered + s->images - s->images_missing);
     if (s->unusable > 0)
-        survey_write(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
+        survey_warn(s, "%d of %d images cannot be used and are left out", s->unusable, s->images);
     if (s->missed > LINT_MISSED_SURVEY)
-        survey_write(
+        survey_warn(
             s,
-            "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
-            "points3D are of one model and that poses are world to camera\n",
+            "%.0f %% of the track entries project outside their images; check that cameras, images and "
+            "points3D are of one model and that poses are world to camera",
             100 * s->missed);
     if (s->points == 0)
-        survey_write(
-            s, s->outlined
-                   ? "warning: no points: training starts from random ones within the images' outlines\n"
-                   : "warning: no points: training starts from random ones and may fail; export them too\n");
+        survey_warn(s, s->outlined
+                           ? "no points: training starts from random ones within the images' outlines"
+                           : "no points: training starts from random ones and may fail; export them too");
     else if (s->points < 500)
-        survey_write(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
+        survey_warn(s, "only %zu points; check that this is the right sub-model", s->points);
     if (s->mean_error > 2)
-        survey_write(
+        survey_warn(
             s,
-            "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
+            "a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster",
             s->mean_error);
-    if (s->train_views == 1)
-        survey_write(s, "warning: a single training view: depth cannot be learned from it\n");
+    if (s->train_views == 1) survey_warn(s, "a single training view: depth cannot be learned from it");
     else if (one_place)
-        survey_write(s, "warning: all cameras are at the same place: depth cannot be learned from them\n");
-    else if (s->train_views < 10)
-        survey_write(s, "warning: only %d training views; expect holes\n", s->train_views);
-    if (s->test_views == 0)
-        survey_write(s, "warning: no view is held out, so the metrics are of training views\n");
+        survey_warn(s, "all cameras are at the same place: depth cannot be learned from them");
+    else if (s->train_views < 10) survey_warn(s, "only %d training views; expect holes", s->train_views);
+    if (s->test_views == 0) survey_warn(s, "no view is held out, so the metrics are of training views");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
-        survey_write(
+        survey_warn(
             s,
-            "warning: memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
+            "memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0");
 }
 
 /* ---------------- public functions */

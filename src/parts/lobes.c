@@ -13,7 +13,12 @@
 
 OXL_TABLE const struct part part_lobes;
 
-enum lobes_stage { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED };
+enum lobes_stage { /* DUE: assigned, or the trial is asked for; DECIDED: by the trial */
+                   LOBES_IDLE,
+                   LOBES_WATCHED,
+                   LOBES_DUE,
+                   LOBES_DECIDED
+};
 
 struct lobes {
     int stage; /* enum lobes_stage */
@@ -96,7 +101,7 @@ static oxl_result lobes_after_step(struct train *t, void *state)
     const int last = lobes_step(t->options), watch = selection_steps(t, LOBES_WATCH);
     const int densified = (int)(t->options->densify_until * t->options->iterations);
     oxl_result rc = OXL_OK;
-    if (last == 0 || l->stage == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
+    if (last == 0 || l->stage >= LOBES_DUE || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (l->stage == LOBES_IDLE) {
         rc = step_download(t, DOWNLOAD_TO_CHANGE);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->trained.model.count);
@@ -104,7 +109,7 @@ static oxl_result lobes_after_step(struct train *t, void *state)
     }
     if (rc == OXL_OK) rc = step_observe(t);
     if (rc != OXL_OK || t->step < last) return rc;
-    l->stage = LOBES_DECIDED;
+    l->stage = LOBES_DUE;
     if (t->options->dog == OXL_DOG_AUTO && t->validation_views > 0) t->trial = &part_lobes;
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : lobes_assign(t);
 }
@@ -133,10 +138,10 @@ static void lobes_record_trial(struct train *t, int kept, const double psnr[2], 
 /* Trains without lobes first, then with them. */
 static oxl_result lobes_trial(struct train *t, void *state, struct train_branch *start)
 {
+    struct lobes *l = state;
     struct train_branch without = {0};
     double psnr[2], bytes[2];
     oxl_result rc = selection_train_trial(t, &psnr[0]);
-    (void)state;
     if (rc == OXL_OK) rc = branch_save(t, &without);
     if (rc == OXL_OK) rc = branch_load(t, start);
     if (rc == OXL_OK) rc = lobes_assign(t);
@@ -147,6 +152,7 @@ static oxl_result lobes_trial(struct train *t, void *state, struct train_branch 
         bytes[1] = bytes[0] + (double)t->trained.model.lobes * MODEL_LOBE_BYTES;
         lobes_record_trial(t, kept, psnr, bytes);
         if (!kept) rc = branch_load(t, &without);
+        l->stage = LOBES_DECIDED;
     }
     branch_free(t, &without);
     return rc;
@@ -159,10 +165,10 @@ static int lobes_trials(const oxl_train_options *o)
 
 static void lobes_record(struct train *t, void *state)
 {
+    const struct lobes *l = state;
     char chosen[64];
-    (void)state;
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->trained.model.lobes, t->trained.model.count);
-    if (!selection_has_record(t, "dog"))
+    if (l->stage != LOBES_DECIDED)
         selection_record(t, "dog", chosen,
                          t->options->dog == OXL_DOG_AUTO ? "too few training views for validation"
                                                          : "as set");

@@ -15,7 +15,8 @@
 OXL_TABLE const struct part part_sh_degree;
 
 struct sh_degree {
-    int final; /* the highest degree of the run */
+    int final;   /* the highest degree of the run */
+    int decided; /* 1: by a trial */
 };
 
 /* A model to start from may have more bands than are asked for. */
@@ -32,6 +33,7 @@ static void sh_degree_archive(struct archive *a, struct train *t, void *state)
     struct sh_degree *s = state;
     (void)t;
     archive_int(a, &s->final);
+    archive_int(a, &s->decided);
     archive_expect(a, s->final >= 0 && s->final <= 3);
 }
 
@@ -99,6 +101,7 @@ static oxl_result sh_degree_trial(struct train *t, void *state, struct train_bra
     branch_free(t, &all);
     if (rc != OXL_OK) return rc;
     s->final = chosen;
+    s->decided = 1;
     sh_degree_record_trial(t, chosen, most, psnr);
     return OXL_OK;
 }
@@ -124,10 +127,10 @@ static int sh_degree_trials(const oxl_train_options *o)
 
 static void sh_degree_record(struct train *t, void *state)
 {
+    const struct sh_degree *s = state;
     char chosen[16];
-    (void)state;
     snprintf(chosen, sizeof chosen, "%d", t->trained.model.sh_degree);
-    if (!selection_has_record(t, "sh_degree"))
+    if (!s->decided)
         selection_record(t, "sh_degree", chosen,
                          t->options->sh_degree < 0 ? "too few training views for validation" : "as set");
 }

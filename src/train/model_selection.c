@@ -31,13 +31,6 @@ OXL_INTERNAL void selection_record(struct train *t, const char *what, const char
     text_add(decisions, "}");
 }
 
-OXL_INTERNAL int selection_has_record(const struct train *t, const char *what)
-{
-    char quoted[64];
-    snprintf(quoted, sizeof quoted, "\"%s\"", what);
-    return !t->decisions.failed && t->decisions.data && strstr(t->decisions.data, quoted) != NULL;
-}
-
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
                                         const char *why)
 {

@@ -130,7 +130,6 @@ OXL_INTERNAL void selection_release_views(struct train *t);
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 /* Records the choice and its evidence for run.json. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why);
-OXL_INTERNAL int selection_has_record(const struct train *t, const char *what);
 /* The same for what `auto` has chosen, with a line in the log; mode: the option. */
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
                                         const char *why);
