@@ -157,6 +157,7 @@
 #include "src/large/merge.c"                /* merge the models of blocks */
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
+#include "src/large/large_model.c"          /* draw a model that stays in its file */
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */
 #include "src/large/scene_file.c"           /* a survey in one file that is mapped */
 #include "src/large/block.c"                /* training of one block in its folder */

@@ -277,8 +277,6 @@ typedef struct oxl_model {
     /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
     int antialias;
     size_t not_finite; /* rows of the file that oxl_model_read left out */
-    /* set by oxl_model_open: the rows are in a file, planes are NULL; else NULL */
-    struct oxl_model_pages *pages;
 } oxl_model;
 
 /* All values are 0, except rotations: the identity. */
@@ -288,8 +286,8 @@ OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: 
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's
  * cameras needs the scene's origin. */
 OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
-/* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. A
- * model that oxl_model_open left in its file, and other factors, change nothing. */
+/* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. Other
+ * factors change nothing. */
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl
@@ -311,10 +309,6 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the
  * comment of an .spz's gzip header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
-/* The same, but if the rows of a PLY file take more than max_bytes (0: half of the free memory), they stay in
- * the file, and rendering a view reads those that may be visible; the pixels are the same. Such a model can
- * be rendered, evaluated and moved; the file must not change. */
-OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t max_bytes, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------- rendering */

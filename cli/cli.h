@@ -114,8 +114,8 @@ oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotif
 /* Writes ortho.tif, height.tif and frame.txt to -o, with --png ortho.png, ortho.pgw and ortho.height.pfm too,
  * by --pixel (0: the median ground sampling distance), --scale (0: not known) and --min-views. Gaussians that
  * no training view shows are made invisible in the model. */
-oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
-                       FILE *to);
+oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene,
+                       const struct arguments *a, FILE *to);
 
 enum { OVERVIEW_VIEWS = 2 /* training views that a place of the overview is in, at least */ };
 struct overview {
@@ -126,13 +126,13 @@ struct overview {
 };
 /* The map at a side of at most so many px, along the frame of the kind auto. Gaussians that no training view
  * shows are made invisible in the model. The caller frees the image, also on error. */
-oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
+oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene, int side,
                           struct overview *out);
 
 /* ---------------- flight.c: frames along a path */
 
 /* Writes --frames of --flight to -o. A nonzero result of stop stops it. */
-oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene,
+oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
                         const struct arguments *a,
                         int (*stop)(void *user, const char *what, long done, long total), void *user);
 

@@ -133,10 +133,11 @@ static int ortho_views_see(struct ortho *o, const double p[3], int least)
 }
 
 /* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
-static size_t ortho_hide_unseen(const struct ortho *o, oxl_model *model)
+static size_t ortho_hide_unseen(const struct ortho *o, oxl_large_model *large)
 {
+    oxl_model *model = &large->model;
     size_t hidden = 0;
-    for (size_t i = 0; !model->pages && i < model->count; i++) {
+    for (size_t i = 0; !large->pages && i < model->count; i++) {
         const double p[3] = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i],
                              model->plane[OXL_MEAN + 2][i]};
         int seen = 0;
@@ -226,7 +227,7 @@ static void ortho_take(struct ortho *o, const oxl_image *image, const float *dep
     }
 }
 
-static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_views)
+static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int min_views)
 {
     float *depth = malloc(sizeof *depth * ORTHO_PATCH * ORTHO_PATCH);
     const size_t pixels = (size_t)o->width * (size_t)o->height;
@@ -234,7 +235,7 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_vi
     oxl_result rc = OXL_OK;
     render.near_plane = 0;
     render.parallel = (float)o->ground;
-    memcpy(render.background, model->background, sizeof render.background);
+    memcpy(render.background, model->model.background, sizeof render.background);
     o->rgba = malloc(4 * pixels);
     o->level = malloc(sizeof *o->level * pixels);
     if (!depth || !o->rgba || !o->level)
@@ -244,7 +245,7 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_model *model, int min_vi
         for (int x = 0; x < o->width && rc == OXL_OK; x += ORTHO_PATCH) {
             const oxl_camera camera = ortho_camera(o, x, y);
             oxl_image image = {0};
-            rc = oxl_render(o->ctx, model, &camera, &render, &image, depth);
+            rc = oxl_large_render(o->ctx, model, &camera, &render, &image, depth);
             if (rc == OXL_OK) ortho_take(o, &image, depth, x, y, min_views);
             oxl_image_free(o->ctx, &image);
         }
@@ -430,8 +431,8 @@ static oxl_result ortho_open(struct ortho *o, const struct arguments *a)
     return OXL_OK;
 }
 
-oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, const struct arguments *a,
-                       FILE *to)
+oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene,
+                       const struct arguments *a, FILE *to)
 {
     struct ortho o = {.ctx = ctx, .scene = scene, .unit = a->scale > 0 ? a->scale : 1};
     size_t hidden = 0;
@@ -452,7 +453,7 @@ oxl_result ortho_write(oxl_context *ctx, oxl_model *model, const oxl_scene *scen
     return rc;
 }
 
-oxl_result ortho_overview(oxl_context *ctx, oxl_model *model, const oxl_scene *scene, int side,
+oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene, int side,
                           struct overview *out)
 {
     const struct arguments a = {.out = ""};

@@ -14,14 +14,14 @@ enum { GROUND_SIDE = 800 /* px */ };
 static void ground_render(struct report *r)
 {
     char path[4200];
-    oxl_model model = {0};
+    oxl_large_model model = {.pages = NULL};
     snprintf(path, sizeof path, "%s/scene.ply", r->out);
-    if (oxl_model_open(r->silent, path, r->options.ram / 4, &model) == OXL_OK && !model.pages) {
-        oxl_model_move_origin(&model, oxl_scene_origin(r->survey_scene));
+    if (oxl_large_open(r->silent, path, r->options.ram / 4, &model) == OXL_OK && !model.pages) {
+        oxl_large_move_origin(&model, oxl_scene_origin(r->survey_scene));
         if (ortho_overview(r->silent, &model, r->survey_scene, GROUND_SIDE, &r->ground) != OXL_OK)
             oxl_image_free(r->silent, &r->ground.image);
     }
-    oxl_model_free(r->silent, &model);
+    oxl_large_free(r->silent, &model);
 }
 
 void ground_open(struct report *r)

@@ -666,11 +666,13 @@ TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
-    CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
+    CHECK_OK(oxl_render_views(test_ctx, &(oxl_large_model){.model = model}, scene, &what, test_path("drawn"),
+                              &count));
     CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) &&
           os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
-    CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
+    CHECK(oxl_render_views(test_ctx, &(oxl_large_model){.model = model}, scene, &what, test_path("again"),
+                           &count) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
     CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) &&
           !os_is_file(test_path("again/8.png.png")));

@@ -111,7 +111,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
         model.plane[OXL_SH + k][0] = 1.7f;
     }
     model.plane[OXL_OPACITY][0] = 6;
-    CHECK_OK(ortho_write(test_ctx, &model, scene, &options, to));
+    CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &options, to));
     CHECK_OK(oxl_image_read(test_ctx, test_path("ortho/ortho.png"), &image));
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < pixels; i++)
@@ -141,7 +141,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     }
     free(text);
     options.pixel = 1e-9;
-    CHECK(ortho_write(test_ctx, &model, scene, &options, to) == OXL_ERR_USAGE);
+    CHECK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &options, to) == OXL_ERR_USAGE);
     fclose(to);
     oxl_image_free(test_ctx, &image);
     oxl_model_free(test_ctx, &model);
@@ -269,7 +269,7 @@ static void ortho_test_pixel(const double p[3], int min_views, int *alpha, float
         model.plane[OXL_SH][i] = i ? 1.7f : 0;
         model.plane[OXL_OPACITY][i] = 6;
     }
-    CHECK_OK(ortho_write(test_ctx, &model, scene, &a, to));
+    CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to));
     fclose(to);
     t = ortho_test_file("map/ortho.tif", NULL);
     if (t) {
@@ -329,7 +329,7 @@ TEST(ortho_overview_measures_the_ground_that_two_views_share)
         model.plane[OXL_LOG_SCALE + k][0] = logf(k < 2 ? 10 : 0.01f);
     }
     model.plane[OXL_SH][0] = 0, model.plane[OXL_OPACITY][0] = 6;
-    CHECK_OK(ortho_overview(test_ctx, &model, scene, 100, &v));
+    CHECK_OK(ortho_overview(test_ctx, &(oxl_large_model){.model = model}, scene, 100, &v));
     CHECK_CLOSE(v.sampling, 0.1, 0.001); /* 5 to the points, by 50 px */
     CHECK_CLOSE(v.area, 16, 0.5);
     CHECK_CLOSE(v.covered, 0.4, 0.02);

@@ -215,32 +215,33 @@ TEST(window_is_the_rectangle_that_is_worth_most)
 TEST(model_that_stays_in_its_file_has_the_pixels_of_the_whole_and_is_copied_to_the_same_bytes)
 {
     for (size_t lobes = 0; lobes < 2; lobes++) {
-        oxl_model whole = rounds_test_model(5000, 3, 2000 * lobes), paged, again;
+        oxl_model whole = rounds_test_model(5000, 3, 2000 * lobes), again;
+        oxl_large_model paged, held;
         const double origin[] = {0.25, -1, 0.5};
         oxl_render_options o = oxl_render_options_default();
         for (size_t i = 0; i < whole.count; i++)
             for (int a = 0; a < 3; a++) whole.plane[OXL_MEAN + a][i] *= 30;
         CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &whole, 1));
-        CHECK_OK(oxl_model_open(test_ctx, test_path("m.ply"), SIZE_MAX, &again));
-        CHECK_OK(oxl_model_open(test_ctx, test_path("m.ply"), 1, &paged));
-        CHECK(!again.pages && paged.pages && paged.count == whole.count && paged.lobes == whole.lobes);
-        oxl_model_move_origin(&again, origin);
-        oxl_model_move_origin(&paged, origin);
+        CHECK_OK(oxl_large_open(test_ctx, test_path("m.ply"), SIZE_MAX, &held));
+        CHECK_OK(oxl_large_open(test_ctx, test_path("m.ply"), 1, &paged));
+        CHECK(!held.pages && paged.pages && paged.model.count == whole.count &&
+              paged.model.lobes == whole.lobes);
+        oxl_large_move_origin(&held, origin);
+        oxl_large_move_origin(&paged, origin);
         for (int k = 0; k < 8; k++) {
             oxl_camera camera = rounds_test_camera(64, 48);
             oxl_image a = {0}, b = {0};
             camera_rotation_from_quaternion((double[4]){1, 0.1 * k, 0.7 * k - 2, 0}, camera.rotation);
             camera.cx += 9 * k - 40;
-            CHECK_OK(oxl_render(test_ctx, &again, &camera, &o, &a, NULL));
-            CHECK_OK(oxl_render(test_ctx, &paged, &camera, &o, &b, NULL));
+            CHECK_OK(oxl_large_render(test_ctx, &held, &camera, &o, &a, NULL));
+            CHECK_OK(oxl_large_render(test_ctx, &paged, &camera, &o, &b, NULL));
             CHECK(!memcmp(a.rgb, b.rgb, 3 * 64 * 48 * sizeof *a.rgb));
             oxl_image_free(test_ctx, &a);
             oxl_image_free(test_ctx, &b);
         }
-        oxl_model_move_origin(&paged, (double[3]){0, 0, 0});
-        CHECK_OK(model_file_write_ply(test_ctx, test_path("n.ply"), &paged, 1));
-        CHECK(oxl_model_write(test_ctx, test_path("n.splat"), &paged) == OXL_ERR_USAGE);
-        oxl_model_free(test_ctx, &again);
+        oxl_large_move_origin(&paged, (double[3]){0, 0, 0});
+        CHECK_OK(model_file_write_large(test_ctx, test_path("n.ply"), &paged, 1, 1));
+        oxl_large_free(test_ctx, &held);
         CHECK_OK(oxl_model_read(test_ctx, test_path("n.ply"), &again));
         for (int k = 0; k < OXL_PLANES; k++)
             if (whole.plane[k])
@@ -248,6 +249,6 @@ TEST(model_that_stays_in_its_file_has_the_pixels_of_the_whole_and_is_copied_to_t
                               (k < OXL_LOBE ? whole.count : whole.lobes) * sizeof(float)));
         oxl_model_free(test_ctx, &whole);
         oxl_model_free(test_ctx, &again);
-        oxl_model_free(test_ctx, &paged);
+        oxl_large_free(test_ctx, &paged);
     }
 }

@@ -78,7 +78,8 @@ static void tviews_check_flags(int in_medium)
     oxl_scene *scene = tviews_scene(&m, 1, in_medium);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("worst")));
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 5 * TVIEWS, &t,
+                                  test_path("worst")));
     CHECK(colmap_warned.count == 4);
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"flagged\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
@@ -116,7 +117,8 @@ TEST(training_views_without_the_structure_of_their_images_are_reported_once_and_
     struct text t = {.ctx = test_ctx};
     const char *row;
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("fog")));
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 5 * TVIEWS, &t,
+                                  test_path("fog")));
     CHECK(colmap_warned.count == 5);
     CHECK_TEXT(t.data, "\"flagged\": 5, \"structure\": 0.");
     CHECK_TEXT(t.data, "\"no_structure\": ");
@@ -137,7 +139,7 @@ TEST(training_views_of_a_valid_survey_are_not_flagged)
     oxl_scene *scene = tviews_scene(&m, 0, 0);
     struct text t = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 5 * TVIEWS, &t, NULL));
     CHECK(colmap_warned.count == 0);
     CHECK_TEXT(t.data, "\"flagged\": 0, ");
     text_free(&t);

@@ -2642,7 +2642,8 @@ static void vulkan_check_one_upload(oxl_context *device)
     CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));
     CHECK(metrics.count == 6 && v->sent - before == vulkan_bytes_of(&m));
     before = v->sent;
-    CHECK_OK(oxl_render_views(device, &m, scene, &what, test_path("drawn"), &count));
+    CHECK_OK(
+        oxl_render_views(device, &(oxl_large_model){.model = m}, scene, &what, test_path("drawn"), &count));
     CHECK(count == 6 && v->sent - before == vulkan_bytes_of(&m));
     oxl_metrics_free(device, &metrics);
     oxl_model_free(test_ctx, &m);
@@ -2696,9 +2697,10 @@ static void *vulkan_from_arena(void *user, void *old, size_t size)
 
 /* Gaussian `view` of two that are 40 apart, the first red, the second green; `shared` is where the rows of
  * other views lay. */
-static void vulkan_check_page(struct vulkan_twins *t, const oxl_model *paged, int view, int shared)
+static void vulkan_check_page(struct vulkan_twins *t, const oxl_large_model *paged, int view, int shared)
 {
     const oxl_render_options options = oxl_render_options_default();
+    const struct render_source source = large_source(paged);
     struct vulkan_renderer *r = t->r[1]->device;
     const float *before = r->plane;
     const size_t centre = t->pixels / 2 + (size_t)t->camera.width / 2;
@@ -2707,7 +2709,7 @@ static void vulkan_check_page(struct vulkan_twins *t, const oxl_model *paged, in
     vulkan_arena_at = 0;
     for (int k = 0; k < 2; k++) {
         if (k && shared) t->ctx[k]->options.reallocate = vulkan_from_arena;
-        CHECK_OK(renderer_draw(t->ctx[k], t->r[k], paged, &t->camera, &options, &image[k], NULL));
+        CHECK_OK(renderer_draw_source(t->ctx[k], t->r[k], &source, &t->camera, &options, &image[k], NULL));
         CHECK(image[k].rgb[centre + t->pixels * (size_t)view] > 0.5f);
         CHECK(image[k].rgb[centre + t->pixels * (size_t)(1 - view)] < 0.2f);
     }
@@ -2722,7 +2724,8 @@ static void vulkan_check_page(struct vulkan_twins *t, const oxl_model *paged, in
 static void vulkan_check_pages(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 48);
-    oxl_model m, paged;
+    oxl_model m;
+    oxl_large_model paged;
     vulkan_scene(2, 0, 0, &m);
     for (int i = 0; i < 2; i++) {
         for (int a = 0; a < 3; a++) m.plane[OXL_MEAN + a][i] = a == 2 ? 4 : a == 0 ? 40 * (float)i : 0;
@@ -2733,13 +2736,13 @@ static void vulkan_check_pages(oxl_context *device)
     memset(t.camera.rotation, 0, sizeof t.camera.rotation);
     for (int a = 0; a < 3; a++) t.camera.rotation[4 * a] = 1, t.camera.translation[a] = 0;
     CHECK_OK(model_file_write_ply(test_ctx, test_path("two.ply"), &m, 1));
-    CHECK_OK(oxl_model_open(test_ctx, test_path("two.ply"), 1, &paged));
+    CHECK_OK(oxl_large_open(test_ctx, test_path("two.ply"), 1, &paged));
     CHECK(paged.pages != NULL);
     vulkan_real_reallocate = device->options.reallocate;
     vulkan_check_page(&t, &paged, 0, 0); /* the renderer's own memory is allocated */
     for (int view = 1; view >= 0; view--) vulkan_check_page(&t, &paged, view, view ? 1 : 2);
     oxl_model_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &paged);
+    oxl_large_free(test_ctx, &paged);
     vulkan_twins_free(&t);
 }
 

@@ -9,16 +9,16 @@
 /* ---------------- a view as its image was taken */
 
 /* Returns the background: the model's, or where it has none the scene's. */
-static void evaluate_background(const oxl_model *model, const oxl_scene *scene, float out[3])
+static void evaluate_background(const struct render_source *source, const oxl_scene *scene, float out[3])
 {
     static const float none[3] = {-1, -1, -1};
-    scene_background(scene, model->has_background ? model->background : none, out);
+    scene_background(scene, source->background ? source->background : none, out);
 }
 
-OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene)
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *source, oxl_scene *scene)
 {
     float background[3];
-    evaluate_background(model, scene, background);
+    evaluate_background(source, scene, background);
     scene_set_background(ctx, scene, background);
 }
 
@@ -28,9 +28,10 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
 {
     oxl_render_options options = oxl_render_options_default();
     options.near_plane = (float)scene_near_plane(d->scene);
-    evaluate_background(d->model, d->scene, options.background);
+    evaluate_background(d->source, d->scene, options.background);
     renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
-    return renderer_draw(ctx, d->r, d->model, &oxl_scene_view(d->scene, view)->camera, &options, out, depth);
+    return renderer_draw_source(ctx, d->r, d->source, &oxl_scene_view(d->scene, view)->camera, &options, out,
+                                depth);
 }
 
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
@@ -66,7 +67,7 @@ static oxl_result evaluate_add_bands(oxl_context *ctx, const oxl_scene *scene, i
 /* What is measured of each view. */
 struct evaluate_pass {
     struct renderer *r;
-    const oxl_model *model;
+    const struct render_source *source;
     oxl_scene *scene;
     struct evaluate_bands *bands; /* NULL: as evaluate_quick */
 };
@@ -109,7 +110,7 @@ static oxl_result evaluate_compare(oxl_context *ctx, const struct evaluate_pass 
 static oxl_result evaluate_view(oxl_context *ctx, const struct evaluate_pass *p, const oxl_image *image,
                                 oxl_view_metrics *row)
 {
-    const struct drawn d = {p->r, p->model, p->scene, &p->scene->imaging};
+    const struct drawn d = {p->r, p->source, p->scene, &p->scene->imaging};
     oxl_image rendered = {0};
     oxl_result rc = evaluate_draw_medium(ctx, &d, row->view, &rendered, NULL);
     if (rc == OXL_OK) rc = evaluate_compare(ctx, p, &rendered, image, row);
@@ -167,10 +168,10 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 }
 
 /* bands: summed over all views; NULL: see evaluate_pass */
-static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
-                                 struct evaluate_bands *bands, oxl_metrics *out)
+static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
+                                 oxl_split split, struct evaluate_bands *bands, oxl_metrics *out)
 {
-    struct evaluate_pass p = {.model = model, .scene = scene, .bands = bands};
+    struct evaluate_pass p = {.source = source, .scene = scene, .bands = bands};
     const size_t room = (size_t)oxl_scene_view_count(scene) + 1;
     oxl_result rc = OXL_OK;
     int *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
@@ -180,7 +181,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const oxl_model *model, oxl_s
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
-    evaluate_begin(ctx, model, scene);
+    evaluate_begin(ctx, source, scene);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         scene_images_ahead(ctx, scene, view + i, count - i);
@@ -199,20 +200,27 @@ oxl_result oxl_scene_read_lpips(oxl_context *ctx, oxl_scene *scene, const char *
     return lpips_read(ctx, path, &scene->lpips);
 }
 
-oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
-                        oxl_metrics *out)
+OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
+                                        oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
     struct evaluate_bands bands = {.sum = {{0}}};
-    const oxl_result rc = evaluate_views(ctx, model, scene, split, &bands, out);
+    const oxl_result rc = evaluate_views(ctx, source, scene, split, &bands, out);
     if (rc == OXL_OK) evaluate_sum_up(out, &bands);
     depth_bands_free(ctx, &bands.of);
     return rc;
 }
 
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                        oxl_metrics *out)
+{
+    const struct render_source source = render_source_of(model);
+    return evaluate_source(ctx, &source, scene, split, out);
+}
+
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out)
 {
-    return evaluate_views(ctx, model, scene, split, NULL, out);
+    return evaluate_views(ctx, source, scene, split, NULL, out);
 }
 
 void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)

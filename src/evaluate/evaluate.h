@@ -5,6 +5,7 @@
 #include "../core/core.h"
 #include "../survey/image.h"
 #include "../survey/imaging.h"
+#include "../render/render.h"
 
 /* ---------------- metrics.c */
 
@@ -38,19 +39,22 @@ OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_ima
 
 struct drawn { /* what evaluate_draw renders */
     struct renderer *r;
-    const oxl_model *model;
+    const struct render_source *source;
     const oxl_scene *scene;
     /* with its medium, lamp and gains, as the images were taken; NULL: without */
     const struct imaging *imaging;
 };
 /* Composites the scene's images over the model's background from now on; before the first image is compared.
  * */
-OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const oxl_model *model, oxl_scene *scene);
+OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *source, oxl_scene *scene);
 /* depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
-/* As oxl_evaluate, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
-OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+/* oxl_evaluate of a source. */
+OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
+                                        oxl_scene *scene, oxl_split split, oxl_metrics *out);
+/* The same, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
+OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
 OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,

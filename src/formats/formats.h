@@ -5,6 +5,7 @@
 #include "../model/model.h"
 #include "../survey/imaging.h"
 #include "../survey/sparse.h"
+#include "../../oceanxl_job.h"
 
 /* ---------------- survey_find.c: the survey of a folder */
 
@@ -61,8 +62,8 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
 OXL_INTERNAL oxl_result model_write_check_finite(oxl_context *ctx, const char *path, const oxl_model *model,
                                                  int file_degree);
 /* Several models of the same origin as one file; those in files are read page by page. */
-OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
-                                                int count, int file_degree);
+OXL_INTERNAL oxl_result model_file_write_large(oxl_context *ctx, const char *path,
+                                               const oxl_large_model *large, int count, int file_degree);
 
 /* ---------------- model_pages.c: a model that stays in its file */
 
@@ -79,15 +80,14 @@ struct oxl_model_pages {
 };
 OXL_INTERNAL int model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
                                  size_t row);
-/* A model whose rows stay in a file of this layout; out: origin and scale are there. */
+/* A model whose rows stay in a file of this layout; out->model: origin and scale are there. */
 OXL_INTERNAL oxl_result model_pages_open(oxl_context *ctx, const char *path,
-                                         const struct model_file_layout *of, oxl_model *out);
-OXL_INTERNAL size_t model_pages_count(const oxl_model *model);
-OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page,
+                                         const struct model_file_layout *of, oxl_large_model *out);
+OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_large_model *large, size_t page,
                                         oxl_model *out);
-/* The rows of a model of oxl_model_open that may be visible. */
-OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
-                                         double near_plane, oxl_model *out);
+/* The rows of a model with pages that a view may show. */
+OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_large_model *large,
+                                         const oxl_camera *camera, double near_plane, oxl_model *out);
 
 /* ---------------- imaging_file.c: imaging.txt */
 

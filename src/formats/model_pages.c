@@ -103,7 +103,7 @@ static void pages_measure(const oxl_model *m, struct model_page *page)
     }
 }
 
-/* Pages of a file without their spheres; one allocation, which oxl_model_free releases. */
+/* Pages of a file without their spheres; one allocation, which oxl_large_free releases. */
 static struct oxl_model_pages *pages_create(oxl_context *ctx, const char *path,
                                             const struct model_file_layout *layout, const double origin[3])
 {
@@ -119,46 +119,57 @@ static struct oxl_model_pages *pages_create(oxl_context *ctx, const char *path,
 }
 
 OXL_INTERNAL oxl_result model_pages_open(oxl_context *ctx, const char *path,
-                                         const struct model_file_layout *of, oxl_model *out)
+                                         const struct model_file_layout *of, oxl_large_model *out)
 {
+    oxl_model *head = &out->model;
     struct oxl_model_pages *p;
     struct os_reader file = {0};
     oxl_result rc = OXL_OK;
-    out->pages = p = pages_create(ctx, path, of, out->origin);
+    out->pages = p = pages_create(ctx, path, of, head->origin);
     if (!p) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pages of %s", path);
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     for (size_t k = 0; rc == OXL_OK && k < p->pages; k++) {
         oxl_model rows = {0};
         rc = pages_read(ctx, p, &file, k, of->lobes, &rows);
         if (rc == OXL_OK) pages_measure(&rows, &p->page[k]);
-        out->count += rows.count, out->lobes += rows.lobes;
+        head->count += rows.count, head->lobes += rows.lobes;
         oxl_model_free(ctx, &rows);
     }
     os_reader_close(&file);
-    out->sh_degree = of->degree;
-    out->not_finite = rc == OXL_OK ? of->rows - out->count : 0;
-    model_file_report_dropped(ctx, path, out->not_finite, of->rows);
-    if (rc == OXL_OK && out->not_finite && out->count == 0)
+    head->sh_degree = of->degree;
+    head->not_finite = rc == OXL_OK ? of->rows - head->count : 0;
+    model_file_report_dropped(ctx, path, head->not_finite, of->rows);
+    if (rc == OXL_OK && head->not_finite && head->count == 0)
         rc = oxl_fail(
             ctx, OXL_ERR_INPUT,
             "%s: all %zu Gaussians hold values that are not finite, so nothing is left\nfix: export the model again",
             path, of->rows);
-    if (rc != OXL_OK) oxl_model_free(ctx, out);
+    if (rc != OXL_OK) oxl_large_free(ctx, out);
     return rc;
 }
 
-OXL_INTERNAL size_t model_pages_count(const oxl_model *model)
+void oxl_large_free(oxl_context *ctx, oxl_large_model *large)
 {
-    return model->pages->pages;
+    oxl_model_free(ctx, &large->model);
+    oxl_free(ctx, large->pages);
+    *large = (oxl_large_model){.pages = NULL};
 }
 
-OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out)
+void oxl_large_move_origin(oxl_large_model *large, const double origin[3])
 {
+    if (!large->pages) oxl_model_move_origin(&large->model, origin);
+    else memcpy(large->model.origin, origin, sizeof large->model.origin);
+}
+
+OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_large_model *large, size_t page,
+                                        oxl_model *out)
+{
+    const oxl_model *model = &large->model;
+    const struct oxl_model_pages *p = large->pages;
     struct os_reader file = {0};
-    oxl_result rc = os_reader_open(ctx, model->pages->path, &file);
+    oxl_result rc = os_reader_open(ctx, p->path, &file);
     *out = (oxl_model){0};
-    if (rc == OXL_OK)
-        rc = pages_read(ctx, model->pages, &file, page, model->lobes ? model->pages->layout.lobes : 0, out);
+    if (rc == OXL_OK) rc = pages_read(ctx, p, &file, page, model->lobes ? p->layout.lobes : 0, out);
     os_reader_close(&file);
     if (rc == OXL_OK) oxl_model_move_origin(out, model->origin);
     return rc;
@@ -184,10 +195,11 @@ static oxl_result pages_append(oxl_context *ctx, const oxl_model *page, const ui
     return rc;
 }
 
-OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
-                                         double near_plane, oxl_model *out)
+OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_large_model *large,
+                                         const oxl_camera *camera, double near_plane, oxl_model *out)
 {
-    const struct oxl_model_pages *p = model->pages;
+    const oxl_model *model = &large->model;
+    const struct oxl_model_pages *p = large->pages;
     oxl_camera moved = *camera; /* to the file's origin */
     struct os_reader file = {0};
     oxl_result rc = oxl_model_create(ctx, 0, p->layout.degree, out);

@@ -114,49 +114,50 @@ static oxl_result model_write_lobes(oxl_context *ctx, const struct os_writer *w,
 enum model_write_which { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
 
 /* Writes some rows of a model, page by page if they are in a file. */
-static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+static oxl_result model_write_part(oxl_context *ctx, const struct os_writer *w, const oxl_large_model *large,
                                    enum model_write_which which, int file_degree)
 {
-    const size_t pages = model->pages ? model_pages_count(model) : 1;
+    const size_t pages = large->pages ? large->pages->pages : 1;
     oxl_result rc = OXL_OK;
     for (size_t k = 0; k < pages && rc == OXL_OK; k++) {
-        oxl_model page = *model;
-        if (model->pages) rc = model_pages_get(ctx, model, k, &page);
+        oxl_model page = large->model;
+        if (large->pages) rc = model_pages_get(ctx, large, k, &page);
         if (rc == OXL_OK && which == ROWS_LOBES) rc = model_write_lobes(ctx, w, &page);
         else if (rc == OXL_OK)
             rc = model_write_rows(ctx, w, &page, which == ROWS_WITHOUT ? page.lobes : 0,
                                   which == ROWS_WITHOUT ? page.count : page.lobes, file_degree);
-        if (model->pages) oxl_model_free(ctx, &page);
+        if (large->pages) oxl_model_free(ctx, &page);
     }
     return rc;
 }
 
-OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model,
-                                                int count, int file_degree)
+OXL_INTERNAL oxl_result model_file_write_large(oxl_context *ctx, const char *path,
+                                               const oxl_large_model *large, int count, int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
     const int columns = model_file_columns(file_degree, file_degree, column);
-    oxl_model all = {.scale = model[0].scale};
+    oxl_model all = {.scale = large[0].model.scale};
     struct os_writer w = {0};
     oxl_result rc = OXL_OK;
-    memcpy(all.origin, model[0].origin, sizeof all.origin);
-    model_copy_rendering(&model[0], &all);
+    memcpy(all.origin, large[0].model.origin, sizeof all.origin);
+    model_copy_rendering(&large[0].model, &all);
     for (int m = 0; m < count && rc == OXL_OK; m++) {
-        all.count += model[m].count, all.lobes += model[m].lobes;
+        all.count += large[m].model.count, all.lobes += large[m].model.lobes;
         /* pages leave such rows out */
-        if (!model[m].pages) rc = model_write_check_finite(ctx, path, &model[m], file_degree);
+        if (!large[m].pages) rc = model_write_check_finite(ctx, path, &large[m].model, file_degree);
     }
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc != OXL_OK) return rc;
     rc = model_write_header(ctx, &w, &all, column, columns);
     for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
         for (int m = 0; m < count && rc == OXL_OK; m++)
-            rc = model_write_part(ctx, &w, &model[m], which, file_degree);
+            rc = model_write_part(ctx, &w, &large[m], which, file_degree);
     return os_writer_close(ctx, &w, rc);
 }
 
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model,
                                              int file_degree)
 {
-    return model_file_write_models(ctx, path, model, 1, file_degree);
+    const oxl_large_model whole = {.model = *model};
+    return model_file_write_large(ctx, path, &whole, 1, file_degree);
 }

@@ -60,8 +60,9 @@ OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **o
 /* Refuses views whose files would have one name. */
 OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *scene);
 
+struct render_source;
 struct render_files {
-    const oxl_model *model;
+    const struct render_source *source;
     oxl_scene *scene;
     const oxl_render_output *what;
     const char *folder;
@@ -73,7 +74,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
 /* After enough iterations: logs the training views that fit far worse than their neighbours, renders the
  * worst beside their images into `folder` (NULL: none), and adds the member "training" of metrics.json with
  * its comma. */
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
                                              int iterations, struct text *json, const char *folder);
 
 /* ---------------- survey_report.c: content of a survey, predicted cost */

@@ -14,13 +14,13 @@
 /* ---------------- models */
 
 /* Reads the model of the one block, or of all, trained after merging. */
-static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
+static oxl_result job_final_model(struct job *job, int standard, oxl_large_model *out)
 {
     const int one = job->partition.block_count == 1 ? 0 : JOB_MERGED_MODEL;
-    oxl_result rc = job_read_model(job, one, standard, out);
+    oxl_result rc = job_open_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
-    if (rc == OXL_OK && out->count == 0)
+    if (rc == OXL_OK && out->model.count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
                       job->out);
@@ -34,12 +34,12 @@ static int job_alters_colours(const struct job *job)
     return job->scene && imaging_alters_colours(&job->scene->imaging);
 }
 
-static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree,
+static oxl_result job_write_ply(struct job *job, const char *name, const oxl_large_model *model, int degree,
                                 size_t *bytes)
 {
     struct os_reader file = {0};
     const char *path = PATH(job->out, "%s", name);
-    oxl_result rc = model_file_write_ply(job->ctx, path, model, degree);
+    oxl_result rc = model_file_write_large(job->ctx, path, model, 1, degree);
     if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
     *bytes = (size_t)file.size;
     os_reader_close(&file);
@@ -47,30 +47,30 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
 }
 
 /* Makes the model without lobes and medium; of an unfinished run, not refined. */
-static oxl_result job_make_standard(struct job *job, oxl_model *out)
+static oxl_result job_make_standard(struct job *job, oxl_large_model *out)
 {
-    const int made = !job->unfinished && (job->model.lobes > 0 || job_alters_colours(job));
-    oxl_result rc =
-        made || job->model.pages ? job_final_model(job, made, out) : model_copy(job->ctx, &job->model, out);
-    if (rc == OXL_OK && !made && job->scene) medium_make_standard(job->scene, out);
-    else model_drop_lobes(out);
+    const int made = !job->unfinished && (job->result.model.lobes > 0 || job_alters_colours(job));
+    oxl_result rc = made || job->result.pages ? job_final_model(job, made, out)
+                                              : model_copy(job->ctx, &job->result.model, &out->model);
+    if (rc == OXL_OK && !made && !out->pages && job->scene) medium_make_standard(job->scene, &out->model);
+    else model_drop_lobes(&out->model);
     return rc;
 }
 
 /* Writes scene.ply with the model's SH degree, and the lobes, or with a medium the standard model;
  * scene_clear.ply then has the former. Unless scene.ply has the standard columns already,
  * scene_standard.ply has. bytes: of the file that the metrics are of, and of the standard model's. */
-static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
+static oxl_result job_write_models(struct job *job, oxl_large_model *standard, size_t bytes[2])
 {
     const int hides = job_alters_colours(job),
-              is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
-    const oxl_model *shown = hides ? standard : &job->model;
+              is_standard = job->result.model.sh_degree == 3 && (hides || job->result.model.lobes == 0);
+    const oxl_large_model *shown = hides ? standard : &job->result;
     oxl_result rc = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
     size_t full = 0;
     bytes[0] = bytes[1] = 0;
-    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[hides]);
+    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->model.sh_degree, &bytes[hides]);
     if (rc == OXL_OK && hides)
-        rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[0]);
+        rc = job_write_ply(job, "scene_clear.ply", &job->result, job->result.model.sh_degree, &bytes[0]);
     else os_remove(PATH(job->out, "scene_clear.ply"));
     if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
     if (rc == OXL_OK && !is_standard) rc = job_write_ply(job, "scene_standard.ply", standard, 3, &full);
@@ -100,16 +100,16 @@ static oxl_split job_evaluated_split(const struct job *job)
 }
 
 /* Evaluates what a viewer without second lobes and medium renders: *m gets its PSNR at mean exposure. */
-static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes,
-                                   oxl_metrics *m)
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_large_model *standard,
+                                   size_t bytes, oxl_metrics *m)
 {
     struct imaging *imaging = &job->scene->imaging, whole = *imaging;
     const int hides = job_alters_colours(job);
     oxl_metrics plain;
     oxl_result rc;
-    if (job->model.lobes == 0 && !hides) return OXL_OK;
+    if (job->result.model.lobes == 0 && !hides) return OXL_OK;
     imaging->medium = (struct medium){0};
-    rc = oxl_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
+    rc = oxl_large_evaluate(job->ctx, standard, job->scene, job_evaluated_split(job), &plain);
     *imaging = whole;
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO,
@@ -127,9 +127,9 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_mo
 static void job_add_figures(struct job *job, struct text *t, size_t bytes)
 {
     text_add(t, "{\n  \"split\": \"%s\",\n", job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "train");
-    text_add_member(t, "gaussians", (double)job->model.count);
-    text_add_member(t, "lobes", (double)job->model.lobes);
-    text_add_member(t, "sh_degree", job->model.sh_degree);
+    text_add_member(t, "gaussians", (double)job->result.model.count);
+    text_add_member(t, "lobes", (double)job->result.model.lobes);
+    text_add_member(t, "sh_degree", job->result.model.sh_degree);
     text_add_member(t, "bytes", (double)bytes);
     text_add_member(t, "blocks", job->partition.block_count);
     text_add_member(t, "iterations", job->total.iterations);
@@ -140,13 +140,14 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
-static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
+static oxl_result job_write_metrics(struct job *job, const oxl_large_model *standard, const size_t bytes[2])
 {
     oxl_metrics m = {0};
     struct text t = {.ctx = job->ctx};
     oxl_result rc =
         job->options.lpips ? oxl_scene_read_lpips(job->ctx, job->scene, job->options.lpips) : OXL_OK;
-    if (rc == OXL_OK) rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_evaluated_split(job), &m);
+    if (rc == OXL_OK)
+        rc = oxl_large_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
     if (rc != OXL_OK) goto done;
     if (rc != OXL_OK) goto done;
     if (m.count == 0)
@@ -156,7 +157,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
             job->ctx, OXL_LOG_INFO,
             "%s views: PSNR %.2f dB, SSIM %.4f, structure %.3f, at least %.3f, over %d; %zu Gaussians, %.1f MB",
             job_evaluated_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.structure,
-            m.structure_least, m.count, job->model.count, (double)bytes[0] / 1e6);
+            m.structure_least, m.count, job->result.model.count, (double)bytes[0] / 1e6);
     if (!isnan(m.lpips)) oxl_log(job->ctx, OXL_LOG_INFO, "test views: LPIPS (AlexNet) %.4f", m.lpips);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
         oxl_log(
@@ -166,7 +167,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc != OXL_OK) goto done;
-    rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
+    rc = training_views_check(job->ctx, &job->result, job->scene, job->total.iterations, &t,
                               job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
     rc = evaluate_write_json(job->ctx, &t, job->scene, &m);
@@ -249,7 +250,7 @@ static oxl_result job_render_views(struct job *job)
 {
     const oxl_render_output what = {.split = job_evaluated_split(job), .images = 1, .replace = 1};
     int rendered;
-    return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
+    return oxl_render_views(job->ctx, &job->result, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
 
 /* Writes imaging.txt beside scene.ply, where the run has gains. */
@@ -266,10 +267,10 @@ static oxl_result job_write_gains(struct job *job)
  * is. */
 OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
 {
-    oxl_model standard = {0};
+    oxl_large_model standard = {.pages = NULL};
     size_t bytes[2];
     oxl_result rc = job->scene || !evaluate ? OXL_OK : job_load(job);
-    if (rc == OXL_OK) rc = job_final_model(job, 0, &job->model);
+    if (rc == OXL_OK) rc = job_final_model(job, 0, &job->result);
     if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
     if (rc == OXL_OK) rc = job_write_gains(job);
     if (rc == OXL_OK && evaluate) rc = job_write_metrics(job, &standard, bytes);
@@ -280,6 +281,6 @@ OXL_INTERNAL oxl_result job_finish(struct job *job, int evaluate)
         os_remove(PATH(job->out, "blocks/survey.oxl"));
         job_remove_decoded(job);
     }
-    oxl_model_free(job->ctx, &standard);
+    oxl_large_free(job->ctx, &standard);
     return rc;
 }

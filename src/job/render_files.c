@@ -166,13 +166,13 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     out->height = of->camera.height;
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
     if (rc == OXL_OK)
-        rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, imaging}, view, &out->rendered,
+        rc = evaluate_draw(ctx, &(struct drawn){r, f->source, scene, imaging}, view, &out->rendered,
                            out->depth);
     for (size_t i = 0; rc == OXL_OK && out->depth && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] = OXL_MAX(out->depth[i], 0) * (what->unit > 0 ? (float)what->unit : 1);
     if (rc == OXL_OK && what->images) rc = render_file_copy_image(ctx, scene, view, out);
     if (rc == OXL_OK && out->image.rgb && imaging && imaging_alters_colours(imaging))
-        rc = evaluate_draw(ctx, &(struct drawn){r, f->model, scene, NULL}, view, &out->clear, NULL);
+        rc = evaluate_draw(ctx, &(struct drawn){r, f->source, scene, NULL}, view, &out->clear, NULL);
     if (rc != OXL_OK) render_file_free(ctx, out);
     return rc;
 }
@@ -342,7 +342,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = render_files_replace(ctx, f);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
-    evaluate_begin(ctx, f->model, f->scene);
+    evaluate_begin(ctx, f->source, f->scene);
     while (rc == OXL_OK && *count < f->views) {
         int rendered, written;
         oxl_result wrote;
@@ -357,11 +357,12 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_fi
     return rc;
 }
 
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
                             const oxl_render_output *what, const char *folder, int *count)
 {
     int *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    struct render_files f = {model, scene, what, folder, view, 0};
+    const struct render_source source = large_source(model);
+    struct render_files f = {&source, scene, what, folder, view, 0};
     oxl_result rc;
     *count = 0;
     if (!view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");

@@ -121,7 +121,8 @@ static double training_shift(const float *rendered, const float *image, int w, i
 
 /* Takes the most over halvings, since a shift of many pixels is one of few in a small image. A
  * displaced camera draws the scene beside its place; where a view is merely hard to fit, no shift helps. */
-static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
+static oxl_result training_displaced(struct training_views *t, const struct render_source *source, int at,
+                                     double *out)
 {
     oxl_image image = {0}, rendered = {0};
     struct renderer *r = NULL;
@@ -131,7 +132,7 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
     *out = 0;
     if (rc == OXL_OK) rc = renderer_create(t->ctx, &r);
     if (rc == OXL_OK)
-        rc = evaluate_draw(t->ctx, &(struct drawn){r, model, t->scene, &t->scene->imaging}, view, &rendered,
+        rc = evaluate_draw(t->ctx, &(struct drawn){r, source, t->scene, &t->scene->imaging}, view, &rendered,
                            NULL);
     if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
     if (rc == OXL_OK && !work)
@@ -211,7 +212,7 @@ static int training_suffers(const struct training_views *t, const struct trainin
 }
 
 /* Flags the rows, which are in order: the worst first. */
-static oxl_result training_flag(struct training_views *t, const oxl_model *model)
+static oxl_result training_flag(struct training_views *t, const struct render_source *source)
 {
     const double exposure = training_limit(t);
     oxl_result rc = OXL_OK;
@@ -222,7 +223,7 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
         if (row->exposure > exposure) row->flag = "exposure";
         if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
         rc = context_stopped(t->ctx);
-        if (rc == OXL_OK) rc = training_displaced(t, model, row->at, &shifted);
+        if (rc == OXL_OK) rc = training_displaced(t, source, row->at, &shifted);
         if (rc == OXL_OK && shifted > TRAINING_SHIFTED)
             row->flag = training_suffers(t, row, row) ? NULL : "pose";
         else if (rc == OXL_OK) rc = training_is_blurred(t, row->at, &blurred);
@@ -322,14 +323,15 @@ static int training_add_fog(const struct training_views *t, int count, int *show
     return count;
 }
 
-OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_model *model, oxl_scene *scene,
                                              int iterations, struct text *json, const char *folder)
 {
+    const struct render_source source = large_source(model);
     const oxl_render_output what = {.split = OXL_SPLIT_ALL, .images = 1, .replace = 1};
     oxl_metrics m = {0};
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
     int shown[2 * TRAINING_SHOWN], count = 0;
-    oxl_result rc = evaluate_quick(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
+    oxl_result rc = evaluate_quick(ctx, &source, scene, OXL_SPLIT_TRAIN, &m);
     if (rc != OXL_OK) return rc;
     t.row = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, 2 * (size_t)m.count + 1, sizeof *t.work);
@@ -340,7 +342,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, model);
+    if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, &source);
     if (rc != OXL_OK) goto done;
     if (iterations >= TRAINING_STEPS * m.count) training_flag_structure(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
@@ -351,7 +353,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
         shown[count] = m.views[t.row[count].at].view;
     count = training_add_fog(&t, count, shown);
     if (folder)
-        rc = render_files_of(ctx, &(struct render_files){model, scene, &what, folder, shown, count}, &count);
+        rc =
+            render_files_of(ctx, &(struct render_files){&source, scene, &what, folder, shown, count}, &count);
 done:
     OXL_FREE(ctx, t.row, t.work, t.view);
     oxl_metrics_free(ctx, &m);

@@ -195,16 +195,27 @@ OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 
 /* ---------------- models of the blocks */
 
-/* Reads a block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
-OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
+/* Finds the file of a block's model, or of the merged one: the standard one if that is wanted and it has
+ * second lobes. */
+static const char *job_model_file(char path[PATH_LENGTH], const struct job *job, int block, int standard)
 {
     const char *folder = JOB_BLOCK(job, block);
-    const int refined =
-        standard &&
-        os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
+    if (standard && os_is_file(path_in(path, folder, "model_standard.ply"))) return path;
+    return path_in(path, folder, "model.ply"); /* it has no lobes, or was not refined */
+}
+
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
+{
+    char path[PATH_LENGTH];
+    return oxl_model_read(job->ctx, job_model_file(path, job, block, standard), out);
+}
+
+OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard, oxl_large_model *out)
+{
+    char path[PATH_LENGTH];
     const size_t most =
         block == JOB_MERGED_MODEL && job->options.ram ? job->options.ram / JOB_MEMORY_FRACTION : SIZE_MAX;
-    return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
+    return oxl_large_open(job->ctx, job_model_file(path, job, block, standard), most, out);
 }
 
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out)

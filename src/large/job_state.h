@@ -33,7 +33,7 @@ struct job {
     oxl_survey survey;
     struct partition partition;
     double origin[3];
-    oxl_model model;
+    oxl_large_model result;
     struct text line, found;   /* "job": {...} and "found": {...} of run.json */
     struct text key;           /* both: what a block depends on */
     struct text notes;         /* log lines outside of the blocks' training */
@@ -77,7 +77,9 @@ OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
 /* The imaging of several blocks: log gains of mean 0, lamp and medium. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
+/* A block's model, the coarse or the merged one; its standard model, where there is one. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
+OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard, oxl_large_model *out);
 /* a file of OUT */
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);

@@ -178,6 +178,11 @@ OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene,
  * far as it came. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
+/* ---------------- large_model.c: a model that may stay in its file */
+
+struct render_source;
+OXL_INTERNAL struct render_source large_source(const oxl_large_model *large);
+
 /* ---------------- lock.c: a folder that one process writes to at a time */
 
 /* oxl_lock_folder; shared: other processes may share it, too. */

@@ -30,7 +30,7 @@ void oxl_model_move_origin(oxl_model *model, const double origin[3])
     for (int a = 0; a < 3; a++) {
         const double by = model->origin[a] - origin[a];
         float *x = model->plane[OXL_MEAN + a];
-        for (size_t i = 0; by != 0 && !model->pages && i < model->count; i++) x[i] = (float)(x[i] + by);
+        for (size_t i = 0; by != 0 && i < model->count; i++) x[i] = (float)(x[i] + by);
         model->origin[a] = origin[a];
     }
 }
@@ -39,7 +39,7 @@ void oxl_model_rescale(oxl_model *model, double factor)
 {
     const float shift = (float)vecmath_log(factor);
     const double scale = (model->scale > 0 ? model->scale : 1) * factor;
-    if (model->pages || !(factor > 0 && factor <= DBL_MAX)) return;
+    if (!(factor > 0 && factor <= DBL_MAX)) return;
     for (int a = 0; a < 3; a++) {
         model->origin[a] *= factor;
         for (size_t i = 0; i < model->count; i++) {
@@ -142,7 +142,7 @@ oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_m
 void oxl_model_free(oxl_context *ctx, oxl_model *model)
 {
     if (!model) return;
-    OXL_FREE(ctx, model->memory, model->pages);
+    oxl_free(ctx, model->memory);
     *model = (oxl_model){0};
 }
 

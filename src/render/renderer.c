@@ -420,9 +420,6 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_camera *camera, const oxl_render_options *options)
 {
     oxl_result rc;
-    if (model->pages)
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "a model of oxl_model_open has its rows in a file: it can only be rendered");
     if (r->context && options->parallel > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "a context is not rendered with parallel rays");
     if (r->device && options->parallel > 0)
