@@ -286,8 +286,8 @@ OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: 
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's
  * cameras needs the scene's origin. */
 OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
-/* Multiplies positions, sizes and origin by a factor above 0; model->scale is the product of all factors. Other
- * factors change nothing. */
+/* Multiplies positions, sizes and origin by a factor above 0, and model->scale, the product of all factors.
+ * Another factor changes nothing. */
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl
