@@ -12,12 +12,14 @@
  * Invariant: rows are summed in order, so the result does not depend on the number of threads.
  */
 #include "evaluate.h"
+#include "../core/simd.h"
 #include "../core/vecmath.h"
 
 enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
 static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; of the map, the third */
 #define STRUCTURE_REACH 4                                          /* sigma: where a window ends */
 enum { STRUCTURE_HALF_MAX = 24 };                                  /* px: STRUCTURE_REACH of the widest */
+enum { STRUCTURE_RUN = 32 };                                       /* columns whose sums stay in registers */
 /* A band with less, as mean square, is the rounding of images to 8 bits: (1/255)^2 / 12 */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* of a product of mean squares: against division by 0 */
@@ -55,44 +57,74 @@ static int structure_reflect(int i, int n)
     return at < n ? at : period - 1 - at;
 }
 
-static void structure_blur_column_row(const struct structure_work *s, const struct structure_window *w,
-                                      const double *in, int y, double *out)
+/* One row of a blur: along y, then along x. */
+struct structure_row {
+    int width, height, y;
+    const struct structure_window *w;
+    const double *in; /* (H,W) */
+    /* (W + 2 STRUCTURE_HALF_MAX) blurred along y: its columns 0..W-1 begin at STRUCTURE_HALF_MAX */
+    double *line;
+    double *out; /* (W) */
+};
+
+/* Adds the taps of columns x .. x + n - 1 in registers: lines in memory would be loaded and stored at each
+ * tap. */
+SIMD_INLINE void structure_blur_columns(const struct structure_row *r, int x, const int n)
 {
-    for (int x = 0; x < s->width; x++) out[x] = 0;
-    for (int k = -w->half; k <= w->half; k++) {
-        const double *row = in + (size_t)structure_reflect(y + k, s->height) * (size_t)s->width;
-        const double by = w->at[abs(k)];
+    double sum[STRUCTURE_RUN] = {0};
+    for (int k = -r->w->half; k <= r->w->half; k++) {
+        const double *row = r->in + (size_t)structure_reflect(r->y + k, r->height) * (size_t)r->width + x;
+        const double by = r->w->at[abs(k)];
 #pragma omp simd
-        for (int x = 0; x < s->width; x++) out[x] += by * row[x];
+        for (int l = 0; l < n; l++) sum[l] += by * row[l];
     }
+    memcpy(r->line + STRUCTURE_HALF_MAX + x, sum, (size_t)n * sizeof *sum);
 }
 
-/* Blurs one row along y, then along x. */
-static void structure_blur_row(const struct structure_work *s, const struct structure_window *w,
-                               const double *in, int y, double *out)
+SIMD_INLINE void structure_blur_along(const struct structure_row *r, int x, const int n)
 {
-    double *line = s->line + (size_t)context_thread() * ((size_t)s->width + 2 * STRUCTURE_HALF_MAX);
-    double *middle = line + STRUCTURE_HALF_MAX;
-    structure_blur_column_row(s, w, in, y, middle);
-    for (int k = 1; k <= w->half; k++) {
-        middle[-k] = middle[structure_reflect(-k, s->width)];
-        middle[s->width - 1 + k] = middle[structure_reflect(s->width - 1 + k, s->width)];
-    }
-    for (int x = 0; x < s->width; x++) out[x] = 0;
-    for (int k = -w->half; k <= w->half; k++) {
-        const double *from = middle + k, by = w->at[abs(k)];
+    double sum[STRUCTURE_RUN] = {0};
+    for (int k = -r->w->half; k <= r->w->half; k++) {
+        const double *from = r->line + STRUCTURE_HALF_MAX + x + k, by = r->w->at[abs(k)];
 #pragma omp simd
-        for (int x = 0; x < s->width; x++) out[x] += by * from[x];
+        for (int l = 0; l < n; l++) sum[l] += by * from[l];
     }
+    memcpy(r->out + x, sum, (size_t)n * sizeof *sum);
 }
+
+SIMD_BODY void structure_blur_row_body(const int fused, const struct structure_row *r)
+{
+    const int whole = r->width - r->width % STRUCTURE_RUN;
+    double *middle = r->line + STRUCTURE_HALF_MAX;
+    (void)fused;
+    for (int x = 0; x < whole; x += STRUCTURE_RUN) structure_blur_columns(r, x, STRUCTURE_RUN);
+    structure_blur_columns(r, whole, r->width - whole);
+    for (int k = 1; k <= r->w->half; k++) {
+        middle[-k] = middle[structure_reflect(-k, r->width)];
+        middle[r->width - 1 + k] = middle[structure_reflect(r->width - 1 + k, r->width)];
+    }
+    for (int x = 0; x < whole; x += STRUCTURE_RUN) structure_blur_along(r, x, STRUCTURE_RUN);
+    structure_blur_along(r, whole, r->width - whole);
+}
+
+SIMD_DISPATCH(static, structure_blur_row, struct structure_row)
 
 static void structure_blur(oxl_context *ctx, const struct structure_work *s, int which, const double *in,
                            double *out)
 {
     const struct structure_window w = structure_window(which);
-    (void)ctx;
+    const size_t line = (size_t)s->width + 2 * STRUCTURE_HALF_MAX;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < s->height; y++) structure_blur_row(s, &w, in, y, out + (size_t)y * (size_t)s->width);
+    for (int y = 0; y < s->height; y++) {
+        const struct structure_row row = {s->width,
+                                          s->height,
+                                          y,
+                                          &w,
+                                          in,
+                                          s->line + (size_t)context_thread() * line,
+                                          out + (size_t)y * (size_t)s->width};
+        structure_blur_row(ctx->isa, &row);
+    }
 }
 
 /* Computes the mean of the pixels that count, each window for itself. `in` is spent; weighted: (H,W) to
