@@ -19,7 +19,7 @@ enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
 static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; of the map, the third */
 #define STRUCTURE_REACH 4                                          /* sigma: where a window ends */
 enum { STRUCTURE_HALF_MAX = 24 };                                  /* px: STRUCTURE_REACH of the widest */
-enum { STRUCTURE_RUN = 32 };                                       /* columns whose sums stay in registers */
+enum { STRUCTURE_RUN = 16 };                                       /* columns whose sums stay in registers */
 /* A band with less, as mean square, is the rounding of images to 8 bits: (1/255)^2 / 12 */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* of a product of mean squares: against division by 0 */
@@ -34,19 +34,19 @@ struct structure_work {
 
 struct structure_window {
     int half;
-    double at[STRUCTURE_HALF_MAX + 1]; /* by distance; sum over both sides 1 */
+    double tap[2 * STRUCTURE_HALF_MAX + 1]; /* from -half to half; their sum is 1 */
 };
 
 static struct structure_window structure_window(int which)
 {
     const double sigma = STRUCTURE_SIGMA[which];
     struct structure_window w = {.half = (int)(STRUCTURE_REACH * sigma + 0.5)};
-    double sum = 0;
+    double *at = w.tap + w.half, sum = 0;
     for (int k = 0; k <= w.half; k++) {
-        w.at[k] = vecmath_exp(-k * k / (2 * sigma * sigma));
-        sum += k ? 2 * w.at[k] : w.at[k];
+        at[k] = vecmath_exp(-k * k / (2 * sigma * sigma));
+        sum += k ? 2 * at[k] : at[k];
     }
-    for (int k = 0; k <= w.half; k++) w.at[k] /= sum;
+    for (int k = 0; k <= w.half; k++) at[k] = at[-k] = at[k] / sum;
     return w;
 }
 
@@ -59,22 +59,21 @@ static int structure_reflect(int i, int n)
 
 /* One row of a blur: along y, then along x. */
 struct structure_row {
-    int width, height, y;
+    int width;
     const struct structure_window *w;
-    const double *in; /* (H,W) */
+    const double *row[2 * STRUCTURE_HALF_MAX + 1]; /* (W) under each tap of the column */
     /* (W + 2 STRUCTURE_HALF_MAX) blurred along y: its columns 0..W-1 begin at STRUCTURE_HALF_MAX */
     double *line;
     double *out; /* (W) */
 };
 
-/* Adds the taps of columns x .. x + n - 1 in registers: lines in memory would be loaded and stored at each
+/* Adds the taps of n columns from x on in registers: lines in memory would be loaded and stored at each
  * tap. */
 SIMD_INLINE void structure_blur_columns(const struct structure_row *r, int x, const int n)
 {
     double sum[STRUCTURE_RUN] = {0};
-    for (int k = -r->w->half; k <= r->w->half; k++) {
-        const double *row = r->in + (size_t)structure_reflect(r->y + k, r->height) * (size_t)r->width + x;
-        const double by = r->w->at[abs(k)];
+    for (int k = 0; k <= 2 * r->w->half; k++) {
+        const double *row = r->row[k] + x, by = r->w->tap[k];
 #pragma omp simd
         for (int l = 0; l < n; l++) sum[l] += by * row[l];
     }
@@ -83,28 +82,37 @@ SIMD_INLINE void structure_blur_columns(const struct structure_row *r, int x, co
 
 SIMD_INLINE void structure_blur_along(const struct structure_row *r, int x, const int n)
 {
+    const double *first = r->line + STRUCTURE_HALF_MAX - r->w->half + x;
     double sum[STRUCTURE_RUN] = {0};
-    for (int k = -r->w->half; k <= r->w->half; k++) {
-        const double *from = r->line + STRUCTURE_HALF_MAX + x + k, by = r->w->at[abs(k)];
+    for (int k = 0; k <= 2 * r->w->half; k++) {
+        const double by = r->w->tap[k];
 #pragma omp simd
-        for (int l = 0; l < n; l++) sum[l] += by * from[l];
+        for (int l = 0; l < n; l++) sum[l] += by * first[k + l];
     }
     memcpy(r->out + x, sum, (size_t)n * sizeof *sum);
 }
 
+/* The last run ends with the row, over columns that the one before has done. */
+SIMD_INLINE int structure_next(int x, int width)
+{
+    return x + STRUCTURE_RUN < width ? OXL_MIN(x + STRUCTURE_RUN, width - STRUCTURE_RUN) : width;
+}
+
 SIMD_BODY void structure_blur_row_body(const int fused, const struct structure_row *r)
 {
-    const int whole = r->width - r->width % STRUCTURE_RUN;
+    const int narrow = r->width < STRUCTURE_RUN;
     double *middle = r->line + STRUCTURE_HALF_MAX;
     (void)fused;
-    for (int x = 0; x < whole; x += STRUCTURE_RUN) structure_blur_columns(r, x, STRUCTURE_RUN);
-    structure_blur_columns(r, whole, r->width - whole);
+    for (int x = 0; narrow && x < r->width; x++) structure_blur_columns(r, x, 1);
+    for (int x = 0; !narrow && x < r->width; x = structure_next(x, r->width))
+        structure_blur_columns(r, x, STRUCTURE_RUN);
     for (int k = 1; k <= r->w->half; k++) {
         middle[-k] = middle[structure_reflect(-k, r->width)];
         middle[r->width - 1 + k] = middle[structure_reflect(r->width - 1 + k, r->width)];
     }
-    for (int x = 0; x < whole; x += STRUCTURE_RUN) structure_blur_along(r, x, STRUCTURE_RUN);
-    structure_blur_along(r, whole, r->width - whole);
+    for (int x = 0; narrow && x < r->width; x++) structure_blur_along(r, x, 1);
+    for (int x = 0; !narrow && x < r->width; x = structure_next(x, r->width))
+        structure_blur_along(r, x, STRUCTURE_RUN);
 }
 
 SIMD_DISPATCH(static, structure_blur_row, struct structure_row)
@@ -113,17 +121,14 @@ static void structure_blur(oxl_context *ctx, const struct structure_work *s, int
                            double *out)
 {
     const struct structure_window w = structure_window(which);
-    const size_t line = (size_t)s->width + 2 * STRUCTURE_HALF_MAX;
+    const size_t line = (size_t)s->width + 2 * STRUCTURE_HALF_MAX, width = (size_t)s->width;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < s->height; y++) {
-        const struct structure_row row = {s->width,
-                                          s->height,
-                                          y,
-                                          &w,
-                                          in,
-                                          s->line + (size_t)context_thread() * line,
-                                          out + (size_t)y * (size_t)s->width};
-        structure_blur_row(ctx->isa, &row);
+        struct structure_row r = {.width = s->width, .w = &w, .out = out + (size_t)y * width};
+        r.line = s->line + (size_t)context_thread() * line;
+        for (int k = 0; k <= 2 * w.half; k++)
+            r.row[k] = in + (size_t)structure_reflect(y + k - w.half, s->height) * width;
+        structure_blur_row(ctx->isa, &r);
     }
 }
 
