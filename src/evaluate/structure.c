@@ -19,7 +19,7 @@ enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
 static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; of the map, the third */
 #define STRUCTURE_REACH 4                                          /* sigma: where a window ends */
 enum { STRUCTURE_HALF_MAX = 24 };                                  /* px: STRUCTURE_REACH of the widest */
-enum { STRUCTURE_RUN = 16 };                                       /* columns whose sums stay in registers */
+enum { STRUCTURE_RUN = 64 };                                       /* columns whose sums stay in registers */
 /* A band with less, as mean square, is the rounding of images to 8 bits: (1/255)^2 / 12 */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* of a product of mean squares: against division by 0 */
