@@ -214,6 +214,8 @@ OXL_API const oxl_view *oxl_scene_view(const oxl_scene *scene, int index); /* or
 OXL_API size_t oxl_scene_point_count(const oxl_scene *scene);
 OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
+/* The near plane of its training, for oxl_render_options: from the points' depths, as a survey's unit is any. */
+OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
 OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
