@@ -355,6 +355,36 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* In the image of the camera at x = 3; above both cameras; in the image of the one at 7 alone, which is held out;
+ * behind the cameras' images; black, before nothing, in the first's. */
+TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
+{
+    static const double place[5][3] = {{3, 2, 0}, {3, 2, 6}, {8, 2, 0}, {20, 2, 0}, {2, 2, 0}};
+    oxl_scene *scene = ortho_test_scene();
+    const double *origin = oxl_scene_origin(scene);
+    oxl_model model = {0};
+    oxl_image before = {0}, after = {0};
+    size_t dropped = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 5, 0, &model));
+    for (int i = 0; i < 5; i++)
+        for (int k = 0; k < 3; k++) {
+            model.plane[OXL_MEAN + k][i] = (float)(place[i][k] - origin[k]);
+            model.plane[OXL_LOG_SCALE + k][i] = logf(0.1f);
+            model.plane[OXL_SH + k][i] = i == 4 ? -9 : (float)i;
+        }
+    for (int v = 0; v < 2; v++) scene->view[v].is_test = v;
+    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &before, NULL));
+    CHECK_OK(evaluate_drop_unseen(test_ctx, scene, &model, &dropped));
+    CHECK(dropped == 3 && model.count == 2);
+    CHECK(model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
+    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &after, NULL));
+    CHECK(memcmp(before.rgb, after.rgb, 3 * 40 * 30 * sizeof(float)) == 0);
+    oxl_image_free(test_ctx, &before);
+    oxl_image_free(test_ctx, &after);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* Views are tried on the pixels that they may see alone: those must be all that they do see. */
 TEST(ground_window_of_a_view_holds_every_place_in_its_image)
 {

@@ -9,9 +9,26 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 
+enum { JOB_STEPS_A_VIEW = 8 };
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is logged when it is so much above PSNR */
 
 /* ---------------- models */
+
+/* Removes what no training view shows: it was not trained, and floats before other cameras. Of a finished run
+ * of one block that has JOB_STEPS_A_VIEW steps for each view, so that it costs little; after merging, rows
+ * may be in files. */
+static oxl_result job_drop_unseen(struct job *job, oxl_model *model)
+{
+    size_t dropped = 0;
+    oxl_result rc;
+    if (job->partition.block_count != 1 || job->unfinished || !job->scene || model->pages ||
+        schedule_training_views(job->scene) > job->options.train.iterations / JOB_STEPS_A_VIEW)
+        return OXL_OK;
+    rc = evaluate_drop_unseen(job->ctx, job->scene, model, &dropped);
+    if (rc == OXL_OK && dropped)
+        oxl_log(job->ctx, OXL_LOG_INFO, "%zu Gaussians that no training view shows are left out", dropped);
+    return rc;
+}
 
 /* Reads the model of the one block, or of all, trained after merging. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
@@ -20,6 +37,7 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_model *out)
     oxl_result rc = job_read_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
+    if (rc == OXL_OK) rc = job_drop_unseen(job, out);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
