@@ -102,6 +102,7 @@
 #include "src/evaluate/lpips.c"     /* LPIPS, for evaluations */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
 #include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */
+#include "src/evaluate/unseen.c"    /* removes Gaussians that no training view shows */
 
 /* training */
 #include "src/train/part.h"            /* the hooks of a part of training */

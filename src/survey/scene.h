@@ -104,8 +104,6 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
 OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
 /* Below this ratio a medium is not identifiable, and `auto` is off (docs/IMAGING.md). */
 #define SCENE_DEPTH_SPAN_MIN 2
-/* from the depths, since COLMAP's scale is arbitrary */
-OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
 /* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:
  * off. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
