@@ -21,26 +21,27 @@
 #include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* the survey in memory */
-#include "src/core/json.c"           /* JSON reader */
-#include "src/survey/colmap_order.c" /* rows sorted by id */
-#include "src/survey/camera.c"       /* camera models, undistortion */
-#include "src/survey/image.c"        /* decode, undistort, reduce, mask */
-#include "src/survey/image_header.c" /* size, bits, EXIF orientation */
-#include "src/survey/image_write.c"  /* PNG and JPEG */
-#include "src/survey/survey_files.c" /* paths of a survey's files */
-#include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
-#include "src/survey/image_cache.c"  /* decoded images in memory */
-#include "src/survey/image_file.c"   /* decoded images in files */
-#include "src/survey/scene.c"        /* views, points, depths and rays of a scene */
-#include "src/survey/scene_alpha.c"  /* transparent pixels: composited or masked */
-#include "src/survey/scene_start.c"  /* points to start from where there are none */
-#include "src/survey/scene_images.c" /* its images and masks */
-#include "src/survey/scene_views.c"  /* views of a survey */
-#include "src/survey/scene_load.c"   /* a scene from files or arrays: origin, points, extent */
-#include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
-#include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
-#include "src/survey/contrast.c"     /* fall of image contrast with depth */
-#include "src/survey/photometry.c"   /* exposure, lamp and medium from the colours of tracks */
+#include "src/core/json.c"             /* JSON reader */
+#include "src/survey/colmap_order.c"   /* rows sorted by id */
+#include "src/survey/camera.c"         /* camera models, undistortion */
+#include "src/survey/image.c"          /* decode, undistort, reduce, mask */
+#include "src/survey/image_header.c"   /* size, bits, EXIF orientation */
+#include "src/survey/image_write.c"    /* PNG and JPEG */
+#include "src/survey/survey_files.c"   /* paths of a survey's files */
+#include "src/survey/robust_stats.c"   /* robust statistics: bounds, radius of the cameras, depths */
+#include "src/survey/image_cache.c"    /* decoded images in memory */
+#include "src/survey/image_file.c"     /* decoded images in files */
+#include "src/survey/scene.c"          /* views, points, depths and rays of a scene */
+#include "src/survey/scene_alpha.c"    /* transparent pixels: composited or masked */
+#include "src/survey/scene_start.c"    /* points to start from where there are none */
+#include "src/survey/scene_images.c"   /* its images and masks */
+#include "src/survey/scene_views.c"    /* views of a survey */
+#include "src/survey/scene_load.c"     /* a scene from files or arrays: origin, points, extent */
+#include "src/survey/scene_checksum.c" /* whether the files are those of an earlier run */
+#include "src/survey/imaging.c"        /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/depth_bands.c"    /* depth band of each pixel, from the points */
+#include "src/survey/contrast.c"       /* fall of image contrast with depth */
+#include "src/survey/photometry.c"     /* exposure, lamp and medium from the colours of tracks */
 
 /* the model */
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
@@ -102,6 +103,7 @@
 #include "src/evaluate/lpips.c"     /* LPIPS, for evaluations */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
 #include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */
+#include "src/evaluate/unseen.c"    /* removes Gaussians that no training view shows */
 
 /* training */
 #include "src/train/part.h"            /* the hooks of a part of training */

@@ -214,6 +214,8 @@ OXL_API const oxl_view *oxl_scene_view(const oxl_scene *scene, int index); /* or
 OXL_API size_t oxl_scene_point_count(const oxl_scene *scene);
 OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
+/* The near plane of its training, for oxl_render_options: from the points' depths. */
+OXL_API double oxl_scene_near_plane(const oxl_scene *scene);
 /* (2) latitude and longitude (WGS 84, degrees) of the world's origin, if its axes are metres east, north, up
  * there, as OpenSfM's reference_lla says; NULL: not known. */
 OXL_API const double *oxl_scene_reference(const oxl_scene *scene);
@@ -276,6 +278,9 @@ typedef struct oxl_model {
     int has_background;
     /* 1: trained and rendered with a low pass of 0.1 px^2 that keeps a splat's energy [Yu 2024] */
     int antialias;
+    /* a camera of the survey, from which viewers begin: focal length by the longer side of its image
+     * (0: none), rotation from world to camera (3,3), position in the world */
+    double view[13];
     size_t not_finite; /* rows of the file that oxl_model_read left out */
 } oxl_model;
 
@@ -286,8 +291,8 @@ OXL_API int oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: 
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's
  * cameras needs the scene's origin. */
 OXL_API void oxl_model_move_origin(oxl_model *model, const double origin[3]);
-/* Multiplies positions, sizes and origin by a factor above 0, and model->scale, the product of all factors.
- * Another factor changes nothing. */
+/* Multiplies positions, sizes, origin and the view's position by a factor above 0; model->scale is the
+ * product of all factors. Other factors change nothing. */
 OXL_API void oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl
@@ -307,7 +312,8 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  *   read, 3 is written
  *   .glb    glTF with KHR_gaussian_splatting; written only
  * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the
- * comment of an .spz's gzip header, the node of a .glb; a .splat has neither. */
+ * comment of an .spz's gzip header, the node of a .glb; a .splat has neither. The view is a comment of .ply
+ * and .spz ("view" and its numbers). */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 

@@ -278,7 +278,7 @@ static struct bench_input bench_survey(oxl_context *ctx, const char *path, int m
     bench_check(ctx, oxl_model_from_points(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), degree,
                                            &in.trained.model));
     in.camera = oxl_scene_view(scene, 1)->camera;
-    in.near_plane = (float)scene_near_plane(scene);
+    in.near_plane = (float)oxl_scene_near_plane(scene);
     bench_check(ctx, oxl_scene_image(ctx, scene, 1, &image));
     in.target = image.rgb;
     oxl_free(ctx, image.weight);

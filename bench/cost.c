@@ -83,7 +83,7 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, struct trai
     struct cost_probe r = {.ctx = ctx, .render = oxl_render_options_default()};
     const int count = oxl_scene_view_count(scene);
     double sum = 0;
-    r.render.near_plane = (float)scene_near_plane(scene);
+    r.render.near_plane = (float)oxl_scene_near_plane(scene);
     cost_make_target(&r, scene);
     cost_check(ctx, renderer_create(ctx, &r.renderer));
     cost_check(ctx, model_trained_begin(ctx, trained));

@@ -109,6 +109,26 @@ struct geotiff {
 /* data (height,width,4): bytes of RGBA, alpha 0 or 255; is_height: (height,width) floats, NaN: no data. */
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
 
+/* ---------------- ground.c: the places of a map, and which of them the views saw */
+
+struct ground {
+    const struct frame *frame;
+    double corner[2]; /* of the top-left pixel, outer: along right and up from the frame's centre, units */
+    double pixel;     /* units */
+    double far;       /* units: views do not count that are farther away */
+    int width, height;
+    const float *level;   /* (height,width) above the frame's centre, units; NaN: no ground */
+    unsigned short *seen; /* (height,width) number of training views */
+};
+/* Where the camera sees p, in px; returns camera z, at most 0 behind it. */
+double ground_see(const oxl_camera *c, const double p[3], double at[2]);
+/* The place at x, y px of the map, in the scene's coordinates. */
+void ground_place(const struct ground *g, double x, double y, double height, double out[3]);
+/* Sets `seen`: the training views with the place in their image, not too far, and nothing of the model before
+ * it; model NULL: whatever is before it. */
+oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, const oxl_scene *scene,
+                              const struct ground *g);
+
 /* ---------------- ortho.c: an orthomosaic and a height model */
 
 /* Writes ortho.tif, height.tif and frame.txt to -o, with --png ortho.png, ortho.pgw and ortho.height.pfm too,

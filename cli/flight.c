@@ -132,6 +132,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const ox
     const int orbit = strcmp(a->flight, "orbit") == 0;
     oxl_result rc = oxl_make_folder(ctx, a->out);
     memcpy(render.background, model->model.background, sizeof render.background);
+    render.near_plane = (float)oxl_scene_near_plane(scene);
     if (rc == OXL_OK && !orbit && strcmp(a->flight, "survey") != 0)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "--flight: found '%s', expected orbit or survey\nfix: --flight orbit", a->flight);

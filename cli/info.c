@@ -96,7 +96,7 @@ static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
     base = base ? base + 1 : model;
-    return strcmp(base, "scene.ply") == 0 || strcmp(base, "scene_standard.ply") == 0;
+    return strncmp(base, "scene.", 6) == 0 || strncmp(base, "scene_standard.", 15) == 0;
 }
 
 static int info_is_gain(const char *line)

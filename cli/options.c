@@ -127,7 +127,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render a map instead: the orthomosaic ortho.tif and the heights height.tif, both GeoTIFF, and their axes, frame.txt", NULL},
 {"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "pixel size in units, in metres with --scale; otherwise what a pixel of the images sees of the ground, in the median", NULL},
 {"epsg", "CODE", OXL_OPTION_INT, FIELD(epsg), 0, 32766, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "the survey's projected coordinate system, for the GeoTIFF files, e.g. 32632 for UTM zone 32N", NULL},
-{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "training views that must show a place; without them it is transparent and has no height", NULL},
+{"min-views", "N", OXL_OPTION_INT, FIELD(min_views), 1, 1000, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "training views that must have seen a place, with nothing before it; others are transparent and have no height", NULL},
 {"frame", "auto|world|survey", OXL_OPTION_CHOICE, FIELD(frame), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Map", "axes: the world's x and y, seen along z, or the survey's principal axes; auto: the world's where its z is up", NULL},
 {"up", "X,Y,Z", OXL_OPTION_POINT, FIELD(up), 0, 0, NO_TEXT, OXL_TIER_ADVANCED, IN(RENDER), "Map", "direction that is up, in the world's axes, in place of --frame", NULL},
 {"png", NULL, OXL_OPTION_FLAG, FIELD(png), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "also write ortho.png with its world file ortho.pgw, and ortho.height.pfm", NULL},

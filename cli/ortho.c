@@ -2,8 +2,8 @@
  *
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at
  * the highest camera: what floats above it is not seen. The map is rendered in patches, each a view of its
- * own. A pixel is empty where the model is see-through, or where fewer than --min-views training views have
- * the place in their image; it has a colour but no height where no layer of the model is the surface.
+ * own. A pixel is empty where the model is see-through, or where fewer than --min-views training views saw
+ * the place (ground.c); it has a colour but no height where no layer of the model is the surface.
  *
  * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres with
  * --scale. World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the
@@ -24,6 +24,7 @@ enum {
     ORTHO_SAMPLE = 500,     /* points that a view's ground is measured by */
     ORTHO_CHECKED = 100000  /* points that the heights are compared with */
 };
+#define ORTHO_FAR 2.0 /* times the ground's usual distance: the horizon of oblique views is not mapped */
 #define ORTHO_RIM 0.1 /* of an image's sides: a Gaussian whose centre is this near beside it may show in it */
 
 struct ortho {
@@ -42,30 +43,19 @@ struct ortho {
     int width, height;
     double corner[2]; /* of the top-left pixel, outer: along right and up from the frame's centre, units */
     double shift[3];  /* of map coordinates: the centre's, units */
-    int *order;       /* training views, those that saw the last place first */
+    int *order;       /* training views */
     int views;
     unsigned char *rgba; /* (height,width,4) */
+    float *ground_level; /* (height,width) of what has a colour, above the frame's centre, units; NaN: none */
     float *level;        /* (height,width) heights in map units, NaN: none */
 };
 
 /* ---------------- what the views see */
 
-/* Where the view sees p, in px; camera z, at most 0 behind it. */
-static double ortho_see(const oxl_camera *c, const double p[3], double at[2])
-{
-    double x[3];
-    for (int i = 0; i < 3; i++)
-        x[i] = c->rotation[3 * i] * p[0] + c->rotation[3 * i + 1] * p[1] + c->rotation[3 * i + 2] * p[2] +
-               c->translation[i];
-    at[0] = c->fx * x[0] / x[2] + c->cx;
-    at[1] = c->fy * x[1] / x[2] + c->cy;
-    return x[2];
-}
-
 static int ortho_is_seen(const oxl_camera *c, const double p[3], double rim)
 {
     double at[2];
-    return ortho_see(c, p, at) > 0 && at[0] >= -rim * c->width && at[0] <= (1 + rim) * c->width &&
+    return ground_see(c, p, at) > 0 && at[0] >= -rim * c->width && at[0] <= (1 + rim) * c->width &&
            at[1] >= -rim * c->height && at[1] <= (1 + rim) * c->height;
 }
 
@@ -83,7 +73,7 @@ static double ortho_distance(const oxl_scene *scene, const oxl_camera *c)
     int n = 0;
     for (size_t i = 0; i < count && n < ORTHO_SAMPLE; i += stride) {
         const double *p = oxl_scene_points(scene)[i].position;
-        if (ortho_is_seen(c, p, 0)) z[n++] = ortho_see(c, p, at);
+        if (ortho_is_seen(c, p, 0)) z[n++] = ground_see(c, p, at);
     }
     qsort(z, (size_t)n, sizeof *z, ortho_compare);
     return n ? z[n / 2] : 0;
@@ -116,20 +106,6 @@ static int ortho_measure(struct ortho *o, double *pixel)
     }
     free(distance);
     return distance && o->order;
-}
-
-/* 1: `least` training views have the place in their image. Views that did come first the next time. */
-static int ortho_views_see(struct ortho *o, const double p[3], int least)
-{
-    int seen = 0;
-    for (int i = 0; i < o->views; i++) {
-        const int view = o->order[i];
-        if (!ortho_is_seen(&oxl_scene_view(o->scene, view)->camera, p, 0)) continue;
-        memmove(o->order + seen + 1, o->order + seen, sizeof *o->order * (size_t)(i - seen));
-        o->order[seen++] = view;
-        if (seen >= least) return 1;
-    }
-    return 0;
 }
 
 /* Makes Gaussians invisible whose centres lie in no training view's image, nor near it. Returns their number. */
@@ -166,14 +142,13 @@ static void ortho_lay_out(struct ortho *o)
     o->corner[1] = (double)last[1] * o->pixel - o->shift[1];
 }
 
-/* The place that a pixel shows, in the scene's coordinates; height: above the frame's centre. */
-static void ortho_place(const struct ortho *o, double x, double y, double height, double out[3])
+/* Of the pixels; level and seen: (height,width), or NULL where places alone are wanted. */
+static struct ground ortho_ground(const struct ortho *o, float *level, unsigned short *seen)
 {
-    const double along[3] = {o->corner[0] + x * o->pixel, o->corner[1] - y * o->pixel, height};
-    for (int k = 0; k < 3; k++) {
-        out[k] = o->frame.centre[k];
-        for (int d = 0; d < 3; d++) out[k] += along[d] * o->frame.axis[d][k];
-    }
+    return (struct ground){&o->frame, {o->corner[0], o->corner[1]},
+                           o->pixel,  ORTHO_FAR * (o->ground > 0 ? o->ground : HUGE_VAL),
+                           o->width,  o->height,
+                           level,     seen};
 }
 
 static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
@@ -183,6 +158,7 @@ static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
                     .height = rest_y < ORTHO_PATCH ? rest_y : ORTHO_PATCH,
                     .fx = 1 / o->pixel,
                     .fy = 1 / o->pixel};
+    const struct ground g = ortho_ground(o, NULL, NULL);
     double eye[3];
     c.cx = 0.5 * c.width, c.cy = 0.5 * c.height;
     for (int k = 0; k < 3; k++) {
@@ -190,7 +166,7 @@ static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
         c.rotation[3 + k] = -o->frame.axis[1][k];
         c.rotation[6 + k] = -o->frame.axis[2][k];
     }
-    ortho_place(o, x + c.cx, y + c.cy, o->top, eye);
+    ground_place(&g, x + c.cx, y + c.cy, o->top, eye);
     frame_place(&c, eye);
     return c;
 }
@@ -202,29 +178,42 @@ static unsigned char ortho_byte(float value)
     return (unsigned char)(255 * fminf(fmaxf(value, 0), 1) + 0.5f);
 }
 
-/* Copies a patch; pixels without depth or views stay empty. */
-static void ortho_take(struct ortho *o, const oxl_image *image, const float *depth, int left, int top,
-                       int min_views)
+/* Copies a patch; pixels without depth stay empty. */
+static void ortho_take(struct ortho *o, const oxl_image *image, const float *depth, int left, int top)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
     for (size_t i = 0; i < plane; i++) {
-        const int x = left + (int)(i % (size_t)image->width), y = top + (int)(i / (size_t)image->width);
-        const size_t to = (size_t)y * (size_t)o->width + (size_t)x;
+        const size_t x = (size_t)left + i % (size_t)image->width, y = (size_t)top + i / (size_t)image->width,
+                     to = y * (size_t)o->width + x;
         const double height = o->top - (double)fabsf(depth[i]);
-        double place[3];
-        o->level[to] = NAN;
+        o->level[to] = o->ground_level[to] = NAN;
         memset(o->rgba + 4 * to, 0, 4);
         if (!(fabsf(depth[i]) > 0)) continue;
-        ortho_place(o, x + 0.5, y + 0.5, height, place);
-        if (!ortho_views_see(o, place, 1)) continue;
-        o->ground_seen++;
-        if (!ortho_views_see(o, place, min_views)) continue;
-        o->ground_covered++;
-        o->ground_high += depth[i] > 0;
+        o->ground_level[to] = (float)height;
         if (depth[i] > 0) o->level[to] = (float)((height + o->shift[2]) * o->unit);
         for (size_t k = 0; k < 3; k++) o->rgba[4 * to + k] = ortho_byte(image->rgb[k * plane + i]);
         o->rgba[4 * to + 3] = 255;
     }
+}
+
+/* Empties pixels that fewer views saw, and counts the others. */
+static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model, int min_views)
+{
+    const size_t pixels = (size_t)o->width * (size_t)o->height;
+    unsigned short *seen = malloc(sizeof *seen * pixels);
+    const struct ground g = ortho_ground(o, o->ground_level, seen);
+    /* an overview is quick: what is hidden counts as seen */
+    oxl_result rc =
+        seen ? ground_count_views(o->ctx, o->fit ? NULL : model, o->scene, &g)
+             : oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px", o->width, o->height);
+    for (size_t i = 0; rc == OXL_OK && i < pixels; i++) {
+        o->ground_seen += seen[i] > 0;
+        o->ground_covered += seen[i] >= min_views;
+        if (seen[i] >= min_views) o->ground_high += !isnan(o->level[i]);
+        else memset(o->rgba + 4 * i, 0, 4), o->level[i] = NAN;
+    }
+    free(seen);
+    return rc;
 }
 
 static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int min_views)
@@ -238,7 +227,8 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int 
     memcpy(render.background, model->model.background, sizeof render.background);
     o->rgba = malloc(4 * pixels);
     o->level = malloc(sizeof *o->level * pixels);
-    if (!depth || !o->rgba || !o->level)
+    o->ground_level = malloc(sizeof *o->ground_level * pixels);
+    if (!depth || !o->rgba || !o->level || !o->ground_level)
         rc = oxl_fail(o->ctx, OXL_ERR_MEMORY, "ortho: no memory for %d x %d px\nfix: a larger --pixel",
                       o->width, o->height);
     for (int y = 0; y < o->height && rc == OXL_OK; y += ORTHO_PATCH)
@@ -246,11 +236,11 @@ static oxl_result ortho_draw(struct ortho *o, const oxl_large_model *model, int 
             const oxl_camera camera = ortho_camera(o, x, y);
             oxl_image image = {0};
             rc = oxl_large_render(o->ctx, model, &camera, &render, &image, depth);
-            if (rc == OXL_OK) ortho_take(o, &image, depth, x, y, min_views);
+            if (rc == OXL_OK) ortho_take(o, &image, depth, x, y);
             oxl_image_free(o->ctx, &image);
         }
     free(depth);
-    return rc;
+    return rc == OXL_OK ? ortho_keep_seen(o, model, min_views) : rc;
 }
 
 /* ---------------- files */
@@ -450,6 +440,7 @@ oxl_result ortho_write(oxl_context *ctx, oxl_large_model *model, const oxl_scene
     free(o.order);
     free(o.rgba);
     free(o.level);
+    free(o.ground_level);
     return rc;
 }
 
@@ -479,5 +470,6 @@ oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_sc
     free(o.order);
     free(o.rgba);
     free(o.level);
+    free(o.ground_level);
     return rc;
 }

@@ -130,10 +130,24 @@ static int views_is_fog(const struct views_row *row)
     return row->structure < OXL_STRUCTURE_NONE;
 }
 
-static int views_compare_floats(const void *a, const void *b)
+/* Returns a value that `rank` others are not above [Hoare 1961]; the array is reordered. */
+static float views_ranked(float *value, size_t count, size_t rank)
 {
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
+    size_t first = 0, end = count;
+    while (end - first > 1) {
+        const float pivot = value[first + (end - first - 1) / 2];
+        size_t i = first, j = end - 1;
+        for (;; i++, j--) {
+            float swapped;
+            while (value[i] < pivot) i++;
+            while (value[j] > pivot) j--;
+            if (i >= j) break;
+            swapped = value[i], value[i] = value[j], value[j] = swapped;
+        }
+        if (rank <= j) end = j + 1;
+        else first = j + 1;
+    }
+    return value[rank];
 }
 
 /* Stretches both to the range of the image, without its darkest and brightest hundredth: a dark image of low
@@ -141,16 +155,15 @@ static int views_compare_floats(const void *a, const void *b)
 static void views_brighten(struct report *r, oxl_image *image, oxl_image *rendered)
 {
     const size_t values = 3 * (size_t)image->width * (size_t)image->height;
-    float *sorted = malloc(values * sizeof *sorted), low, range;
-    if (!sorted) {
+    float *work = malloc(values * sizeof *work), low, range;
+    if (!work) {
         r->page.failed = 1;
         return;
     }
-    memcpy(sorted, image->rgb, values * sizeof *sorted);
-    qsort(sorted, values, sizeof *sorted, views_compare_floats);
-    low = sorted[values / 100];
-    range = fmaxf(sorted[values - 1 - values / 100] - low, 1.0f / 255);
-    free(sorted);
+    memcpy(work, image->rgb, values * sizeof *work);
+    low = views_ranked(work, values, values / 100);
+    range = fmaxf(views_ranked(work, values, values - 1 - values / 100) - low, 1.0f / 255);
+    free(work);
     for (size_t i = 0; i < values; i++) {
         image->rgb[i] = (image->rgb[i] - low) / range;
         rendered->rgb[i] = (rendered->rgb[i] - low) / range;

@@ -85,6 +85,37 @@ int job_test_progress(void *user, const oxl_progress *p)
     return p->iteration == w->stop_at;
 }
 
+/* Of the training views the one nearest to their centre, whatever the block or the run was before. */
+TEST(job_begins_viewers_at_a_training_view)
+{
+    const oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey();
+    oxl_scene_options load = oxl_scene_options_default();
+    oxl_scene *scene = NULL;
+    oxl_model model = {0};
+    int same = 0;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    load.test_every = 8;
+    CHECK_OK(oxl_scene_load(test_ctx, survey, &load, &scene));
+    for (int v = 0; scene && v < oxl_scene_view_count(scene); v++) {
+        const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
+        double away = fabs(model.view[0] - c->fx / OXL_MAX(c->width, c->height));
+        for (int i = 0; i < 3; i++) {
+            double x = c->translation[i];
+            for (int k = 0; k < 3; k++)
+                x += c->rotation[3 * i + k] * (model.view[10 + k] - oxl_scene_origin(scene)[k]);
+            away = fmax(away, fabs(x));
+            for (int k = 0; k < 3; k++)
+                away = fmax(away, fabs(model.view[1 + 3 * i + k] - c->rotation[3 * i + k]));
+        }
+        same += away < 1e-6 && !oxl_scene_view(scene, v)->is_test;
+    }
+    CHECK(same == 1);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &model);
+}
+
 TEST(job_writes_model_metrics_log_renders_and_last_run_json)
 {
     const oxl_job_options options = job_test_options();
@@ -881,6 +912,16 @@ TEST(job_with_lamp_and_medium_writes_a_model_for_viewers_and_one_for_imaging_txt
     CHECK_CLOSE(oxl_json_number(json.data, "psnr"), full.psnr, 1e-9);
     CHECK_CLOSE(oxl_json_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
+    for (int i = 0; i < 4; i++) { /* in whatever format, it has the medium in its colours */
+        static const char *const names[] = {"out/scene_clear.ply", "out/scene.ply", "out/scene.spz",
+                                            "out/scene_standard.splat"};
+        oxl_scene *scene = NULL;
+        oxl_scene_options o = oxl_scene_options_default();
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+        CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(names[i])));
+        CHECK(scene->imaging.medium.on == (i == 0));
+        oxl_scene_free(test_ctx, scene);
+    }
     CHECK_OK(os_read_file(test_ctx, test_path("out/scene_clear.ply"), &clear));
     CHECK(oxl_json_number(json.data, "bytes") == (double)clear.size);
     os_release_file(test_ctx, &clear);

@@ -163,6 +163,26 @@ TEST(spz_and_gltf_signs_are_those_of_a_turned_scene)
     oxl_model_free(test_ctx, &turned);
 }
 
+/* In the comments of .ply and .spz, also without a background, and in the unit that the model is changed to. */
+TEST(view_of_a_model_survives_its_files_and_a_change_of_unit)
+{
+    static const char *const files[] = {"v.ply", "v.spz"};
+    for (int i = 0; i < 4; i++) {
+        oxl_model m = formats_test_model(5, 1), back;
+        m.has_background = i / 2;
+        if (i == 1) memset(m.origin, 0, sizeof m.origin);
+        for (int k = 0; k < 13; k++) m.view[k] = k < 10 ? 0.75 - 0.125 * k : 6700000.0625 + k;
+        oxl_model_rescale(&m, 2);
+        CHECK_OK(oxl_model_write(test_ctx, test_path(files[i % 2]), &m));
+        CHECK_OK(oxl_model_read(test_ctx, test_path(files[i % 2]), &back));
+        for (int k = 0; k < 13; k++)
+            CHECK_CLOSE(back.view[k], k < 10 ? 0.75 - 0.125 * k : 2 * (6700000.0625 + k), 0);
+        CHECK(back.scale > 1.99 && back.has_background == i / 2);
+        oxl_model_free(test_ctx, &m);
+        oxl_model_free(test_ctx, &back);
+    }
+}
+
 TEST(spz_that_is_cut_or_damaged_is_refused_with_a_fix)
 {
     oxl_model m = formats_test_model(30, 1), back;

@@ -4,6 +4,7 @@
 #include "../cli/flight.c"
 #include "../cli/frame.c"
 #include "../cli/geotiff.c"
+#include "../cli/ground.c"
 #include "../cli/ortho.c"
 #include "../cli/scale_bar.c"
 #include "../cli/report_state.h"
@@ -315,8 +316,134 @@ TEST(ortho_is_transparent_where_too_few_views_saw_the_ground)
     CHECK(alpha == 255 && !isnan(height));
 }
 
-/* Flat ground 10 below the cameras at x = 3 and 7, whose images are 8 wide there: of the map, 10 x 4, both have
- * the middle 4 x 4. */
+/* The cameras at x = 3 and 7 have the place in their images; a speck halfway hides it from the first. */
+TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
+{
+    oxl_scene *scene = ortho_test_scene();
+    const double *origin = oxl_scene_origin(scene), place[3] = {5.05, 2.05, -1};
+    oxl_model model = {0};
+    struct frame f;
+    unsigned short seen = 9;
+    float level;
+    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen};
+    frame_of(scene, &f);
+    level = (float)(place[2] - origin[2] - f.centre[2]);
+    g.corner[0] = place[0] - 0.05 - origin[0] - f.centre[0];
+    g.corner[1] = place[1] + 0.05 - origin[1] - f.centre[1];
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int k = 0; k < 3; k++) {
+        model.plane[OXL_MEAN + k][0] = (float)((place[k] + (double[]){3, 2, 5}[k]) / 2 - origin[k]);
+        model.plane[OXL_LOG_SCALE + k][0] = logf(0.1f);
+    }
+    model.plane[OXL_OPACITY][0] = 6;
+    CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
+    CHECK(seen == 2);
+    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK(seen == 1);
+    model.plane[OXL_MEAN + 2][0] -=
+        2.9f; /* to within a twentieth of the place's depth: a slope, not a wall */
+    model.plane[OXL_MEAN][0] += 1, model.plane[OXL_MEAN + 1][0] += 0.02f;
+    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK(seen == 2);
+    g.far = 5.9;
+    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK(seen == 0);
+    level = NAN;
+    CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+    CHECK(seen == 0);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* In the image of the camera at x = 3; above both cameras; in the image of the one at 7 alone, which is held out;
+ * behind the cameras' images; black, before nothing, in the first's. */
+TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
+{
+    static const double place[5][3] = {{3, 2, 0}, {3, 2, 6}, {8, 2, 0}, {20, 2, 0}, {2, 2, 0}};
+    oxl_scene *scene = ortho_test_scene();
+    const double *origin = oxl_scene_origin(scene);
+    oxl_model model = {0};
+    oxl_image before = {0}, after = {0};
+    size_t dropped = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 5, 0, &model));
+    for (int i = 0; i < 5; i++)
+        for (int k = 0; k < 3; k++) {
+            model.plane[OXL_MEAN + k][i] = (float)(place[i][k] - origin[k]);
+            model.plane[OXL_LOG_SCALE + k][i] = logf(0.1f);
+            model.plane[OXL_SH + k][i] = i == 4 ? -9 : (float)i;
+        }
+    for (int v = 0; v < 2; v++) scene->view[v].is_test = v;
+    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &before, NULL));
+    CHECK_OK(evaluate_drop_unseen(test_ctx, scene, &model, &dropped));
+    CHECK(dropped == 3 && model.count == 2);
+    CHECK(model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
+    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &after, NULL));
+    CHECK(memcmp(before.rgb, after.rgb, 3 * 40 * 30 * sizeof(float)) == 0);
+    oxl_image_free(test_ctx, &before);
+    oxl_image_free(test_ctx, &after);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Views are tried on the pixels that they may see alone: those must be all that they do see. */
+TEST(ground_window_of_a_view_holds_every_place_in_its_image)
+{
+    oxl_scene *scene = ortho_test_turned(0.6);
+    enum { SIDE = 40 };
+    static float level[SIDE * SIDE];
+    static unsigned short seen[SIDE * SIDE];
+    struct frame f;
+    struct ground g = {&f, {-10, 10}, 0.5, 1e9, SIDE, SIDE, level, seen};
+    frame_of(scene, &f);
+    for (int i = 0; i < SIDE * SIDE; i++) level[i] = (float)(i * 7 % 5) - 3;
+    CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
+    for (int i = 0, any = 0, wrong = 0; i <= SIDE * SIDE; i++) {
+        int views = 0;
+        if (i == SIDE * SIDE) {
+            CHECK(wrong == 0 && any > 100);
+            break;
+        }
+        for (int v = 0; v < 2; v++) {
+            double place[3];
+            ground_place(&g, i % SIDE + 0.5, i / SIDE + 0.5, (double)level[i], place);
+            views += ortho_is_seen(&oxl_scene_view(scene, v)->camera, place, 0);
+        }
+        any += views > 0, wrong += views != seen[i];
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* The outermost points of a survey far from its world's origin lie in the outermost pixels. */
+TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
+{
+    oxl_scene *scene = ortho_test_scene();
+    oxl_model model = {0};
+    struct arguments a = {.out = test_path("map"), .pixel = 0.03, .min_views = 1};
+    FILE *to = fopen(test_path("said"), "wb");
+    const double low[2] = {500000, 6700000}, high[2] = {500010, 6700004};
+    unsigned char *t;
+    for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, -20}[k];
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to));
+    fclose(to);
+    t = ortho_test_file("map/height.tif", NULL);
+    if (t) {
+        const unsigned char *tie = t + ortho_test_value(t, 0, 33922);
+        const double pixel = ortho_test_double(t + ortho_test_value(t, 0, 33550)),
+                     left = ortho_test_double(tie + 24), top = ortho_test_double(tie + 32);
+        const double right = left + pixel * ortho_test_value(t, 0, 256),
+                     bottom = top - pixel * ortho_test_value(t, 0, 257);
+        CHECK(pixel == 0.03);
+        CHECK(left <= low[0] && left > low[0] - pixel && right >= high[0] && right < high[0] + pixel);
+        CHECK(bottom <= low[1] && bottom > low[1] - pixel && top >= high[1] && top < high[1] + pixel);
+    }
+    free(t);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Flat ground 9 below the cameras at x = 3 and 7, whose images are 7.2 wide there: of the map, 10 x 4, both have
+ * the middle 3.2 x 4. */
 TEST(ortho_overview_measures_the_ground_that_two_views_share)
 {
     oxl_scene *scene = ortho_test_scene();
@@ -325,15 +452,15 @@ TEST(ortho_overview_measures_the_ground_that_two_views_share)
     const double *origin = oxl_scene_origin(scene);
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) {
-        model.plane[OXL_MEAN + k][0] = (float)((k == 0 ? 5 : k == 1 ? 2 : -5) - origin[k]);
+        model.plane[OXL_MEAN + k][0] = (float)((k == 0 ? 5 : k == 1 ? 2 : -4) - origin[k]);
         model.plane[OXL_LOG_SCALE + k][0] = logf(k < 2 ? 10 : 0.01f);
     }
     model.plane[OXL_SH][0] = 0, model.plane[OXL_OPACITY][0] = 6;
     CHECK_OK(ortho_overview(test_ctx, &(oxl_large_model){.model = model}, scene, 100, &v));
     CHECK_CLOSE(v.sampling, 0.1, 0.001); /* 5 to the points, by 50 px */
-    CHECK_CLOSE(v.area, 16, 0.5);
-    CHECK_CLOSE(v.covered, 0.4, 0.02);
-    CHECK_CLOSE(v.high, 0.4, 0.02);
+    CHECK_CLOSE(v.area, 12.8, 0.5);
+    CHECK_CLOSE(v.covered, 0.32, 0.02);
+    CHECK_CLOSE(v.high, 0.32, 0.02);
     CHECK(v.image.width <= 101 && v.image.height <= 41);
     oxl_image_free(test_ctx, &v.image);
     oxl_model_free(test_ctx, &model);

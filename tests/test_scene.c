@@ -86,7 +86,7 @@ TEST(scene_does_not_depend_on_the_order_of_lines)
         const oxl_point *x = oxl_scene_points(a) + i, *y = oxl_scene_points(b) + i;
         CHECK(memcmp(x->position, y->position, sizeof x->position) == 0 && memcmp(x->rgb, y->rgb, 3) == 0);
     }
-    CHECK(oxl_scene_extent(a) == oxl_scene_extent(b) && scene_near_plane(a) == scene_near_plane(b));
+    CHECK(oxl_scene_extent(a) == oxl_scene_extent(b) && oxl_scene_near_plane(a) == oxl_scene_near_plane(b));
     oxl_scene_free(test_ctx, a);
     oxl_scene_free(test_ctx, b);
 }
@@ -184,7 +184,7 @@ TEST(scene_depths_are_of_points_that_were_seen)
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK_CLOSE(scene_depth_quantile(scene, 0), 10, 1e-9);
     CHECK_CLOSE(scene_depth_quantile(scene, 1), 10, 1e-9);
-    CHECK_CLOSE(scene_near_plane(scene), 2, 1e-9);
+    CHECK_CLOSE(oxl_scene_near_plane(scene), 2, 1e-9);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -208,7 +208,7 @@ TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
     scene_listen();
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK_TEXT(scene_log, "no points");
-    CHECK(oxl_scene_point_count(scene) == 0 && scene_near_plane(scene) > 0);
+    CHECK(oxl_scene_point_count(scene) == 0 && oxl_scene_near_plane(scene) > 0);
     CHECK_CLOSE(oxl_scene_origin(scene)[0], 104, 1e-9);  /* the median camera */
     CHECK_CLOSE(oxl_scene_extent(scene), 1.1 * 3, 1e-9); /* training views stand at 101..107 */
     CHECK_OK(scene_start_points(test_ctx, scene, 500, &points, &found));

@@ -153,3 +153,35 @@ TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_t
     CHECK(forecast_trial_steps(&c.options, 14) == 0);
     checkpoint_case_free(&c);
 }
+
+/* Of nine views the fifth is the only one for validation. */
+TEST(selection_decides_by_another_view_where_the_validation_view_is_damaged_or_masked)
+{
+    NEEDS_PART(sh_degree);
+    oxl_job_options options = job_test_options();
+    options.scene.test_every = 0;
+    options.train.iterations = 120;
+    options.train.sh_degree = -1;
+    options.train.lamp = options.train.medium = OXL_OFF;
+    for (int k = 0; k < 2; k++) {
+        const char *survey = job_test_survey(), *out = test_path(k ? "masked" : "damaged");
+        struct os_file_map map = {0};
+        oxl_image black = {0};
+        CHECK(selection_is_validation_view(4, JOB_VIEWS) && !selection_is_validation_view(3, JOB_VIEWS));
+        if (k == 0) { /* its header is whole */
+            CHECK_OK(os_read_file(test_ctx, test_path("survey/images/4.png"), &map));
+            CHECK_OK(os_write_file(test_ctx, test_path("survey/images/4.png"), map.data, map.size / 2));
+            os_release_file(test_ctx, &map);
+        } else {
+            test_write("survey/masks/.keep", "");
+            CHECK_OK(oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &black));
+            CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/4.png"), &black));
+            oxl_image_free(test_ctx, &black);
+        }
+        CHECK_OK(oxl_job_run(test_ctx, survey, out, &options, NULL));
+        CHECK(
+            job_test_has(PATH(out, "run.json"), "\"evidence\": \"1 validation views, after 3 steps: degree"));
+        CHECK(!job_test_has(PATH(out, "run.json"), "nan dB"));
+        CHECK(job_test_has(PATH(out, "metrics.json"), "\"images_left_out\": 1"));
+    }
+}

@@ -20,6 +20,19 @@ TEST(look_leaves_the_run_as_it_would_be)
     oxl_scene_free(test_ctx, scene);
 }
 
+TEST(look_takes_a_25th_of_the_run_and_at_least_30_steps)
+{
+    static const int runs[][2] = {{20, 20}, {500, 30}, {1500, 60}, {30000, 120}}; /* iterations, steps */
+    oxl_scene *scene = train_scene(5);
+    for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
+        const oxl_train_options o = train_options(runs[i][0]);
+        struct look look;
+        CHECK_OK(look_take(test_ctx, scene, &o, &look));
+        CHECK(look.steps == runs[i][1]);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* The threshold is what a gradient is compared with. */
 TEST(look_finds_fewer_to_split_above_a_larger_threshold)
 {

@@ -308,3 +308,42 @@ TEST(progress_of_a_run_in_blocks_names_coarse_model_blocks_and_merged_model_in_t
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
     CHECK(seen[OXL_STAGE_COARSE] == 1 && seen[OXL_STAGE_BLOCK] == 2 && seen[OXL_STAGE_MERGED] == 3);
 }
+
+/* ---------------- a finished run whose survey has changed, or that is to be trained anew */
+
+TEST(a_finished_run_is_trained_anew_with_restart_alone)
+{
+    oxl_job_options options = job_test_options();
+    struct job_test_watch watch = {0, -1};
+    const oxl_callback callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 0);
+    options.restart = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 12);
+}
+
+TEST(a_finished_run_is_not_taken_for_that_of_other_images_masks_poses_cameras_or_colours)
+{
+    static const char *const changed[][3] = {
+        {"survey/images/4.png", NULL, NULL},
+        {"survey/masks/4.png", NULL, NULL},
+        {"survey/sparse/0/images.txt", " 1 0 0 0 -0.100 ", " 1 0 0.0001 0 -0.100 "},
+        {"survey/sparse/0/cameras.txt", " 24 16", " 24 16.5"},
+        {"survey/sparse/0/points3D.txt", " 120 60 ", " 121 60 "}};
+    const oxl_job_options options = job_test_options();
+    for (size_t k = 0; k < OXL_COUNT(changed); k++) {
+        const char *survey = job_test_survey(), *path = test_path(changed[k][0]);
+        char out[8];
+        snprintf(out, sizeof out, "out%d", (int)k);
+        CHECK_OK(oxl_job_run(test_ctx, survey, test_path(out), &options, NULL));
+        if (k == 1) test_write("survey/masks/.keep", "");
+        if (k < 2) CHECK_OK(job_test_image(path, 7));
+        else job_test_replace(path, changed[k][1], changed[k][2]);
+        CHECK(oxl_job_run(test_ctx, survey, test_path(out), &options, NULL) == OXL_ERR_USAGE);
+        CHECK_TEXT(oxl_error_text(test_ctx), "checksum of its poses, points, image and mask files");
+        CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
+    }
+}

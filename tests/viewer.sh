@@ -1,5 +1,6 @@
 #!/bin/sh
-# viewer.sh PROGRAM [FOLDER] - examples/viewer renders as the program does: headless Chromium against `oceanxl render`, PSNR of each image.
+# viewer.sh PROGRAM [FOLDER] - examples/viewer renders as the program does, of .ply and .spz: headless Chromium against `oceanxl render`, PSNR
+# of each image. It begins at a camera of the survey, and measures places as deep as `render --depth`.
 # Needs chromium (Debian's package) and python3, which serves the folder, controls the browser and reads the PNG; FOLDER keeps the images.
 set -eu
 program=$(realpath "${1:-build/oceanxl}")
@@ -10,11 +11,13 @@ mkdir -p "$folder"
 cd "$folder"
 "$program" synth -o survey --views 16 --size 192x128 --origin 1000,-500,20 --quiet >/dev/null
 for lobes in off selective; do
-    "$program" train survey -o "$lobes" --iterations 400 --dog $lobes --dog-threshold 50% --threads 1 --quiet >/dev/null
-    "$program" render "$lobes/scene.ply" survey -o "$lobes/drawn" --quiet >/dev/null
+    "$program" train survey -o "$lobes" --iterations 400 --medium off --dog $lobes --dog-threshold 50% --threads 1 --quiet >/dev/null
+    "$program" render "$lobes/scene.ply" survey -o "$lobes/drawn" --depth --quiet >/dev/null
 done
+"$program" convert off/scene.ply off/scene.spz --quiet >/dev/null
+"$program" render off/scene.spz survey -o off/quantised --quiet >/dev/null
 cp "$here/../examples/viewer/index.html" .
-python3 "$here/viewer.py" selective/scene.ply:selective/drawn off/scene.ply:off/drawn
+python3 "$here/viewer.py" selective/scene.ply:selective/drawn off/scene.spz:off/quantised off/scene.ply:off/drawn
 
 # ?file= draws at once: under virtual time no worker answers, and a page that waits for one stays black.
 python3 -u -m http.server --bind 127.0.0.1 0 >port.txt 2>/dev/null &

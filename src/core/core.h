@@ -212,6 +212,8 @@ OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, vo
                                        size_t *got); /* *got < size: end of file */
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
 OXL_INTERNAL void os_reader_close(struct os_reader *r);
+/* Reads the last bytes of a file; returns its size, 0 where there is none or it cannot be read. */
+OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got);
 
 /* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);

@@ -238,6 +238,18 @@ OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struc
     return OXL_OK;
 }
 
+OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got)
+{
+    uint64_t bytes = 0;
+    FILE *file = os_kind_of(path, &bytes) == OS_FILE ? os_open(path, "rb") : NULL;
+    *got = 0;
+    if (!file) return 0;
+    setvbuf(file, NULL, _IONBF, 0);
+    if (os_seek(file, bytes > size ? bytes - size : 0) == 0) *got = fread(data, 1, size, file);
+    fclose(file);
+    return bytes;
+}
+
 OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
                                        size_t *got)
 {

@@ -27,7 +27,7 @@ static oxl_result evaluate_draw_medium(oxl_context *ctx, const struct drawn *d, 
                                        float *depth)
 {
     oxl_render_options options = oxl_render_options_default();
-    options.near_plane = (float)scene_near_plane(d->scene);
+    options.near_plane = (float)oxl_scene_near_plane(d->scene);
     evaluate_background(d->source, d->scene, options.background);
     renderer_set_medium(d->r, d->imaging ? &d->imaging->medium : NULL, 0);
     return renderer_draw_source(ctx, d->r, d->source, &oxl_scene_view(d->scene, view)->camera, &options, out,

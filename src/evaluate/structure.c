@@ -12,12 +12,14 @@
  * Invariant: rows are summed in order, so the result does not depend on the number of threads.
  */
 #include "evaluate.h"
+#include "../core/simd.h"
 #include "../core/vecmath.h"
 
 enum { STRUCTURE_FINE, STRUCTURE_COARSE, STRUCTURE_LOCAL, STRUCTURE_WIDTHS };
 static const double STRUCTURE_SIGMA[STRUCTURE_WIDTHS] = {1, 6, 6}; /* px; of the map, the third */
 #define STRUCTURE_REACH 4                                          /* sigma: where a window ends */
 enum { STRUCTURE_HALF_MAX = 24 };                                  /* px: STRUCTURE_REACH of the widest */
+enum { STRUCTURE_RUN = 64 };                                       /* columns whose sums stay in registers */
 /* A band with less, as mean square, is the rounding of images to 8 bits: (1/255)^2 / 12 */
 #define STRUCTURE_NOISE 1.2816e-6
 #define STRUCTURE_DARK 1e-20 /* of a product of mean squares: against division by 0 */
@@ -32,19 +34,19 @@ struct structure_work {
 
 struct structure_window {
     int half;
-    double at[STRUCTURE_HALF_MAX + 1]; /* by distance; sum over both sides 1 */
+    double tap[2 * STRUCTURE_HALF_MAX + 1]; /* from -half to half; their sum is 1 */
 };
 
 static struct structure_window structure_window(int which)
 {
     const double sigma = STRUCTURE_SIGMA[which];
     struct structure_window w = {.half = (int)(STRUCTURE_REACH * sigma + 0.5)};
-    double sum = 0;
+    double *at = w.tap + w.half, sum = 0;
     for (int k = 0; k <= w.half; k++) {
-        w.at[k] = vecmath_exp(-k * k / (2 * sigma * sigma));
-        sum += k ? 2 * w.at[k] : w.at[k];
+        at[k] = vecmath_exp(-k * k / (2 * sigma * sigma));
+        sum += k ? 2 * at[k] : at[k];
     }
-    for (int k = 0; k <= w.half; k++) w.at[k] /= sum;
+    for (int k = 0; k <= w.half; k++) at[k] = at[-k] = at[k] / sum;
     return w;
 }
 
@@ -55,44 +57,79 @@ static int structure_reflect(int i, int n)
     return at < n ? at : period - 1 - at;
 }
 
-static void structure_blur_column_row(const struct structure_work *s, const struct structure_window *w,
-                                      const double *in, int y, double *out)
+/* One row of a blur: along y, then along x. */
+struct structure_row {
+    int width;
+    const struct structure_window *w;
+    const double *row[2 * STRUCTURE_HALF_MAX + 1]; /* (W) under each tap of the column */
+    /* (W + 2 STRUCTURE_HALF_MAX) blurred along y: its columns 0..W-1 begin at STRUCTURE_HALF_MAX */
+    double *line;
+    double *out; /* (W) */
+};
+
+/* Adds the taps of n columns from x on in registers: lines in memory would be loaded and stored at each
+ * tap. */
+SIMD_INLINE void structure_blur_columns(const struct structure_row *r, int x, const int n)
 {
-    for (int x = 0; x < s->width; x++) out[x] = 0;
-    for (int k = -w->half; k <= w->half; k++) {
-        const double *row = in + (size_t)structure_reflect(y + k, s->height) * (size_t)s->width;
-        const double by = w->at[abs(k)];
+    double sum[STRUCTURE_RUN] = {0};
+    for (int k = 0; k <= 2 * r->w->half; k++) {
+        const double *row = r->row[k] + x, by = r->w->tap[k];
 #pragma omp simd
-        for (int x = 0; x < s->width; x++) out[x] += by * row[x];
+        for (int l = 0; l < n; l++) sum[l] += by * row[l];
     }
+    memcpy(r->line + STRUCTURE_HALF_MAX + x, sum, (size_t)n * sizeof *sum);
 }
 
-/* Blurs one row along y, then along x. */
-static void structure_blur_row(const struct structure_work *s, const struct structure_window *w,
-                               const double *in, int y, double *out)
+SIMD_INLINE void structure_blur_along(const struct structure_row *r, int x, const int n)
 {
-    double *line = s->line + (size_t)context_thread() * ((size_t)s->width + 2 * STRUCTURE_HALF_MAX);
-    double *middle = line + STRUCTURE_HALF_MAX;
-    structure_blur_column_row(s, w, in, y, middle);
-    for (int k = 1; k <= w->half; k++) {
-        middle[-k] = middle[structure_reflect(-k, s->width)];
-        middle[s->width - 1 + k] = middle[structure_reflect(s->width - 1 + k, s->width)];
-    }
-    for (int x = 0; x < s->width; x++) out[x] = 0;
-    for (int k = -w->half; k <= w->half; k++) {
-        const double *from = middle + k, by = w->at[abs(k)];
+    const double *first = r->line + STRUCTURE_HALF_MAX - r->w->half + x;
+    double sum[STRUCTURE_RUN] = {0};
+    for (int k = 0; k <= 2 * r->w->half; k++) {
+        const double by = r->w->tap[k];
 #pragma omp simd
-        for (int x = 0; x < s->width; x++) out[x] += by * from[x];
+        for (int l = 0; l < n; l++) sum[l] += by * first[k + l];
     }
+    memcpy(r->out + x, sum, (size_t)n * sizeof *sum);
 }
+
+/* The last run ends with the row, over columns that the one before has done. */
+SIMD_INLINE int structure_next(int x, int width)
+{
+    return x + STRUCTURE_RUN < width ? OXL_MIN(x + STRUCTURE_RUN, width - STRUCTURE_RUN) : width;
+}
+
+SIMD_BODY void structure_blur_row_body(const int fused, const struct structure_row *r)
+{
+    const int narrow = r->width < STRUCTURE_RUN;
+    double *middle = r->line + STRUCTURE_HALF_MAX;
+    (void)fused;
+    for (int x = 0; narrow && x < r->width; x++) structure_blur_columns(r, x, 1);
+    for (int x = 0; !narrow && x < r->width; x = structure_next(x, r->width))
+        structure_blur_columns(r, x, STRUCTURE_RUN);
+    for (int k = 1; k <= r->w->half; k++) {
+        middle[-k] = middle[structure_reflect(-k, r->width)];
+        middle[r->width - 1 + k] = middle[structure_reflect(r->width - 1 + k, r->width)];
+    }
+    for (int x = 0; narrow && x < r->width; x++) structure_blur_along(r, x, 1);
+    for (int x = 0; !narrow && x < r->width; x = structure_next(x, r->width))
+        structure_blur_along(r, x, STRUCTURE_RUN);
+}
+
+SIMD_DISPATCH(static, structure_blur_row, struct structure_row)
 
 static void structure_blur(oxl_context *ctx, const struct structure_work *s, int which, const double *in,
                            double *out)
 {
     const struct structure_window w = structure_window(which);
-    (void)ctx;
+    const size_t line = (size_t)s->width + 2 * STRUCTURE_HALF_MAX, width = (size_t)s->width;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < s->height; y++) structure_blur_row(s, &w, in, y, out + (size_t)y * (size_t)s->width);
+    for (int y = 0; y < s->height; y++) {
+        struct structure_row r = {.width = s->width, .w = &w, .out = out + (size_t)y * width};
+        r.line = s->line + (size_t)context_thread() * line;
+        for (int k = 0; k <= 2 * w.half; k++)
+            r.row[k] = in + (size_t)structure_reflect(y + k - w.half, s->height) * width;
+        structure_blur_row(ctx->isa, &r);
+    }
 }
 
 /* Computes the mean of the pixels that count, each window for itself. `in` is spent; weighted: (H,W) to

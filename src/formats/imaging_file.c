@@ -242,7 +242,7 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         imaging_free(ctx, &scene->imaging);
         scene->imaging = read;
     }
-    if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0)
-        scene->imaging.medium = (struct medium){0}; /* is in its colours */
+    if (strncmp(name, "scene.", 6) == 0 || strncmp(name, "scene_standard.", 15) == 0)
+        scene->imaging.medium = (struct medium){0}; /* is in its colours, in whatever format */
     return rc;
 }

@@ -64,6 +64,7 @@ static oxl_result model_write_header(oxl_context *ctx, const struct os_writer *w
              NUMBER(model->origin[1]), NUMBER(model->origin[2]));
     if (model->scale > 0) text_add(&t, "\ncomment scale %s", NUMBER(model->scale));
     model_write_background(&t, "\ncomment ", model);
+    model_write_view(&t, "\ncomment ", model);
     if (model->antialias) text_add(&t, "\ncomment %smip", MODEL_RENDER_MODE);
     if (model->lobes)
         text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "

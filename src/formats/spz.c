@@ -11,7 +11,7 @@
  *     buckets of 2 (degree 1) and 4
  *
  * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952,
- * 2.3.1), "origin X Y Z" and "scale S" separated by a newline, which other readers skip. The format has no
+ * 2.3.1), "origin X Y Z", "scale S" and others separated by newlines, which other readers skip. The format has no
  * second lobes.
  *
  * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most
@@ -122,17 +122,19 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     }
 }
 
-/* Writes the header with the comment; without one when there is no origin, scale or background. */
+/* Writes the header with the comment; without one when there is no origin, scale, background or view. */
 static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
-    const int commented = placed || model->scale > 0 || model->has_background;
+    const int known = placed || model->scale > 0;
+    const int commented = known || model->has_background || model->view[0] > 0;
     text_add(t, "\x1f\x8b\x08%c%c%c%c%c%c\xff", commented ? 16 : 0, 0, 0, 0, 0, 0);
     if (placed)
         text_add(t, "origin %s %s %s", NUMBER(model->origin[0]), NUMBER(model->origin[1]),
                  NUMBER(model->origin[2]));
     if (model->scale > 0) text_add(t, "%sscale %s", placed ? "\n" : "", NUMBER(model->scale));
-    model_write_background(t, placed || model->scale > 0 ? "\n" : "", model);
+    model_write_background(t, known ? "\n" : "", model);
+    model_write_view(t, known || model->has_background ? "\n" : "", model);
     if (commented) text_add(t, "%c", 0);
 }
 

@@ -9,9 +9,26 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 
+enum { JOB_STEPS_A_VIEW = 8 };
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is logged when it is so much above PSNR */
 
 /* ---------------- models */
+
+/* Removes what no training view shows: it was not trained, and floats before other cameras. Of a finished run
+ * of one block that has JOB_STEPS_A_VIEW steps for each view, so that it costs little; after merging, rows
+ * may be in files. */
+static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
+{
+    size_t dropped = 0;
+    oxl_result rc;
+    if (job->partition.block_count != 1 || job->unfinished || !job->scene || large->pages ||
+        schedule_training_views(job->scene) > job->options.train.iterations / JOB_STEPS_A_VIEW)
+        return OXL_OK;
+    rc = evaluate_drop_unseen(job->ctx, job->scene, &large->model, &dropped);
+    if (rc == OXL_OK && dropped)
+        oxl_log(job->ctx, OXL_LOG_INFO, "%zu Gaussians that no training view shows are left out", dropped);
+    return rc;
+}
 
 /* Reads the model of the one block, or of all, trained after merging. */
 static oxl_result job_final_model(struct job *job, int standard, oxl_large_model *out)
@@ -20,6 +37,7 @@ static oxl_result job_final_model(struct job *job, int standard, oxl_large_model
     oxl_result rc = job_open_model(job, one, standard, out);
     if (rc == OXL_OK && job->scene)
         rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
+    if (rc == OXL_OK) rc = job_drop_unseen(job, out);
     if (rc == OXL_OK && out->model.count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images",
@@ -34,12 +52,49 @@ static int job_alters_colours(const struct job *job)
     return job->scene && imaging_alters_colours(&job->scene->imaging);
 }
 
+static void job_eye(const oxl_scene *scene, int view, double out[3])
+{
+    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    for (int k = 0; k < 3; k++)
+        out[k] = -(c->rotation[k] * c->translation[0] + c->rotation[3 + k] * c->translation[1] +
+                   c->rotation[6 + k] * c->translation[2]);
+}
+
+/* Sets the view from which viewers begin: that of the training view nearest to the cameras' centre. */
+static void job_choose_view(const oxl_scene *scene, oxl_model *model)
+{
+    const int views = oxl_scene_view_count(scene);
+    double centre[3] = {0, 0, 0}, eye[3], nearest = HUGE_VAL;
+    int training = 0;
+    for (int v = 0; v < views; v++) {
+        if (oxl_scene_view(scene, v)->is_test) continue;
+        job_eye(scene, v, eye);
+        training++;
+        for (int k = 0; k < 3; k++) centre[k] += (eye[k] - centre[k]) / training;
+    }
+    for (int v = 0; v < views; v++) {
+        const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
+        double far = 0;
+        if (oxl_scene_view(scene, v)->is_test) continue;
+        job_eye(scene, v, eye);
+        for (int k = 0; k < 3; k++) far += (eye[k] - centre[k]) * (eye[k] - centre[k]);
+        if (!(far < nearest)) continue;
+        nearest = far;
+        model->view[0] = c->fx / OXL_MAX(c->width, c->height);
+        memcpy(model->view + 1, c->rotation, sizeof c->rotation);
+        for (int k = 0; k < 3; k++) model->view[10 + k] = eye[k] + oxl_scene_origin(scene)[k];
+    }
+}
+
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_large_model *model, int degree,
                                 size_t *bytes)
 {
     struct os_reader file = {0};
     const char *path = PATH(job->out, "%s", name);
-    oxl_result rc = model_file_write_large(job->ctx, path, model, 1, degree);
+    oxl_large_model seen = *model;
+    oxl_result rc = OXL_OK;
+    if (job->scene) job_choose_view(job->scene, &seen.model);
+    rc = model_file_write_large(job->ctx, path, &seen, 1, degree);
     if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
     *bytes = (size_t)file.size;
     os_reader_close(&file);

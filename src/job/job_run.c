@@ -14,10 +14,15 @@
 /* ---------------- run.json */
 
 /* Lists the properties of a survey that identify a job: another export in the same place is another job. */
-static void job_describe_found(struct job *job)
+static oxl_result job_describe_found(struct job *job)
 {
-    text_add(&job->found, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s}",
-             job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent));
+    uint64_t sum = 0;
+    const oxl_result rc = scene_checksum(job->ctx, job->scene, &sum);
+    text_add(&job->found,
+             "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"files\": \"%016llx\"}",
+             job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent),
+             (unsigned long long)sum);
+    return rc;
 }
 
 static oxl_result job_make_key(struct job *job)
@@ -150,6 +155,7 @@ static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *ru
     if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run))
         job_drop_checkpoints(job);
+    if (run->finished && job->options.block < 0) job_drop_records(job);
     os_remove(PATH(job->out, "run.json"));
     os_remove(PATH(job->out, "metrics.json"));
     os_remove(PATH(job->out, "partition.txt"));
@@ -217,8 +223,8 @@ static oxl_result job_open(struct job *job)
     job_count_iterations(job, job->survey.images - job->survey.images_missing);
     job_log_lines(job, OXL_LOG_INFO, job->survey.text);
     job_log_lines(job, OXL_LOG_WARNING, job->survey.warnings);
-    job_describe_found(job);
-    return job_make_key(job);
+    rc = job_describe_found(job);
+    return rc == OXL_OK ? job_make_key(job) : rc;
 }
 
 /* ---------------- blocks */

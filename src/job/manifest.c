@@ -184,6 +184,7 @@ OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, 
                                             {"images", "images of the survey"},
                                             {"points", "points of the survey"},
                                             {"extent", "extent of the survey"},
+                                            {"files", "checksum of its poses, points, image and mask files"},
                                             {"start", "model to start from"}};
     struct manifest_comparison c = {.ctx = ctx, .old = old, .current = current, .t = t};
     oxl_result rc = OXL_OK;

@@ -60,7 +60,9 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, 
                                 double *fraction)
 {
     const int views = oxl_scene_view_count(scene), asked = views < OVERLAP_VIEWS ? views : OVERLAP_VIEWS;
+    oxl_render_options render = oxl_render_options_default();
     size_t empty = 0, all = 0;
+    render.near_plane = (float)oxl_scene_near_plane(scene);
     for (int k = 0; k < asked; k++) {
         oxl_camera c = oxl_scene_view(scene, (int)((2 * (long)k + 1) * views / (2 * asked)))->camera;
         const int side = c.width > c.height ? c.width : c.height;
@@ -72,7 +74,7 @@ static oxl_result overlap_empty(oxl_context *ctx, const oxl_large_model *model, 
             depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare a model with the survey");
         c.width = width, c.height = height;
         c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
-        if (rc == OXL_OK) rc = oxl_large_render(ctx, model, &c, NULL, &image, depth);
+        if (rc == OXL_OK) rc = oxl_large_render(ctx, model, &c, &render, &image, depth);
         for (int i = 0; rc == OXL_OK && i < width * height; i++) empty += depth[i] == 0;
         all += (size_t)width * (size_t)height;
         oxl_image_free(ctx, &image);

@@ -242,7 +242,7 @@ static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others,
     struct renderer *r = NULL;
     oxl_result rc;
     o.sh_degree = 0;
-    o.near_plane = (float)scene_near_plane(job->scene);
+    o.near_plane = (float)oxl_scene_near_plane(job->scene);
     plan_paint(own, 1);
     plan_paint(others, 0);
     rc = renderer_create(job->ctx, &r);
@@ -288,7 +288,7 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 /* Returns the largest fraction of the coarse model that is visible in one view. */
 static double plan_largest_fraction(const struct job *job, const oxl_model *coarse)
 {
-    const double near = scene_near_plane(job->scene);
+    const double near = oxl_scene_near_plane(job->scene);
     size_t most = 1;
     for (int v = 0; v < oxl_scene_view_count(job->scene); v++) {
         const oxl_view *view = oxl_scene_view(job->scene, v);

@@ -157,7 +157,7 @@ static oxl_result groups_remove_temporaries(struct groups *g)
 static size_t groups_mark_visible(const struct groups *g, const int *view, int count, const oxl_model *m,
                                   uint8_t *keep)
 {
-    const double near = scene_near_plane(g->job->scene);
+    const double near = oxl_scene_near_plane(g->job->scene);
     size_t kept = 0;
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(g->job->ctx->threads)
     for (int64_t i = 0; i < (int64_t)m->count; i++) {

@@ -186,6 +186,18 @@ static void job_drop_checkpoint(void *user, const char *name)
     if (job_is_block(name)) checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
 }
 
+static void job_drop_record(void *user, const char *name)
+{
+    struct job *job = user;
+    if (job_is_block(name)) os_remove(PATH(job->out, "blocks/%s/block.json", name));
+}
+
+OXL_INTERNAL void job_drop_records(struct job *job)
+{
+    const char *blocks = PATH(job->out, "blocks");
+    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_record, job);
+}
+
 /* Discards what is unfinished, at --restart of a whole run. */
 OXL_INTERNAL void job_drop_checkpoints(struct job *job)
 {

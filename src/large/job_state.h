@@ -84,6 +84,8 @@ OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard,
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
 OXL_INTERNAL void job_drop_checkpoints(struct job *job);
+/* Forgets that models are trained, at --restart of a finished run. */
+OXL_INTERNAL void job_drop_records(struct job *job);
 
 /* ---------------- block_plan.c: windows, steps and budget of each block */
 

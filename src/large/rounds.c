@@ -139,7 +139,7 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
                                 uint8_t *keep)
 {
     const oxl_scene *scene = r->job->scene;
-    const double near = scene_near_plane(scene);
+    const double near = oxl_scene_near_plane(scene);
 #pragma omp parallel for schedule(dynamic, 1024) num_threads(r->job->ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         keep[i] = 0;

@@ -42,6 +42,7 @@ void oxl_model_rescale(oxl_model *model, double factor)
     if (!(factor > 0 && factor <= DBL_MAX)) return;
     for (int a = 0; a < 3; a++) {
         model->origin[a] *= factor;
+        model->view[10 + a] *= factor;
         for (size_t i = 0; i < model->count; i++) {
             model->plane[OXL_MEAN + a][i] *= (float)factor;
             model->plane[OXL_LOG_SCALE + a][i] += shift;
@@ -94,6 +95,7 @@ OXL_INTERNAL void model_copy_rendering(const oxl_model *from, oxl_model *to)
     memcpy(to->background, from->background, sizeof to->background);
     to->has_background = from->has_background;
     to->antialias = from->antialias;
+    memcpy(to->view, from->view, sizeof to->view);
 }
 
 /* Reallocates the model with another capacity, degree or number of lobes; on failure it is unchanged. */
@@ -659,6 +661,29 @@ OXL_INTERNAL void model_write_background(struct text *t, const char *before, con
     }
 }
 
+OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl_model *model)
+{
+    char number[NUMBER_TEXT_MAX];
+    if (!(model->view[0] > 0)) return;
+    text_add(t, "%sview", before);
+    for (size_t k = 0; k < OXL_COUNT(model->view); k++) {
+        if (k < 10) format_float(number, (float)model->view[k]);
+        else format_double(number, model->view[k]); /* of a world that may be far away */
+        text_add(t, " %s", number);
+    }
+}
+
+/* Reads "view FOCAL R11 .. R33 X Y Z"; 0: the comment is another. */
+static int model_read_view(const char *comment, oxl_model *model)
+{
+    double value[OXL_COUNT(model->view)];
+    if (strncmp(comment, "view ", 5) || !model_read_numbers(comment + 5, value, (int)OXL_COUNT(value)) ||
+        !(value[0] > 0))
+        return 0;
+    memcpy(model->view, value, sizeof value);
+    return 1;
+}
+
 /* Reads "background R G B"; 0: the comment is another. */
 static int model_read_background(const char *comment, oxl_model *model)
 {
@@ -678,13 +703,15 @@ static int model_read_antialias(const char *comment, oxl_model *model)
     return model->antialias = strcmp(comment + 12, "0") != 0, 1;
 }
 
-/* Reads "origin X Y Z", "scale S", "background R G B" and anti-aliasing. */
+/* Reads "origin X Y Z", "scale S", "background R G B", "view ..." and anti-aliasing. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model)
 {
     const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
     double value[3];
-    if (model_read_background(comment, model) || model_read_antialias(comment, model)) return;
+    if (model_read_background(comment, model) || model_read_antialias(comment, model) ||
+        model_read_view(comment, model))
+        return;
     if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
     else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MAX)
         model->scale = value[0] == 1 ? 0 : value[0];

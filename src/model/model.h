@@ -65,9 +65,11 @@ OXL_INTERNAL unsigned char model_byte(double x);                                
 #define MODEL_RENDER_MODE "SplatRenderMode: "
 /* The background's comment for a file, after the text `before`; nothing where it is not known. */
 OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model);
-/* Copies what a model is rendered with: background and anti-aliasing. */
+/* The view's comment; nothing where there is none. */
+OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl_model *model);
+/* Copies what a model is rendered with: background, anti-aliasing and the viewers' first view. */
 OXL_INTERNAL void model_copy_rendering(const oxl_model *from, oxl_model *to);
-/* Origin, scale or background from a comment of a file; other comments are ignored. */
+/* Origin, scale, background or view from a comment of a file; other comments are ignored. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model);
 

@@ -193,8 +193,8 @@ static void photometry_evaluate(const struct photometry_work *w, const double *a
         for (int t = 0; t < LAMP_TERMS; t++)
             gain += (at[9 + t] + (s[k].lamp ? at[9 + LAMP_TERMS * s[k].lamp + t] : 0)) * (double)s[k].term[t];
         gain = vecmath_exp(OXL_CLAMP(gain, -5, 5));
-        left = vecmath_exp(-scatter * s[k].range);
-        p->a[k] = gain * vecmath_exp(-direct * s[k].range);
+        left = medium ? vecmath_exp(-scatter * s[k].range) : 1;
+        p->a[k] = medium ? gain * vecmath_exp(-direct * s[k].range) : gain;
         p->b[k] = gain * far_off * (1 - left);
         p->through[k] = -p->a[k] * direct * s[k].range;
         p->near[k] = gain * far_off * scatter * s[k].range * left;

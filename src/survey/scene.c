@@ -34,7 +34,7 @@ OXL_INTERNAL double scene_depth_span(const oxl_scene *scene)
     return nearest > 0 ? farthest / nearest : 1;
 }
 
-OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
+double oxl_scene_near_plane(const oxl_scene *scene)
 {
     return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01)
                               : SCENE_NEAR_POINTLESS * scene->extent;

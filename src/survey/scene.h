@@ -87,6 +87,8 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
                                          struct training_image *out);
 /* NULL: none */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
+/* scene_checksum.c: of the survey's files; scenes from files only */
+OXL_INTERNAL oxl_result scene_checksum(oxl_context *ctx, const oxl_scene *scene, uint64_t *sum);
 /* 0: too far away */
 OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3]);
 /* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with
@@ -104,8 +106,6 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
 OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
 /* Below this ratio a medium is not identifiable, and `auto` is off (docs/IMAGING.md). */
 #define SCENE_DEPTH_SPAN_MIN 2
-/* from the depths, since COLMAP's scale is arbitrary */
-OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
 /* Keeps decoded training images in files of this folder, which are then read instead of the originals; NULL:
  * off. */
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);

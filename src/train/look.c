@@ -20,9 +20,10 @@
 #define LOOK_CONTRAST 0.03f /* of SSIM in the loss [Wang 2004] */
 enum {
     LOOK_VIEWS = 8,
-    LOOK_STEPS = 120, /* at most, */
-    LOOK_FEWEST = 30, /* and at least */
-    LOOK_TIMED = 6    /* whole steps, after those at half the sides */
+    LOOK_STEPS = 120,   /* at most, */
+    LOOK_FEWEST = 30,   /* and at least */
+    LOOK_FRACTION = 25, /* a look takes at most one of so many iterations of the run, */
+    LOOK_TIMED = 6      /* whole steps, after those at half the sides */
 };
 
 static int look_is_coarse(const oxl_scene *scene)
@@ -109,7 +110,8 @@ static int look_steps(const oxl_scene *scene, const oxl_train_options *o)
     const double pixels = (double)c->width * c->height * (o->coarse > 0 ? 0.25 : 1),
                  points = (double)OXL_MAX(oxl_scene_point_count(scene), scene_start_count(scene)),
                  each = LOOK_PIXEL * pixels + LOOK_POINT * points;
-    return (int)OXL_MIN(OXL_CLAMP(LOOK_SECONDS / each, LOOK_FEWEST, LOOK_STEPS), OXL_MAX(1, o->iterations));
+    const int most = OXL_CLAMP(o->iterations / LOOK_FRACTION, LOOK_FEWEST, LOOK_STEPS);
+    return (int)OXL_MIN(OXL_CLAMP(LOOK_SECONDS / each, LOOK_FEWEST, most), OXL_MAX(1, o->iterations));
 }
 
 /* Says that the look left the device; the run, which begins there anew, says so itself. */

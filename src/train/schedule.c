@@ -20,8 +20,9 @@
 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define SCHEDULE_BETA_MAX 0.99999
 #define SCHEDULE_REFERENCE_ITERATIONS 30000 /* iterations that the rates were chosen for [Kerbl 2023] */
-/* iterations: shorter runs have the rates of this one; larger ones diverge */
-#define SCHEDULE_SHORTEST_RUN 500
+/* iterations: shorter runs have the rates of this one; those of 500 leave surveys of many views unstable
+ * (docs/log/GROWTH.md) */
+#define SCHEDULE_SHORTEST_RUN 1000
 /* rates other than of positions begin larger by this power of a short run's factor */
 #define SCHEDULE_EARLY_EXPONENT 0.5
 #define SCHEDULE_EARLY_UNTIL 0.5 /* of the run: until then those rates are larger */

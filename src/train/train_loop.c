@@ -120,7 +120,7 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     oxl_context *ctx = t->ctx;
     oxl_result rc;
     t->render = oxl_render_options_default();
-    t->render.near_plane = (float)scene_near_plane(t->scene);
+    t->render.near_plane = (float)oxl_scene_near_plane(t->scene);
     scene_background(t->scene, t->options->background, t->render.background);
     scene_set_background(ctx, t->scene, t->render.background); /* before the first image is read */
     rc = train_first_model(t);

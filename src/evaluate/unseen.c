@@ -1,0 +1,55 @@
+/* unseen.c - removes the Gaussians that no training view shows.
+ *
+ * A Gaussian is shown by a view if its opacity changes a pixel of it: its score there, the sum over pixels of
+ * (o dS/dalpha)^2 with S the sum of the image (raster.c), is not 0. The background is white, as a black
+ * Gaussian before black changes nothing.
+ *
+ * Invariant: the image of a training view does not change; rows keep their order.
+ */
+#include "evaluate.h"
+#include "../render/render.h"
+#include "../survey/scene.h"
+
+struct unseen {
+    struct renderer *r;
+    float *drgb; /* (3,H,W) of ones */
+    size_t pixels;
+    float *score; /* (count) over the views so far */
+};
+
+static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_model *model,
+                                  const oxl_scene *scene, int view)
+{
+    const oxl_camera *camera = &oxl_scene_view(scene, view)->camera;
+    const size_t pixels = 3 * (size_t)camera->width * (size_t)camera->height, before = u->pixels;
+    oxl_render_options options = oxl_render_options_default();
+    oxl_result rc = oxl_reserve(ctx, &u->drgb, &u->pixels, pixels, sizeof *u->drgb);
+    for (size_t i = before; rc == OXL_OK && i < u->pixels; i++) u->drgb[i] = 1;
+    options.near_plane = (float)oxl_scene_near_plane(scene);
+    for (int c = 0; c < 3; c++) options.background[c] = 1;
+    for (int again = 1; again && rc == OXL_OK;) {
+        const int on = renderer_has_device(u->r);
+        rc = renderer_forward(ctx, u->r, model, camera, &options);
+        if (rc == OXL_OK) rc = renderer_score(ctx, u->r, u->drgb, u->score);
+        again = on && !renderer_has_device(u->r); /* the device was lost: nothing was added */
+    }
+    return rc;
+}
+
+OXL_INTERNAL oxl_result evaluate_drop_unseen(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
+                                             size_t *dropped)
+{
+    const size_t count = model->count;
+    struct unseen u = {.score = oxl_calloc(ctx, count + 1, sizeof *u.score)};
+    uint8_t *keep = oxl_alloc(ctx, count + 1, 1);
+    oxl_result rc = u.score && keep ? renderer_create(ctx, &u.r)
+                                    : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians", count);
+    for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++)
+        if (!oxl_scene_view(scene, v)->is_test) rc = unseen_add_view(ctx, &u, model, scene, v);
+    for (size_t i = 0; i < count && rc == OXL_OK; i++) keep[i] = u.score[i] != 0; /* or no number */
+    if (rc == OXL_OK) model_keep_rows(model, keep);
+    *dropped = count - model->count;
+    renderer_free(ctx, u.r);
+    OXL_FREE(ctx, u.score, u.drgb, keep);
+    return rc;
+}
