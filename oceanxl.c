@@ -21,27 +21,26 @@
 #include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* the survey in memory */
-#include "src/core/json.c"             /* JSON reader */
-#include "src/survey/colmap_order.c"   /* rows sorted by id */
-#include "src/survey/camera.c"         /* camera models, undistortion */
-#include "src/survey/image.c"          /* decode, undistort, reduce, mask */
-#include "src/survey/image_header.c"   /* size, bits, EXIF orientation */
-#include "src/survey/image_write.c"    /* PNG and JPEG */
-#include "src/survey/survey_files.c"   /* paths of a survey's files */
-#include "src/survey/robust_stats.c"   /* robust statistics: bounds, radius of the cameras, depths */
-#include "src/survey/image_cache.c"    /* decoded images in memory */
-#include "src/survey/image_file.c"     /* decoded images in files */
-#include "src/survey/scene.c"          /* views, points, depths and rays of a scene */
-#include "src/survey/scene_alpha.c"    /* transparent pixels: composited or masked */
-#include "src/survey/scene_start.c"    /* points to start from where there are none */
-#include "src/survey/scene_images.c"   /* its images and masks */
-#include "src/survey/scene_views.c"    /* views of a survey */
-#include "src/survey/scene_load.c"     /* a scene from files or arrays: origin, points, extent */
-#include "src/survey/scene_checksum.c" /* whether the files are those of an earlier run */
-#include "src/survey/imaging.c"        /* imaging.txt: exposure gains and medium of a model */
-#include "src/survey/depth_bands.c"    /* depth band of each pixel, from the points */
-#include "src/survey/contrast.c"       /* fall of image contrast with depth */
-#include "src/survey/photometry.c"     /* exposure, lamp and medium from the colours of tracks */
+#include "src/core/json.c"           /* JSON reader */
+#include "src/survey/colmap_order.c" /* rows sorted by id */
+#include "src/survey/camera.c"       /* camera models, undistortion */
+#include "src/survey/image.c"        /* decode, undistort, reduce, mask */
+#include "src/survey/image_header.c" /* size, bits, EXIF orientation */
+#include "src/survey/image_write.c"  /* PNG and JPEG */
+#include "src/survey/survey_files.c" /* paths of a survey's files */
+#include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
+#include "src/survey/image_cache.c"  /* decoded images in memory */
+#include "src/survey/image_file.c"   /* decoded images in files */
+#include "src/survey/scene.c"        /* views, points, depths and rays of a scene */
+#include "src/survey/scene_alpha.c"  /* transparent pixels: composited or masked */
+#include "src/survey/scene_start.c"  /* points to start from where there are none */
+#include "src/survey/scene_images.c" /* its images and masks */
+#include "src/survey/scene_views.c"  /* views of a survey */
+#include "src/survey/scene_load.c"   /* a scene from files or arrays: origin, points, extent */
+#include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
+#include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
+#include "src/survey/contrast.c"     /* fall of image contrast with depth */
+#include "src/survey/photometry.c"   /* exposure, lamp and medium from the colours of tracks */
 
 /* the model */
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
@@ -103,7 +102,6 @@
 #include "src/evaluate/lpips.c"     /* LPIPS, for evaluations */
 #include "src/evaluate/structure.c" /* the same whatever their contrast: correlation of their detail */
 #include "src/evaluate/evaluate.c"  /* a model's images against those of a survey */
-#include "src/evaluate/unseen.c"    /* removes Gaussians that no training view shows */
 
 /* training */
 #include "src/train/part.h"            /* the hooks of a part of training */
@@ -119,7 +117,6 @@
 #include "src/train/model_selection.c" /* validation views and trials */
 #include "src/train/train_imaging.c"   /* light and water of a run, before and after its steps */
 #include "src/train/train_loop.c"      /* the training loop: one step with the decisions after it */
-#include "src/train/look.c"            /* a first look at a survey, for forecasts */
 
 /* the parts of training: a file and a row of the table each */
 #include "src/parts/ucd.c"           /* depth weights of density control */
@@ -157,6 +154,7 @@
 #include "src/large/partition_svg.c"        /* partition.svg */
 #include "src/large/partition_export.c"     /* blocks as COLMAP text exports */
 #include "src/large/merge.c"                /* merge the models of blocks */
+#include "src/large/look.c"                 /* a first look at a survey, for forecasts */
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
 #include "src/large/large_model.c"          /* draw a model that stays in its file */
@@ -172,11 +170,13 @@
 /* the whole job */
 #include "src/job/survey_report.c"     /* content of a survey and predicted cost of training */
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
+#include "src/job/survey_checksum.c"   /* whether the files are those of an earlier run */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/overlap.c"           /* does a model belong to a survey? */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_names.c"      /* their names */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
+#include "src/job/unseen.c"            /* removes Gaussians that no training view shows */
 #include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job_run.c"           /* the whole job: survey folder in, output folder out */

@@ -374,7 +374,7 @@ TEST(unseen_gaussians_are_removed_and_no_training_view_changes)
         }
     for (int v = 0; v < 2; v++) scene->view[v].is_test = v;
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &before, NULL));
-    CHECK_OK(evaluate_drop_unseen(test_ctx, scene, &model, &dropped));
+    CHECK_OK(unseen_drop(test_ctx, scene, &model, &dropped));
     CHECK(dropped == 3 && model.count == 2);
     CHECK(model.plane[OXL_SH][0] == 0 && model.plane[OXL_SH][1] == -9);
     CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 0)->camera, NULL, &after, NULL));

@@ -56,9 +56,6 @@ OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_so
 /* The same, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
-/* Removes the Gaussians that change no pixel of any training view; renders each once. */
-OXL_INTERNAL oxl_result evaluate_drop_unseen(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
-                                             size_t *dropped);
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
 OXL_INTERNAL oxl_result evaluate_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene,
                                             const oxl_metrics *m);

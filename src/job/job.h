@@ -85,6 +85,14 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, cons
 /* Adds an object without a final newline; lines after the first start with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
+/* ---------------- survey_checksum.c, unseen.c */
+
+/* Sums up the survey's files; scenes from files only. */
+OXL_INTERNAL oxl_result survey_checksum(oxl_context *ctx, const oxl_scene *scene, uint64_t *sum);
+/* Removes the Gaussians that change no pixel of any training view; renders each once. */
+OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
+                                    size_t *dropped);
+
 /* ---------------- job_result.c: everything that belongs to the result */
 
 /* Writes scene.ply and the files beside it; of an unfinished run of one block, the model as it is. evaluate:

@@ -24,7 +24,7 @@ static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
     if (job->partition.block_count != 1 || job->unfinished || !job->scene || large->pages ||
         schedule_training_views(job->scene) > job->options.train.iterations / JOB_STEPS_A_VIEW)
         return OXL_OK;
-    rc = evaluate_drop_unseen(job->ctx, job->scene, &large->model, &dropped);
+    rc = unseen_drop(job->ctx, job->scene, &large->model, &dropped);
     if (rc == OXL_OK && dropped)
         oxl_log(job->ctx, OXL_LOG_INFO, "%zu Gaussians that no training view shows are left out", dropped);
     return rc;

@@ -17,7 +17,7 @@
 static oxl_result job_describe_found(struct job *job)
 {
     uint64_t sum = 0;
-    const oxl_result rc = scene_checksum(job->ctx, job->scene, &sum);
+    const oxl_result rc = survey_checksum(job->ctx, job->scene, &sum);
     text_add(&job->found,
              "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s, \"files\": \"%016llx\"}",
              job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent),

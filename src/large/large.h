@@ -178,6 +178,12 @@ OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene,
  * far as it came. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
+/* ---------------- look.c: a first look at a survey */
+
+/* What hinders a look is no error, but an interruption is. */
+OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  struct look *out);
+
 /* ---------------- large_model.c: a model that may stay in its file */
 
 struct render_source;

@@ -87,8 +87,6 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
                                          struct training_image *out);
 /* NULL: none */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
-/* scene_checksum.c: of the survey's files; scenes from files only */
-OXL_INTERNAL oxl_result scene_checksum(oxl_context *ctx, const oxl_scene *scene, uint64_t *sum);
 /* 0: too far away */
 OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3]);
 /* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with

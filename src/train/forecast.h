@@ -6,7 +6,7 @@
 
 struct train;
 
-/* ---------------- look.c: a first look at a survey */
+/* ---------------- what a first look at a survey has found (src/large/look.c) */
 
 struct look {         /* all 0: there was none */
     double share;     /* of the Gaussians at the start, that training would split at once */
@@ -14,9 +14,6 @@ struct look {         /* all 0: there was none */
     double seconds;   /* of a step on a whole image */
     int steps, views; /* that it took */
 };
-/* What hinders a look is no error, but an interruption is. */
-OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  struct look *out);
 
 /* ---------------- forecast.c: Gaussians and time of a run */
 
@@ -38,6 +35,7 @@ OXL_INTERNAL double forecast_left(struct train *t);    /* s, with trials and wha
 /* ---------------- train_loop.c: what a look shares with a run */
 
 OXL_INTERNAL oxl_result train_begin(struct train *t);
+OXL_INTERNAL oxl_result train_step_alone(struct train *t); /* without the decisions after it */
 OXL_INTERNAL void train_end(struct train *t);
 
 #endif

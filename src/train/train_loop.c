@@ -234,11 +234,16 @@ OXL_INTERNAL oxl_result train_density(struct train *t)
     return renderer_send_shape(t->ctx, t->renderer, &t->trained.model, 1);
 }
 
+OXL_INTERNAL oxl_result train_step_alone(struct train *t)
+{
+    const oxl_result rc = parts_before_step(t);
+    return rc == OXL_OK ? step_on_next_view(t) : rc;
+}
+
 /* Makes one step, with the decisions after it; the passes over the image are in step_on_view (step.c). */
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
-    oxl_result rc = parts_before_step(t);
-    if (rc == OXL_OK) rc = step_on_next_view(t);
+    oxl_result rc = train_step_alone(t);
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = parts_after_step(t);
     if (rc == OXL_OK) selection_release_views(t);

@@ -6,7 +6,8 @@
  *
  * Invariant: the image of a training view does not change; rows keep their order.
  */
-#include "evaluate.h"
+#include "job.h"
+#include "../evaluate/evaluate.h"
 #include "../render/render.h"
 #include "../survey/scene.h"
 
@@ -36,8 +37,8 @@ static oxl_result unseen_add_view(oxl_context *ctx, struct unseen *u, const oxl_
     return rc;
 }
 
-OXL_INTERNAL oxl_result evaluate_drop_unseen(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
-                                             size_t *dropped)
+OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, oxl_model *model,
+                                    size_t *dropped)
 {
     const size_t count = model->count;
     struct unseen u = {.score = oxl_calloc(ctx, count + 1, sizeof *u.score)};

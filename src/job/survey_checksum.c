@@ -1,12 +1,13 @@
-/* scene_checksum.c - tells whether a survey's files are those of an earlier run: its cameras, poses and points
- * by their values, its images and masks by their sizes and last bytes.
+/* survey_checksum.c - tells whether a survey's files are those of an earlier run: its cameras, poses and
+ * points by their values, its images and masks by their sizes and last bytes.
  *
  * Whole images are not read: that would take a minute for ten thousand. PNG ends in sums of all pixels, and a
  * JPEG's code is shifted by whatever changes before, so the last bytes of files with other pixels differ.
  *
  * Invariant: the same for a survey that was copied or moved, and for text and binary files of a model.
  */
-#include "scene.h"
+#include "job.h"
+#include "../survey/scene.h"
 
 enum { CHECKSUM_END = 256 }; /* bytes of an image that are read */
 
@@ -49,7 +50,7 @@ static uint64_t checksum_add_points(uint64_t sum, const struct colmap *c)
     return sum;
 }
 
-OXL_INTERNAL oxl_result scene_checksum(oxl_context *ctx, const oxl_scene *scene, uint64_t *sum)
+OXL_INTERNAL oxl_result survey_checksum(oxl_context *ctx, const oxl_scene *scene, uint64_t *sum)
 {
     *sum = checksum_add_points(checksum_add_cameras(CHECKSUM_SEED, &scene->colmap), &scene->colmap);
     for (int v = 0; v < scene->view_count; v++) {

@@ -7,8 +7,9 @@
  * Invariant: the run that follows gives the same bytes. The share is a function of survey and options; times
  * are not.
  */
-#include "parts_calls.h"
-#include "forecast.h"
+#include "large.h"
+#include "../train/train_state.h"
+#include "../train/forecast.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
 
@@ -75,8 +76,7 @@ static oxl_result look_train(struct train *t, int steps, double *took)
         const double started = os_seconds();
         rc = context_stopped(t->ctx);
         t->step++;
-        if (rc == OXL_OK) rc = parts_before_step(t);
-        if (rc == OXL_OK) rc = step_on_next_view(t);
+        if (rc == OXL_OK) rc = train_step_alone(t);
         if (rc == OXL_OK) rc = step_observe(t);
         took[k] = os_seconds() - started;
     }
