@@ -74,7 +74,7 @@ static void dropout_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option dropout_options[] = {
-{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | CPU_ONLY | NOT_REFINED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0 to this; auto: 0.4 with fewer than 30 training views, fewer than 4.6 images per point, in one block, growing from 0 at 30 steps per view to 0.4 at 60", NULL},
+{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | CPU_ONLY | NOT_REFINED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0 to this; auto: up to 0.4 in long runs of one block with fewer than 30 training views and fewer than 4.6 images per point", NULL},
 {0}};
 /* clang-format on */
 
