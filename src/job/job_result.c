@@ -9,14 +9,14 @@
 #include "../survey/scene.h"
 #include "../model/model.h"
 
-enum { JOB_STEPS_A_VIEW = 8 };
-#define JOB_EXPOSURE 0.5 /* dB: cc_psnr is logged when it is so much above PSNR */
+enum { JOB_STEPS_A_VIEW = 8 }; /* of training, for each view that unseen_drop renders */
+#define JOB_EXPOSURE 0.5       /* dB: cc_psnr is logged when it is so much above PSNR */
 
 /* ---------------- models */
 
-/* Removes what no training view shows: it was not trained, and floats before other cameras. Of a finished run
- * of one block that has JOB_STEPS_A_VIEW steps for each view, so that it costs little; after merging, rows
- * may be in files. */
+/* Removes what no training view shows: nothing trained it, and it floats before other cameras. Only finished
+ * runs of one block with JOB_STEPS_A_VIEW steps for each view do so: others would spend too much time on
+ * rendering all views, and the rows of merged blocks may be in files. */
 static oxl_result job_drop_unseen(struct job *job, oxl_large_model *large)
 {
     size_t dropped = 0;
@@ -52,14 +52,6 @@ static int job_alters_colours(const struct job *job)
     return job->scene && imaging_alters_colours(&job->scene->imaging);
 }
 
-static void job_eye(const oxl_scene *scene, int view, double out[3])
-{
-    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
-    for (int k = 0; k < 3; k++)
-        out[k] = -(c->rotation[k] * c->translation[0] + c->rotation[3 + k] * c->translation[1] +
-                   c->rotation[6 + k] * c->translation[2]);
-}
-
 /* Sets the view from which viewers begin: that of the training view nearest to the cameras' centre. */
 static void job_choose_view(const oxl_scene *scene, oxl_model *model)
 {
@@ -68,7 +60,7 @@ static void job_choose_view(const oxl_scene *scene, oxl_model *model)
     int training = 0;
     for (int v = 0; v < views; v++) {
         if (oxl_scene_view(scene, v)->is_test) continue;
-        job_eye(scene, v, eye);
+        camera_position(&oxl_scene_view(scene, v)->camera, eye);
         training++;
         for (int k = 0; k < 3; k++) centre[k] += (eye[k] - centre[k]) / training;
     }
@@ -76,7 +68,7 @@ static void job_choose_view(const oxl_scene *scene, oxl_model *model)
         const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
         double far = 0;
         if (oxl_scene_view(scene, v)->is_test) continue;
-        job_eye(scene, v, eye);
+        camera_position(c, eye);
         for (int k = 0; k < 3; k++) far += (eye[k] - centre[k]) * (eye[k] - centre[k]);
         if (!(far < nearest)) continue;
         nearest = far;
@@ -203,7 +195,6 @@ static oxl_result job_write_metrics(struct job *job, const oxl_large_model *stan
         job->options.lpips ? oxl_scene_read_lpips(job->ctx, job->scene, job->options.lpips) : OXL_OK;
     if (rc == OXL_OK)
         rc = oxl_large_evaluate(job->ctx, &job->result, job->scene, job_evaluated_split(job), &m);
-    if (rc != OXL_OK) goto done;
     if (rc != OXL_OK) goto done;
     if (m.count == 0)
         oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");

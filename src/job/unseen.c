@@ -47,7 +47,8 @@ OXL_INTERNAL oxl_result unseen_drop(oxl_context *ctx, const oxl_scene *scene, ox
                                     : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians", count);
     for (int v = 0; v < oxl_scene_view_count(scene) && rc == OXL_OK; v++)
         if (!oxl_scene_view(scene, v)->is_test) rc = unseen_add_view(ctx, &u, model, scene, v);
-    for (size_t i = 0; i < count && rc == OXL_OK; i++) keep[i] = u.score[i] != 0; /* or no number */
+    for (size_t i = 0; i < count && rc == OXL_OK; i++)
+        keep[i] = u.score[i] != 0; /* a NaN stays: it is not known to be unseen */
     if (rc == OXL_OK) model_keep_rows(model, keep);
     *dropped = count - model->count;
     renderer_free(ctx, u.r);
