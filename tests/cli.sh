@@ -217,6 +217,7 @@ promise fewer_gaussians_than_blocks_are_trained 0 "few2/scene.ply" "$program" tr
 promise json_is_utf8_whatever_the_survey_is_called 0 "" sh -c "n=\$(printf 'a\377b'); ln -s survey \$n && '$program' train \$n -o utf8 --iterations 5 --quiet && { ! command -v python3 || python3 -m json.tool utf8/run.json; } && ! grep 'No map' utf8/report.html"
 promise a_glb_that_is_read_is_told_with_what_helps 3 "are written, not read" sh -c "'$program' convert out/scene.ply scene.glb && '$program' info scene.glb"
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
+promise a_folder_in_the_place_of_a_model_is_bad_input 3 "name a file, not a folder" "$program" info survey
 promise memory_refused_by_ram_is_the_budget 4 "fix: --ram 5M" on_stderr "$program" eval out/scene.ply survey --ram 2M
 promise memory_refused_by_ram_is_the_budget_where_a_survey_is_read 4 "--ram allows 0.1 MB: " on_stderr "$program" check survey --ram 100K
 promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
