@@ -126,12 +126,6 @@ def centre_for_translation(m): out = np.eye(4); out[:3, :3] = m[:3, :3]; out[:3,
 def xyzw(m):
     for i in m.images: i[1:5] = i[2:5] + [i[1]]
     m.write()
-def pixels_swapped(m):
-    for k, s in enumerate(m.seen):
-        t = s.split()
-        for j in range(0, len(t) - 2, 3): t[j], t[j+1] = t[j+1], t[j]
-        m.seen[k] = " ".join(t)
-    m.write()
 def focal(factor):
     def do(m):
         for c in m.cameras:
@@ -156,7 +150,7 @@ DAMAGE = {
     "distorted": lambda m: each_image(m, barrel), "shifted 5 %": lambda m: each_image(m, shift),
     "negative": lambda m: each_image(m, ImageOps.invert), "an eighth black": black, "12 of 16 bits": bits,
     "poses camera to world": poses(np.linalg.inv), "poses of OpenGL axes": poses(lambda m: flip @ m),
-    "centre for translation": poses(centre_for_translation), "quaternion xyzw": xyzw, "2D points y x": pixels_swapped,
+    "centre for translation": poses(centre_for_translation), "quaternion xyzw": xyzw,
     "focal length / 2": focal(.5), "focal length in mm": focal(.01), "points in mm": unit(1000), "points / 10": unit(.1),
     "no tracks, camera to world": untracked(poses(np.linalg.inv)), "no tracks, OpenGL axes": untracked(poses(lambda m: flip @ m)),
     "no tracks, centre": untracked(poses(centre_for_translation)), "no tracks, xyzw": untracked(xyzw),
@@ -165,6 +159,7 @@ DAMAGE = {
     "json, OpenCV axes": lambda m: m.json(lambda p: p @ flip), "json, world to camera": lambda m: m.json(np.linalg.inv),
     "json, points of another frame": lambda m: m.json(place=lambda x: [x[0], x[2], -x[1]]),
     "json, cameras scaled": lambda m: m.json(lambda p: np.array([[*r[:3], r[3] * .1] for r in p[:3]] + [[0, 0, 0, 1]])),
+    # of a camera that looks straight down the transposed rotation is the same: no damage in such surveys
     "json, transposed": lambda m: m.json(lambda p: np.block([[p[:3, :3].T, p[:3, 3:]], [np.zeros((1, 3)), 1]])),
     "json, y and z of world exchanged": lambda m: m.json(lambda p: axes @ p),
 }
