@@ -14,6 +14,7 @@ struct arguments;
 
 struct cli_memory {           /* of the library, in bytes, as main.c counts it */
     size_t used, peak, limit; /* limit: --ram; 0: none */
+    int refused;              /* 1: an allocation would have exceeded the limit */
 };
 
 /* ---------------- info.c: statistics of a model, tables of a partition */

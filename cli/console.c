@@ -104,7 +104,10 @@ static void *reallocate(void *user, void *old, size_t size)
     struct cli_memory *m = &((struct console *)user)->memory;
     size_t *had = old ? (size_t *)((char *)old - ALLOCATION_HEAD) : NULL, *now;
     const size_t before = had ? *had : 0;
-    if (size > 0 && m->limit > 0 && size > before && m->used + (size - before) > m->limit) return NULL;
+    if (size > 0 && m->limit > 0 && size > before && m->used + (size - before) > m->limit) {
+        m->refused = 1;
+        return NULL;
+    }
     if (size > 0 && (size > SIZE_MAX - ALLOCATION_HEAD || !(now = realloc(had, size + ALLOCATION_HEAD))))
         return NULL;
     m->used = m->used - before + size;
@@ -195,6 +198,25 @@ static int exit_code_of(oxl_result rc)
     }
 }
 
+/* Prints the error; memory that --ram refused is the budget's, not the machine's. */
+static oxl_result console_fail(struct console *c, oxl_result rc, const char *text)
+{
+    static const char smaller[] = "smaller --max-side, --max-gaussians or --image-cache";
+    const int has_fix = strstr(text, "fix: ") != NULL, over = rc == OXL_ERR_MEMORY && c->memory.refused;
+    char said[1400];
+    int used = 0;
+    if (over) used = snprintf(said, sizeof said, "--ram allows %.3g MB: ", (double)c->memory.limit / 1e6);
+    used += snprintf(said + used, sizeof said - (size_t)used, "%s", text[0] ? text : "no memory");
+    if (rc == OXL_ERR_MEMORY && !has_fix && used < (int)sizeof said) {
+        if (over)
+            snprintf(said + used, sizeof said - (size_t)used, "\nfix: --ram %zuM, or %s",
+                     (c->memory.limit >> 19) + 1, smaller);
+        else snprintf(said + used, sizeof said - (size_t)used, "\nfix: %s, or a larger --ram", smaller);
+    }
+    console_log(c, OXL_LOG_ERROR, said);
+    return over ? OXL_ERR_BUDGET : rc;
+}
+
 #define SPIN_COUNT "500" /* polls of a waiting thread before it sleeps (docs/log/SPEED.md) */
 
 /* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as
@@ -266,15 +288,7 @@ int console_main(int argc, char **argv, const struct program *program)
     if (rc == OXL_ERR_INTERRUPTED &&
         (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
         console_error("", "interrupted\nfix: the same command again");
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
-        const char *text = oxl_error_text(ctx);
-        char said[1400];
-        snprintf(said, sizeof said, "%s%s", text[0] ? text : "no memory",
-                 rc == OXL_ERR_MEMORY && !strstr(text, "fix: ")
-                     ? "\nfix: smaller --max-side, --max-gaussians or --image-cache, or a larger --ram"
-                     : "");
-        console_log(&console, OXL_LOG_ERROR, said);
-    }
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) rc = console_fail(&console, rc, oxl_error_text(ctx));
     oxl_context_free(ctx);
     if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
         console_log(

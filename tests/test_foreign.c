@@ -164,6 +164,18 @@ TEST(images_that_are_turned_are_said_to_be_turned)
     CHECK_TEXT(foreign_heard, "03.png (fits turned by 180 degrees)");
 }
 
+TEST(images_of_one_colour_are_named)
+{
+    oxl_image blank;
+    foreign_survey(1, "1 0 0 0", 0);
+    CHECK_OK(oxl_image_create(test_ctx, FOREIGN_WIDTH, FOREIGN_HEIGHT, &blank));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/05.png"), &blank));
+    oxl_image_free(test_ctx, &blank);
+    CHECK(foreign_check() == 1);
+    CHECK_TEXT(foreign_heard,
+               "1 of 10 images do not show what the model has at their points: 05.png (one colour)");
+}
+
 TEST(images_that_are_cropped_or_distorted_are_said_to_be)
 {
     foreign_survey(1, "1 0 0 0", 0);
@@ -595,6 +607,8 @@ TEST(models_keep_infinite_opacities_and_widths_of_zero)
     CHECK(m.count == 2 && m.plane[OXL_OPACITY][0] == 20 && m.plane[OXL_OPACITY][1] == -20);
     CHECK(m.count == 2 && m.plane[OXL_LOG_SCALE + 2][0] == -87);
     CHECK_TEXT(foreign_heard, "1 of 2 Gaussians have the rotation 0 0 0 0");
+    m.plane[OXL_OPACITY][0] = m.plane[OXL_OPACITY][1] = -INFINITY;
+    CHECK(model_file_settle_limits(&m) == 2); /* counts rows, whatever isinf returns */
     oxl_model_free(test_ctx, &m);
     CHECK(oxl_model_read(
               test_ctx,
@@ -603,6 +617,30 @@ TEST(models_keep_infinite_opacities_and_widths_of_zero)
                   FOREIGN_PLY(FOREIGN_DC, "nan 0 0 0 0 0 0 0 0 0 1 0 0 0\n2 0 0 0 0 0 0 inf 0 0 1 0 0 0\n")),
               &m) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "all 2 Gaussians hold values that are not finite");
+}
+
+TEST(models_of_alphas_and_sizes_in_the_place_of_logits_and_logarithms_are_said)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_create(test_ctx, 200, 0, &m));
+    for (int k = 0; k < 3; k++) { /* raw, then alphas, then sizes */
+        oxl_model back;
+        for (int i = 0; i < 200; i++) {
+            m.plane[OXL_ROTATION][i] = 1;
+            m.plane[OXL_OPACITY][i] = k == 1 ? (float)i / 200 : 0.05f * (float)(i - 100);
+            for (int a = 0; a < 3; a++)
+                m.plane[OXL_LOG_SCALE + a][i] = k == 2 ? 0.001f * (float)(i + 1) : -3 - 0.01f * (float)i;
+        }
+        CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
+        foreign_heard[0] = 0;
+        test_ctx->options.log = foreign_listen;
+        CHECK_OK(oxl_model_read(test_ctx, test_path("m.ply"), &back));
+        oxl_model_free(test_ctx, &back);
+        if (k == 0) CHECK(!strstr(foreign_heard, "all "));
+        if (k == 1) CHECK_TEXT(foreign_heard, "all opacities are from 0 to 0.995, as alphas are");
+        if (k == 2) CHECK_TEXT(foreign_heard, "all scales are from 0.001 to 0.2, as sizes are");
+    }
+    oxl_model_free(test_ctx, &m);
 }
 
 TEST(models_with_red_green_blue_have_these_colours)
@@ -685,6 +723,15 @@ TEST(training_from_a_model_of_another_frame_is_said)
     o.from = test_path("from.ply"), o.train.iterations = 1;
     oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &o, NULL);
     CHECK_TEXT(foreign_heard, "from.ply does not seem to cover the survey");
+}
+
+TEST(a_folder_of_masks_under_another_name_is_said_not_to_be_used)
+{
+    foreign_survey(1, "1 0 0 0", 0);
+    test_write("survey/mask/00.png", "");
+    foreign_check();
+    CHECK_TEXT(foreign_heard, "survey/mask is not used: masks are in ");
+    CHECK_TEXT(foreign_heard, "fix: --masks ");
 }
 
 /* ---------------- a finished result */

@@ -199,6 +199,23 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
                "expected a path inside the image folder");
 }
 
+TEST(nerfstudio_poses_that_are_mirrored_are_refused)
+{
+    CHECK_TEXT(jsurvey_refused("transforms.json",
+                               "{" JSURVEY_CAMERA ", \"frames\": [{\"file_path\": \"images/a.png\", "
+                               "\"transform_matrix\": [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]}]}"),
+               "found a mirrored camera (determinant -1) for transform_matrix");
+}
+
+TEST(json_surveys_may_begin_with_a_byte_order_mark)
+{
+    struct colmap c;
+    test_write("marked/transforms.json", "\xef\xbb\xbf{" JSURVEY_CAMERA ", \"frames\": [" JSURVEY_FRAME "]}");
+    CHECK_OK(json_survey_read(test_ctx, test_path("marked"), "transforms.json", NULL, &c));
+    CHECK(c.image_count == 1);
+    colmap_free(test_ctx, &c);
+}
+
 TEST(opensfm_that_is_wrong_is_refused_with_the_record)
 {
 #define JSURVEY_SHOT "{\"rotation\": [0,0,0], \"translation\": [0,0,0], \"camera\": \"c\"}"

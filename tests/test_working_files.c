@@ -347,3 +347,25 @@ TEST(a_finished_run_is_not_taken_for_that_of_other_images_masks_poses_cameras_or
         CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
     }
 }
+
+TEST(a_finished_result_that_was_changed_is_kept_and_said)
+{
+    const oxl_job_options options = job_test_options();
+    const char *survey = job_test_survey(), *scene = test_path("out/scene.ply");
+    uint64_t wrote, now;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(checksum_of_file(test_ctx, scene, &wrote));
+    nonfinite_log[0] = 0;
+    test_ctx->options.log = nonfinite_listen;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(!strstr(nonfinite_log, "not what the run wrote"));
+    working_damage(scene, 0.5, 1);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_TEXT(nonfinite_log, "scene.ply is not what the run wrote");
+    CHECK_OK(checksum_of_file(test_ctx, scene, &now));
+    CHECK(now != wrote);
+    CHECK(os_remove(scene) == 0); /* the fix */
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(checksum_of_file(test_ctx, scene, &now));
+    CHECK(now == wrote);
+}

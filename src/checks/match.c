@@ -18,12 +18,15 @@ enum {
     MATCH_SIDE = 320,    /* px: longer side of the brightness that is compared */
     MATCH_OTHERS = 4,    /* images whose points give the correlation by chance */
     MATCH_POINTS = 8192, /* limit of points to project where there are no tracks */
-    MATCH_NAMED = 3      /* images named */
+    MATCH_NAMED = 3,     /* images named */
+    MATCH_MANY = 12
 };
 #define MATCH_CLIP 1.5    /* times the median of the absolute differences */
 #define MATCH_BORDER 0.01 /* of the side: points so close to it are left out */
 #define MATCH_BETTER 0.06 /* by which another map must be better in the median */
-#define MATCH_WINS 0.7    /* and the fraction of the images in which it is */
+#define MATCH_WINS 0.7    /* and the fraction of the images in which it is; */
+#define MATCH_STEADY 0.03 /* or this, */
+#define MATCH_ALWAYS 0.9  /* in this fraction of at least MATCH_MANY images */
 /* of the correlation that a tenth of the images exceeds: images below are looked at */
 #define MATCH_SUSPECT 0.5
 #define MATCH_ELSEWHERE 0.25  /* by which such an image must fit better turned, or at another place */
@@ -282,6 +285,18 @@ OXL_INTERNAL double match_correlate(struct match *w, const struct match_layout *
     return n >= MATCH_FEWEST && own * its > 0 ? both / sqrt(own * its) : 0;
 }
 
+static int match_is_blank(const struct match_plane *p)
+{
+    const size_t pixels = (size_t)p->width * (size_t)p->height;
+    float first = -1;
+    for (size_t i = 0; i < pixels; i++) {
+        if (p->value[i] < 0) continue;
+        if (first < 0) first = p->value[i];
+        if (p->value[i] != first) return 0;
+    }
+    return first >= 0;
+}
+
 OXL_INTERNAL oxl_result match_take_image(struct match *w, int view, int *has)
 {
     const struct training_image *image;
@@ -312,6 +327,7 @@ OXL_INTERNAL oxl_result match_compare(struct match *w)
         rc = match_take_image(w, w->layout[k].view, &has);
         if (rc != OXL_OK) return rc;
         w->judged[k] = (uint8_t)has;
+        w->score[k].blank = has && match_is_blank(&w->plane);
         for (int m = 0; has && m < w->maps; m++)
             w->score[k].as_is[m] = match_correlate(w, &w->layout[k], &w->map[m]);
         for (int i = 1; has && i <= MATCH_OTHERS; i++)
@@ -354,14 +370,18 @@ OXL_INTERNAL int match_judged(const struct match *w)
 static int match_best_map(struct match *w)
 {
     const double as_is = match_quantile(w, 0, 0.5);
-    double most = OXL_MAX(as_is + MATCH_BETTER, match_median_by_chance(w) + 2 * MATCH_CHANCE);
+    const int judged = match_judged(w);
+    double most = OXL_MAX(as_is + MATCH_STEADY, match_median_by_chance(w) + 2 * MATCH_CHANCE);
     int best = 0, wins = 0;
     for (int m = 1; m < w->maps; m++) {
         const double median = match_quantile(w, m, 0.5);
         if (median > most) most = median, best = m;
     }
     for (int k = 0; k < w->count; k++) wins += w->judged[k] && w->score[k].as_is[best] > w->score[k].as_is[0];
-    return wins > MATCH_WINS * match_judged(w) ? best : 0;
+    return (most > as_is + MATCH_BETTER && wins > MATCH_WINS * judged) ||
+                   (judged >= MATCH_MANY && wins > MATCH_ALWAYS * judged)
+               ? best
+               : 0;
 }
 
 static const char *match_kind_text(enum match_kind kind)
@@ -416,7 +436,8 @@ static void match_name(struct match *w, int k, int map, int elsewhere, struct ma
     f->elsewhere += elsewhere;
     if (f->count++ >= MATCH_NAMED) return;
     text_add(&f->names, "%s%s", f->count > 1 ? ", " : "", oxl_scene_view(w->scene, w->layout[k].view)->name);
-    if (elsewhere && map) text_add(&f->names, " (fits %s)", match_kind_text(w->map[map].kind));
+    if (s->blank) text_add(&f->names, " (one colour)");
+    else if (elsewhere && map) text_add(&f->names, " (fits %s)", match_kind_text(w->map[map].kind));
     else if (elsewhere)
         text_add(&f->names, " (fits the place of %s)",
                  oxl_scene_view(w->scene, w->layout[s->fits].view)->name);
@@ -437,7 +458,8 @@ static oxl_result match_find_images(struct match *w, int all, struct match_found
         const double r = s->as_is[0], noise = MATCH_NOISE / sqrt(w->layout[k].count);
         int map = 0, elsewhere;
         oxl_result rc;
-        if (!w->judged[k] || (!all && r >= MATCH_SUSPECT * high)) continue;
+        if (w->judged[k] && s->blank && w->layout[k].count >= MATCH_FEWEST) match_name(w, k, 0, 0, f);
+        if (!w->judged[k] || s->blank || (!all && r >= MATCH_SUSPECT * high)) continue;
         rc = match_find_place(w, k, &map);
         if (rc != OXL_OK) return rc;
         elsewhere = (map || s->fits >= 0) && s->other > r + MATCH_ELSEWHERE &&

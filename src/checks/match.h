@@ -44,6 +44,7 @@ struct match_score { /* correlations of an image */
     double as_is[MATCH_MAPS], chance;
     double other; /* the best at the points of another image, */
     int fits;     /* and which */
+    int blank;    /* 1: the image has one brightness everywhere */
 };
 struct match {
     oxl_context *ctx;

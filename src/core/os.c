@@ -162,6 +162,12 @@ OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock)
 
 /* ---------------- reading */
 
+/* A folder in the place of a file is what the user named, not a fault of the disk. */
+static oxl_result os_fail_to_read(oxl_context *ctx, const char *path)
+{
+    return os_fail(ctx, errno == EISDIR ? OXL_ERR_INPUT : OXL_ERR_IO, path, "cannot read", errno);
+}
+
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
 {
     return os_read_file_like(ctx, path, "", out);
@@ -200,7 +206,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
         if (rc != OXL_OK) goto done;
     }
     if (ferror(file)) {
-        rc = os_fail(ctx, OXL_ERR_IO, path, "cannot read", errno);
+        rc = os_fail_to_read(ctx, path);
         goto done;
     }
     data[size] = 0;
@@ -255,7 +261,7 @@ OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, vo
 {
     errno = 0;
     *got = fread(data, 1, size, r->file);
-    if (*got < size && ferror(r->file)) return os_fail(ctx, OXL_ERR_IO, r->path, "cannot read", errno);
+    if (*got < size && ferror(r->file)) return os_fail_to_read(ctx, r->path);
     return OXL_OK;
 }
 

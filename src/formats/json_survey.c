@@ -22,6 +22,8 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
     r->rc = os_read_file(r->ctx, path, map);
     if (r->rc != OXL_OK) return r->rc;
+    if (map->size >= 3 && !memcmp(map->data, "\xef\xbb\xbf", 3)) /* byte order mark of Windows' programs */
+        memset((char *)map->data, ' ', 3);
     fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (!fault) return OXL_OK;
     return r->rc = oxl_fail(

@@ -16,6 +16,7 @@
 
 #define MODEL_FILE_SCALE_MAX 88.7f /* log of the largest size that a float holds */
 #define MODEL_FILE_FLAT -87.0f     /* of the smallest: a width of 0 */
+enum { MODEL_FILE_JUDGED = 100 };  /* Gaussians: files with fewer are not judged by their ranges */
 #define MODEL_FILE_OPAQUE 20.0f    /* logit of alpha 1, to the last bit of a float */
 
 enum {
@@ -61,7 +62,7 @@ OXL_INTERNAL size_t model_file_settle_limits(oxl_model *model)
     size_t settled = 0;
     for (size_t i = 0; i < model->count; i++) {
         float *opacity = &model->plane[OXL_OPACITY][i];
-        int has = isinf(*opacity);
+        int has = isinf(*opacity) != 0; /* isinf(-INFINITY) may be -1 */
         if (has) *opacity = *opacity > 0 ? MODEL_FILE_OPAQUE : -MODEL_FILE_OPAQUE;
         for (int a = 0; a < 3; a++) {
             float *scale = &model->plane[OXL_LOG_SCALE + a][i];
@@ -86,6 +87,38 @@ OXL_INTERNAL void model_file_report_dropped(oxl_context *ctx, const char *path, 
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path, dropped,
                 count);
+}
+
+static void model_file_find_range(const oxl_model *m, int plane, int planes, float *low, float *high)
+{
+    *low = INFINITY, *high = -INFINITY;
+    for (int k = plane; k < plane + planes; k++)
+        for (size_t i = 0; i < m->count; i++) {
+            *low = fminf(*low, m->plane[k][i]);
+            *high = fmaxf(*high, m->plane[k][i]);
+        }
+}
+
+/* Says where opacities look like alphas, not logits, or scales like sizes, not their logarithms, as some
+ * programs export them: trained models have logits of both signs, and sizes that differ by more than a factor
+ * of e. */
+static void model_file_check_units(oxl_context *ctx, const char *path, const oxl_model *m)
+{
+    float low, high;
+    if (m->count < MODEL_FILE_JUDGED) return;
+    model_file_find_range(m, OXL_OPACITY, 1, &low, &high);
+    if (low >= 0 && low < high && high <= 1)
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s: all opacities are from %.3g to %.3g, as alphas are; read are logits, log(alpha / (1 - alpha))\n"
+            "fix: export raw values, as 3DGS writes them",
+            path, (double)low, (double)high);
+    model_file_find_range(m, OXL_LOG_SCALE, 3, &low, &high);
+    if (low >= 0 && low < high && high - low < 1)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: all scales are from %.3g to %.3g, as sizes are; read are their logarithms\n"
+                "fix: export raw values, as 3DGS writes them",
+                path, (double)low, (double)high);
 }
 
 static size_t model_file_count_unturned(const oxl_model *m)
@@ -119,6 +152,7 @@ OXL_INTERNAL oxl_result model_file_drop_rows(oxl_context *ctx, const char *path,
             path, count);
     model_file_report_dropped(ctx, path, model->not_finite, count);
     unturned = model_file_count_unturned(model);
+    model_file_check_units(ctx, path, model);
     if (limits)
         oxl_log(ctx, OXL_LOG_INFO,
                 "%s: %zu Gaussians are at the limit of opacity or width (infinite), and are kept", path,

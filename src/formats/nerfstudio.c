@@ -215,6 +215,12 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
                                         "columns of length 1 at right angles");
             rotation[3 * i + k] = i ? -m[k][i] : m[k][i];
         }
+    if (m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
+            m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+            m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]) <
+        0)
+        return json_survey_fail(r, "transform_matrix", "a mirrored camera (determinant -1)",
+                                "right-handed axes: two axes exchanged need one of them negated");
     for (int i = 0; i < 3; i++)
         t[i] = -(rotation[3 * i] * m[0][3] + rotation[3 * i + 1] * m[1][3] + rotation[3 * i + 2] * m[2][3]);
     nerfstudio_quaternion(rotation, q);

@@ -22,6 +22,21 @@ static oxl_result scene_fail_folder(oxl_context *ctx, const char *path, const ch
                     like[0] ? "; the first image of the model may be in " : "", like);
 }
 
+/* Says where masks may be that are not used. */
+static void scene_name_masks(oxl_context *ctx, const char *path)
+{
+    static const char *const others[] = {"mask", "Masks", "Mask", "segmentation", "images_mask"};
+    for (size_t i = 0; i < OXL_COUNT(others); i++) {
+        const char *folder = PATH(path, "%s", others[i]);
+        if (!os_is_folder(folder)) continue;
+        oxl_log(
+            ctx, OXL_LOG_WARNING,
+            "%s is not used: masks are in %s/masks\nfix: --masks %s, if its black pixels are to be ignored",
+            folder, path, SHELL_WORD(folder));
+        return;
+    }
+}
+
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
     oxl_result rc = survey_find_model(ctx, path, o->sparse, o->images, &scene->colmap);
@@ -47,6 +62,7 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     if (o->masks) return scene_fail_folder(ctx, path, "--masks", o->masks, NULL);
     oxl_free(ctx, scene->masks);
     scene->masks = NULL;
+    scene_name_masks(ctx, path);
     return OXL_OK;
 }
 

@@ -12,6 +12,7 @@ enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about t
 struct oxl_manifest { /* read from run.json */
     int finished;
     char *line, *found; /* "job": {...}, "found": {...}; line NULL: no run */
+    char *result;       /* checksum of scene.ply, of a finished run; NULL: not stated */
     /* value: options as text, in the table's order; NULL: absent */
     char *scene, *preset, *value[MANIFEST_VALUES];
     uint64_t seed;

@@ -268,6 +268,7 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
 {
     struct text t = {.ctx = job->ctx};
     oxl_result rc = OXL_OK;
+    uint64_t sum = 0;
     text_add(
         &t,
         "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n",
@@ -281,6 +282,8 @@ OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
              job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]),
              NUMBER(job->origin[1]), NUMBER(job->origin[2]), job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
+    if (rc == OXL_OK && finished) rc = checksum_of_file(job->ctx, PATH(job->out, "scene.ply"), &sum);
+    if (finished) text_add(&t, "  \"result\": \"%016llx\",\n", (unsigned long long)sum);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
     text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");

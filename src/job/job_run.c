@@ -180,6 +180,22 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
     return job_make_key(job);
 }
 
+/* Says that scene.ply is not what the finished run wrote: it may be damaged, or edited, so it is kept. */
+static oxl_result job_check_result(struct job *job, const struct oxl_manifest *run)
+{
+    const char *path = PATH(job->out, "scene.ply");
+    char text[20];
+    uint64_t sum = 0;
+    const oxl_result rc = run->result ? checksum_of_file(job->ctx, path, &sum) : OXL_OK;
+    snprintf(text, sizeof text, "%016llx", (unsigned long long)sum);
+    if (rc == OXL_OK && run->result && strcmp(run->result, text) != 0)
+        oxl_log(job->ctx, OXL_LOG_WARNING,
+                "%s is not what the run wrote: it is damaged, or was changed by another program\n"
+                "fix: move it away, and the same command writes it again",
+                path);
+    return rc;
+}
+
 /* Compares the run with what OUT holds. *done: nothing is left to do. */
 static oxl_result job_find_earlier(struct job *job, int *done)
 {
@@ -191,6 +207,7 @@ static oxl_result job_find_earlier(struct job *job, int *done)
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
     else *done = run.finished && os_is_file(PATH(job->out, "scene.ply"));
+    if (*done) rc = job_check_result(job, &run);
 leave:
     manifest_free(job->ctx, &run);
     return rc;

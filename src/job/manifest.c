@@ -120,6 +120,7 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
         rc = manifest_copy_member(ctx, root, "job", &out->line);
         if (rc == OXL_OK) rc = manifest_copy_member(ctx, root, "found", &out->found);
         if (rc == OXL_OK) rc = manifest_read_value(ctx, oxl_json_member(root, "preset"), &out->preset);
+        if (rc == OXL_OK) rc = manifest_read_value(ctx, oxl_json_member(root, "result"), &out->result);
         if (rc == OXL_OK) rc = manifest_read_values(ctx, job, out);
     }
     os_release_file(ctx, &map);
@@ -129,7 +130,7 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
 
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run)
 {
-    OXL_FREE(ctx, run->line, run->found, run->scene, run->preset);
+    OXL_FREE(ctx, run->line, run->found, run->scene, run->preset, run->result);
     for (size_t i = 0; i < OXL_COUNT(run->value); i++) oxl_free(ctx, run->value[i]);
     *run = (struct oxl_manifest){0};
 }
