@@ -6,7 +6,7 @@ program=$1 survey=$2
 shift 2
 at=$(mktemp -d) || exit 2
 trap 'rm -rf "$at"' EXIT
-"$program" train "$survey" -o "$at/out" --json "$@" 2>&1 > "$at/result" | while IFS= read -r line; do
+"$program" train "$survey" -o "$at/out" --progress json "$@" 2>&1 > "$at/result" | while IFS= read -r line; do
     case $line in
     *'"event": "progress"'*) printf '%s %s\n' "$(date +%s.%N)" "$line" ;;
     esac
