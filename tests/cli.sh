@@ -288,6 +288,12 @@ promise viewer_reads_and_sorts_what_a_page_must_not_hang_on 0 "" sh -c "! comman
 promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
+promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
+promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_stderr "$program" convert lit/scene_clear.ply lost/scene.ply
+promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
+    "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&
+     rm lit/scene.spz && for m in lit/more.ply fit/more.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done; rm lit/more.ply"
+promise convert_says_that_gains_are_another_models 0 "is another model's" on_stderr "$program" convert out/scene.ply shown/b.ply
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
