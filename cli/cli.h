@@ -108,6 +108,7 @@ struct geotiff {
     int epsg;                /* code of a projected CRS; 0: none */
     const double *reference; /* (2) latitude and longitude in degrees of (0, 0); NULL: not known */
     const char *citation;    /* what x and y are, in words */
+    int is_metric;           /* 1: x and y are metres, even if no CRS says so */
 };
 /* data (height,width,4): bytes of RGBA, alpha 0 or 255; is_height: (height,width) floats, NaN: no data. */
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);

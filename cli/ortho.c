@@ -260,7 +260,8 @@ static oxl_result ortho_write_tiffs(const struct ortho *o, const struct argument
                         .height = o->height,
                         .pixel = o->pixel * o->unit,
                         .epsg = a->epsg,
-                        .citation = words};
+                        .citation = words,
+                        .is_metric = a->scale > 0};
     char path[4200];
     oxl_result rc;
     if (!o->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt";

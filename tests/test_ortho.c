@@ -202,7 +202,7 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
 {
     enum { W = 300, H = 260 };
     static float height[W * H];
-    const struct geotiff g = {W, H, 1, 0.25, {500000.5, 6700001.25}, 32632, NULL, "words"};
+    const struct geotiff g = {W, H, 1, 0.25, {500000.5, 6700001.25}, 32632, NULL, "words", 0};
     unsigned char *t;
     uint32_t tiles;
     for (int i = 0; i < W * H; i++) height[i] = i % 7 == 0 ? NAN : (float)i;
@@ -239,7 +239,7 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
 TEST(geotiff_names_a_transverse_mercator_around_a_reference)
 {
     const double reference[2] = {47.5, -8.25};
-    const struct geotiff g = {2, 2, 0, 1, {0, 0}, 0, reference, "words"};
+    const struct geotiff g = {2, 2, 0, 1, {0, 0}, 0, reference, "words", 0};
     const unsigned char rgba[16] = {1, 2, 3, 255};
     unsigned char *t;
     CHECK_OK(geotiff_write(test_ctx, test_path("o.tif"), &g, rgba));
@@ -250,6 +250,21 @@ TEST(geotiff_names_a_transverse_mercator_around_a_reference)
     CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 34736) + 8), 47.5, 0);
     CHECK(ortho_test_value(t, 0, 338) == 2 && memcmp(t + ortho_test_value(t, 0, 324), rgba, 4) == 0);
     free(t);
+}
+
+TEST(geotiff_in_metres_says_so_without_a_system)
+{
+    const struct geotiff g = {.width = 2, .height = 2, .pixel = 1, .citation = "words", .is_metric = 1};
+    const unsigned char rgba[16] = {1, 2, 3, 255};
+    for (int is_metric = 0; is_metric < 2; is_metric++) {
+        struct geotiff one = g;
+        unsigned char *t;
+        one.is_metric = is_metric;
+        CHECK_OK(geotiff_write(test_ctx, test_path("u.tif"), &one, rgba));
+        t = ortho_test_file("u.tif", NULL);
+        if (t) CHECK(ortho_test_key(t, 3076) == (is_metric ? 9001 : 0) && ortho_test_key(t, 1024) == 0);
+        free(t);
+    }
 }
 
 /* Of a map of the scene above, with a Gaussian at p: alpha and height at its place. */
