@@ -213,6 +213,11 @@ static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model,
         else memset(o->rgba + 4 * i, 0, 4), o->level[i] = NAN;
     }
     free(seen);
+    if (rc == OXL_OK && o->ground_seen == 0)
+        rc = oxl_fail(
+            o->ctx, OXL_ERR_INPUT,
+            "ortho: nothing that a training view sees lies below the cameras: the map's up may be down\n"
+            "fix: --up X,Y,Z, the direction that is up, or --frame survey");
     return rc;
 }
 
