@@ -116,6 +116,7 @@ promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$
 promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"
 promise options_page_is_the_one_in_docs 0 "" sh -c "'$program' --options-page | cmp - '$docs/OPTIONS.md' || { echo 'fix: make man'; false; }"
 promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc -w) -le 2500"
+promise readme_has_lines_of_140_columns_at_most 0 "" awk 'length($0) > 140 { print FILENAME ":" FNR; exit 1 }' "$docs/../README.md"
 promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
 promise total_iterations_is_another_name_of_iterations 3 "nowhere" on_stderr "$program" check nowhere --total-iterations 5
