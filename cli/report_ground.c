@@ -81,5 +81,7 @@ void ground_section(struct report *r)
         "enough for a height. Lengths are in the survey's unit: metres if it is georeferenced. For a "
         "GeoTIFF in full resolution, with heights: <code>oceanxl render %S",
         OVERVIEW_VIEWS, 100 * g->covered, OVERVIEW_VIEWS, 100 * g->high, PRINT_WORD(r->out));
-    output_add(t, " %S -o map --ortho</code></p>\n", PRINT_WORD(r->scene));
+    output_add(t, " %S", PRINT_WORD(r->scene));
+    report_survey_options(r);
+    output_add(t, " -o map --ortho</code></p>\n");
 }

@@ -176,6 +176,9 @@ promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report s
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.2,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
+promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
+    "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&
+     grep '^oceanxl eval' reduced/report.html >command.txt && PATH=path:\$PATH sh -c \"\$(cat command.txt) --json\" 2>/dev/null | grep '^  \"psnr\": ' >again.txt && grep '^  \"psnr\": ' reduced/metrics.json | cmp - again.txt"
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
 promise more_iterations_continue_a_finished_run 0 "is continued: 9 more" on_stderr "$program" train survey -o out --iterations 70
 promise a_model_takes_the_place_of_the_points 0 "model" sh -c "'$program' train survey -o from --from out/scene.ply --iterations 5 --quiet && grep -q '\"from\": \"out/scene.ply\"' from/run.json && echo model"
