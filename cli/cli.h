@@ -147,6 +147,8 @@ struct overview {
     double sampling; /* median ground sampling distance of the training views, units a pixel; 0: not known */
     double area;     /* of the ground in it, square units */
     double covered, high; /* shares of the ground in any training view: in two or more; with a height too */
+    double height_error;  /* units: median difference of heights from the survey's points; NaN: none */
+    double distance;      /* units: median distance of the ground from the cameras; 0: not known */
 };
 /* The map at a side of at most so many px, along the frame of the kind auto. Gaussians that no training view
  * shows are made invisible in the model. The caller frees the image, also on error. */

@@ -487,6 +487,8 @@ TEST(ortho_overview_measures_the_ground_that_two_views_share)
     CHECK_CLOSE(v.area, 12.8, 0.5);
     CHECK_CLOSE(v.covered, 0.32, 0.02);
     CHECK_CLOSE(v.high, 0.32, 0.02);
+    CHECK_CLOSE(v.height_error, 4.01, 0.02); /* the ground of the model is 4 below the points */
+    CHECK_CLOSE(v.distance, 5, 0.03);
     CHECK(v.image.width <= 101 && v.image.height <= 41);
     oxl_image_free(test_ctx, &v.image);
     oxl_model_free(test_ctx, &model);
