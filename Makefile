@@ -93,6 +93,7 @@ $(BUILD)/flags: FORCE
 test: $(BUILD)/test all ## all tests: of the library, then of the command line (under 3 minutes on 2 cores)
 	$(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
+	tests/from_images.sh
 
 # The list is made from the lines that begin with TEST( and replaced only when it changes.
 $(BUILD)/test_list.h: FORCE

@@ -299,13 +299,17 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a)
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model model = {0};
-    int copied = 0;
+    int copied = 0, is_other = 0;
     oxl_result rc = oxl_model_read(ctx, a->path[0], &model);
+    if (rc == OXL_OK) rc = info_check_imaging(ctx, a->path[0], a->path[1], &is_other);
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) print_format(stdout, "%zu Gaussians in %s\n", model.count, a->path[1]);
     if (rc == OXL_OK) rc = info_copy_imaging(ctx, a->path[0], a->path[1], &copied);
     if (copied) puts("imaging.txt is copied beside it");
+    if (rc == OXL_OK && is_other)
+        print_format(stderr, "oxl: imaging.txt beside %s is another model's: it is kept, and applies\n",
+                     a->path[1]);
     oxl_model_free(ctx, &model);
     return rc;
 }

@@ -2,7 +2,7 @@
 """map_truth.py SURVEY MAP - how far MAP/height.tif, of `render --ortho`, is from the truth of a survey of `synth`.
 
 The truth of a pixel is the highest point that SURVEY/truth/depth has in it. Errors are in per cent of the median distance of the ground from
-the cameras. Needs numpy and GDAL's programs (Debian: python3-numpy, gdal-bin). With LIMIT as a third word: exit 1 if the rms is above it.
+the cameras, in the map's unit: MAP/frame.txt leads from the survey to it. Needs numpy and GDAL's programs (Debian: python3-numpy, gdal-bin). With LIMIT as a third word: exit 1 if the rms is above it.
 """
 import json
 import os
@@ -45,6 +45,8 @@ def lines(path):
 def main():
     survey, folder = sys.argv[1:3]
     height, place = read_heights(folder)
+    frame = np.array(lines(folder + "/frame.txt"), float)
+    unit = np.linalg.norm(frame[0, :3])
     cameras = {c[0]: c for c in lines(survey + "/sparse/0/cameras.txt") if c}
     top = np.full(height.shape, -np.inf)
     distance = []
@@ -57,8 +59,8 @@ def main():
         y, x = np.mgrid[0:z.shape[0], 0:z.shape[1]] + 0.5
         p = np.stack([(x - cx) / fx * z, (y - cy) / fy * z, z], -1).reshape(-1, 3)
         p = p[p[:, 2] > 0]
-        distance.append(np.median(p[:, 2]))
-        p = (p - t) @ r
+        distance.append(unit * np.median(p[:, 2]))
+        p = (p - t) @ r @ frame[:, :3].T + frame[:, 3]
         column = np.floor((p[:, 0] - place[0]) / place[1]).astype(int)
         row = np.floor((p[:, 1] - place[3]) / place[5]).astype(int)
         inside = (column >= 0) & (row >= 0) & (column < height.shape[1]) & (row < height.shape[0])

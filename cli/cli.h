@@ -28,6 +28,8 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 /* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains
  * alone. */
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
+/* Refuses a place where a medium would be applied twice, or not at all; *is_other: gains and lamp there differ. */
+oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
 void info_print_blocks(FILE *to, const oxl_partition_report *report);
 
 /* ---------------- output.c: text and files independent of the locale */
@@ -106,6 +108,7 @@ struct geotiff {
     int epsg;                /* code of a projected CRS; 0: none */
     const double *reference; /* (2) latitude and longitude in degrees of (0, 0); NULL: not known */
     const char *citation;    /* what x and y are, in words */
+    int is_metric;           /* 1: x and y are metres, even if no CRS says so */
 };
 /* data (height,width,4): bytes of RGBA, alpha 0 or 255; is_height: (height,width) floats, NaN: no data. */
 oxl_result geotiff_write(oxl_context *ctx, const char *path, const struct geotiff *g, const void *data);
@@ -144,6 +147,8 @@ struct overview {
     double sampling; /* median ground sampling distance of the training views, units a pixel; 0: not known */
     double area;     /* of the ground in it, square units */
     double covered, high; /* shares of the ground in any training view: in two or more; with a height too */
+    double height_error;  /* units: median difference of heights from the survey's points; NaN: none */
+    double distance;      /* units: median distance of the ground from the cameras; 0: not known */
 };
 /* The map at a side of at most so many px, along the frame of the kind auto. Gaussians that no training view
  * shows are made invisible in the model. The caller frees the image, also on error. */

@@ -2,8 +2,9 @@
  *
  * A survey is assumed to be georeferenced, and right, up and above are the world's x, y and z, where the
  * narrowest principal axis of the points on the side of the cameras, or the mean direction from which the
- * cameras look, is the world's z to within 20 degrees, or where the world's origin is far away. Otherwise
- * above is that narrowest axis, and right the widest, in the direction that partition_axes.c gives it.
+ * cameras look, is the world's z to within 20 degrees, or where the world's origin is far away; not where z is
+ * down, so that the cameras are below the points and look up. Otherwise above is that narrowest axis, and right
+ * the widest, in the direction that partition_axes.c gives it.
  * Invariant: the frame is right-handed: no rendering is mirrored.
  */
 #include "cli.h"
@@ -93,8 +94,14 @@ static int frame_is_world(const struct frame *f, const oxl_scene *scene)
 {
     const double *origin = oxl_scene_origin(scene);
     const int views = oxl_scene_view_count(scene);
-    double down = 0;
-    for (int i = 0; i < views; i++) down -= oxl_scene_view(scene, i)->camera.rotation[8] / views;
+    double down = 0, height = 0; /* of the cameras along z */
+    for (int i = 0; i < views; i++) {
+        double eye[3];
+        frame_eye(oxl_scene_view(scene, i), eye);
+        down -= oxl_scene_view(scene, i)->camera.rotation[8] / views;
+        height += (eye[2] - f->centre[2]) / views;
+    }
+    if (down < 0 && height < 0) return 0;
     return f->axis[2][2] > FRAME_WORLD || down > FRAME_WORLD ||
            sqrt(origin[0] * origin[0] + origin[1] * origin[1] + origin[2] * origin[2]) >
                FRAME_DISTANT * f->spread;

@@ -188,6 +188,7 @@ static void geotiff_place(const struct geotiff *g, struct geotiff_keys *k)
         geotiff_key(k, 3072, g->epsg); /* ProjectedCRS */
         return;
     }
+    if (g->is_metric && !g->reference) geotiff_key(k, 3076, 9001); /* ProjLinearUnits: metre */
     if (!g->reference) return;
     geotiff_key(k, 2048, 4326);                   /* GeodeticCRS: WGS 84 */
     geotiff_key(k, 3072, 32767);                  /* ProjectedCRS: user-defined */

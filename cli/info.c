@@ -136,6 +136,45 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     if (file) fclose(file);
 }
 
+/* Adds the lines of imaging.txt beside `model`, the medium's or all others. Returns 1 if there is the file. */
+static int info_take_lines(struct output *t, const char *model, int medium)
+{
+    FILE *file = info_open_imaging(model);
+    char line[4096];
+    while (file && fgets(line, sizeof line, file))
+        if (line[0] != '#' && info_is_medium(line) == medium) output_bytes(t, line, strlen(line));
+    if (file) fclose(file);
+    return file != NULL;
+}
+
+/* Compares what `from` and, once written, `to` are rendered with. Returns 1 for the same. */
+static int info_is_same_imaging(const char *from, const char *to, int medium, struct output *a,
+                                struct output *b)
+{
+    if (!medium || !info_is_for_viewers(from)) info_take_lines(a, from, medium);
+    if (!info_take_lines(b, to, medium)) output_bytes(b, a->data ? a->data : "", a->used); /* is copied */
+    if (medium && info_is_for_viewers(to)) b->used = 0;
+    return a->failed || b->failed || (a->used == b->used && (!a->used || !memcmp(a->data, b->data, a->used)));
+}
+
+oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other)
+{
+    struct output medium[2] = {{0}, {0}}, rest[2] = {{0}, {0}};
+    const int same = info_is_same_imaging(from, to, 1, &medium[0], &medium[1]);
+    oxl_result rc = OXL_OK;
+    *is_other = !info_is_same_imaging(from, to, 0, &rest[0], &rest[1]);
+    if (!same)
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      medium[1].used
+                          ? "%s: not written: it would be rendered with the medium that imaging.txt beside "
+                            "it has, unlike %s\nfix: another folder"
+                          : "%s: not written: models called scene.* are rendered without the medium of "
+                            "imaging.txt, unlike %s\nfix: another name, such as clear.ply",
+                      to, from);
+    for (int i = 0; i < 2; i++) free(medium[i].data), free(rest[i].data);
+    return rc;
+}
+
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied)
 {
     FILE *in = info_open_imaging(from), *there = in ? info_open_imaging(to) : NULL;

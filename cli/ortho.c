@@ -213,6 +213,11 @@ static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model,
         else memset(o->rgba + 4 * i, 0, 4), o->level[i] = NAN;
     }
     free(seen);
+    if (rc == OXL_OK && o->ground_seen == 0)
+        rc = oxl_fail(
+            o->ctx, OXL_ERR_INPUT,
+            "ortho: nothing that a training view sees lies below the cameras: the map's up may be down\n"
+            "fix: --up X,Y,Z, the direction that is up, or --frame survey");
     return rc;
 }
 
@@ -260,7 +265,8 @@ static oxl_result ortho_write_tiffs(const struct ortho *o, const struct argument
                         .height = o->height,
                         .pixel = o->pixel * o->unit,
                         .epsg = a->epsg,
-                        .citation = words};
+                        .citation = words,
+                        .is_metric = a->scale > 0};
     char path[4200];
     oxl_result rc;
     if (!o->frame.is_world) g.citation = "oceanxl: along the axes in frame.txt";
@@ -329,11 +335,12 @@ static oxl_result ortho_write_png(const struct ortho *o, const char *folder)
 
 /* ---------------- what it says */
 
-/* The heights against the survey's points: the median difference, and how many have none. */
-static void ortho_compare_points(const struct ortho *o, FILE *to)
+/* The heights against the survey's points. Returns the median difference in units, NaN: none has a height; of
+ * the points in the map, *none is the share without. */
+static double ortho_compare_points(const struct ortho *o, size_t *compared, double *none)
 {
     const size_t count = oxl_scene_point_count(o->scene), stride = 1 + count / ORTHO_CHECKED;
-    double *error = malloc(sizeof *error * (count / stride + 1));
+    double *error = malloc(sizeof *error * (count / stride + 1)), median = NAN;
     size_t n = 0, inside = 0;
     for (size_t i = 0; error && i < count; i += stride) {
         const double *p = oxl_scene_points(o->scene)[i].position;
@@ -348,13 +355,24 @@ static void ortho_compare_points(const struct ortho *o, FILE *to)
     }
     if (n > 0) {
         qsort(error, n, sizeof *error, ortho_compare);
-        print_format(to, "heights   median difference from %zu of the survey's points %.3g %s", n,
-                     error[n / 2] * o->unit, o->unit > 0 && fabs(o->unit - 1) > 0 ? "m" : "units");
-        if (o->ground > 0)
-            print_format(to, ", %.2f %% of the cameras' distance", 100 * error[n / 2] / o->ground);
-        print_format(to, "; none at %.1f %% of them\n", 100 * (double)(inside - n) / (double)inside);
+        median = error[n / 2];
     }
     free(error);
+    *compared = n;
+    *none = inside ? (double)(inside - n) / (double)inside : NAN;
+    return median;
+}
+
+static void ortho_say_heights(const struct ortho *o, FILE *to)
+{
+    size_t compared;
+    double none;
+    const double median = ortho_compare_points(o, &compared, &none);
+    if (isnan(median)) return;
+    print_format(to, "heights   median difference from %zu of the survey's points %.3g %s", compared,
+                 median * o->unit, o->unit > 0 && fabs(o->unit - 1) > 0 ? "m" : "units");
+    if (o->ground > 0) print_format(to, ", %.2f %% of the cameras' distance", 100 * median / o->ground);
+    print_format(to, "; none at %.1f %% of them\n", 100 * none);
 }
 
 static void ortho_say(const struct ortho *o, const struct arguments *a, size_t hidden, FILE *to)
@@ -375,7 +393,7 @@ static void ortho_say(const struct ortho *o, const struct arguments *a, size_t h
             100 * (double)o->ground_covered / (double)o->ground_seen,
             100 * (double)o->ground_high / (double)o->ground_seen);
     if (hidden) print_format(to, "hidden    %zu Gaussians that no training view shows\n", hidden);
-    ortho_compare_points(o, to);
+    ortho_say_heights(o, to);
 }
 
 /* ---------------- */
@@ -450,6 +468,8 @@ oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_sc
     const struct arguments a = {.out = ""};
     static const float empty[3] = {0.035f, 0.10f, 0.14f}; /* the report's map has the same */
     struct ortho o = {.ctx = ctx, .scene = scene, .unit = 1, .fit = side};
+    size_t compared;
+    double none;
     oxl_result rc = ortho_open(&o, &a);
     memset(out, 0, sizeof *out);
     if (rc == OXL_OK) {
@@ -466,6 +486,8 @@ oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_sc
         out->area = (double)o.ground_covered * o.pixel * o.pixel;
         out->covered = o.ground_seen ? (double)o.ground_covered / (double)o.ground_seen : 0;
         out->high = o.ground_seen ? (double)o.ground_high / (double)o.ground_seen : 0;
+        out->height_error = ortho_compare_points(&o, &compared, &none);
+        out->distance = o.ground;
     }
     free(o.order);
     free(o.rgba);

@@ -247,28 +247,43 @@ static void report_shell(struct output *t, const char *word)
     output_add(t, "%S", PRINT_WORD(word));
 }
 
-/* The command that gives the same bytes: every option that differs from the preset's. */
-static void report_command(struct report *r)
+/* Adds the options that differ from the preset's; of_survey: those alone that eval and render need, too, for
+ * the same images. */
+static void report_options(struct report *r, int of_survey)
 {
+    const unsigned uses = OXL_OPTION_OF_SURVEY | OXL_OPTION_OF_TRAINING | OXL_OPTION_OF_RESULT,
+                   wanted = OXL_OPTION_OF_SURVEY | OXL_OPTION_OF_RESULT;
     oxl_job_options fresh = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_option_set(oxl_option_at(0), &fresh, r->options.preset ? r->options.preset : "", NULL, 0);
     fresh.seed = 1;
-    output_add(&r->page, "oceanxl train ");
-    report_shell(&r->page, r->scene ? r->scene : "SCENE");
-    output_add(&r->page, " -o ");
-    report_shell(&r->page, r->out);
-    output_add(&r->page, " --preset %s", fresh.preset);
+    if (!of_survey) output_add(&r->page, " --preset %s", fresh.preset);
     for (int i = 1; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         char member[40], usual[4096], seen[4096];
         if (!oxl_json_member(r->job, oxl_option_member(o, member))) continue;
+        if (of_survey && (o->use & uses) != wanted) continue;
         if (strcmp(oxl_option_get(o, &r->options, seen, sizeof seen),
                    oxl_option_get(o, &fresh, usual, sizeof usual)) == 0)
             continue;
         output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
         if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, seen);
     }
+}
+
+/* Adds the command that gives the same bytes. */
+static void report_command(struct report *r)
+{
+    output_add(&r->page, "oceanxl train ");
+    report_shell(&r->page, r->scene ? r->scene : "SCENE");
+    output_add(&r->page, " -o ");
+    report_shell(&r->page, r->out);
+    report_options(r, 0);
     output_add(&r->page, "\n");
+}
+
+void report_survey_options(struct report *r)
+{
+    report_options(r, 1);
 }
 
 static void report_reproduction(struct report *r)
@@ -282,6 +297,7 @@ static void report_reproduction(struct report *r)
     report_shell(t, r->out);
     output_add(t, "/scene.ply ");
     report_shell(t, r->scene ? r->scene : "SCENE");
+    report_survey_options(r);
     output_add(t,
                "\n</pre>\n<p><small>OceanXL %J, %s threads, instruction set %J. "
                "All options are in run.json, line \"job\".</small></p>\n",

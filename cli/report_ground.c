@@ -9,6 +9,7 @@
 #include <math.h>
 
 enum { GROUND_SIDE = 800 /* px */ };
+#define GROUND_LITTLE 0.6 /* of the ground: fewer heights are shown as a warning */
 
 /* Renders the model that is for viewers; one that does not fit in memory has no overview. */
 static void ground_render(struct report *r)
@@ -41,6 +42,12 @@ void ground_close(struct report *r)
     oxl_context_free(r->silent);
 }
 
+/* Decimals for two digits or more of a value above 0. */
+static int ground_digits(double value)
+{
+    return (int)fmin(9, fmax(0, 1 - floor(log10(value))));
+}
+
 void ground_tiles(struct report *r)
 {
     struct output *t = &r->page;
@@ -52,7 +59,7 @@ void ground_tiles(struct report *r)
     if (!r->ground.image.rgb) return;
     if (r->ground.sampling > 0)
         output_add(t, "<div class=\"tile\"><b>%.*f</b><span>units a pixel on the ground</span></div>\n",
-                   (int)fmin(9, fmax(0, 1 - floor(log10(r->ground.sampling)))), r->ground.sampling);
+                   ground_digits(r->ground.sampling), r->ground.sampling);
     output_add(t, "<div class=\"tile\"><b>%.*f</b><span>square units of ground</span></div>\n",
                r->ground.area < 100 ? 2 : 0, r->ground.area);
     output_add(t, "<div class=\"tile\"><b>%.0f %%</b><span>of it in %d images or more</span></div>\n",
@@ -77,9 +84,20 @@ void ground_section(struct report *r)
         t,
         "\"><figcaption>The model from straight above, reduced. Empty: ground in fewer than %d training "
         "images, or none.</figcaption></figure>\n"
-        "<p>%.0f %% of the ground that any image shows is in %d or more; %.0f %% has a surface clear "
-        "enough for a height. Lengths are in the survey's unit: metres if it is georeferenced. For a "
-        "GeoTIFF in full resolution, with heights: <code>oceanxl render %S",
-        OVERVIEW_VIEWS, 100 * g->covered, OVERVIEW_VIEWS, 100 * g->high, PRINT_WORD(r->out));
-    output_add(t, " %S -o map --ortho</code></p>\n", PRINT_WORD(r->scene));
+        "<p>%.0f %% of the ground that any image shows is in %d or more; <span class=\"%s\">%.0f %% has a "
+        "surface clear enough for a height</span>. ",
+        OVERVIEW_VIEWS, 100 * g->covered, OVERVIEW_VIEWS, g->high < GROUND_LITTLE ? "warn" : "",
+        100 * g->high);
+    if (g->height_error > 0 && g->distance > 0)
+        output_add(t,
+                   "Heights differ from the survey's points by %.*f units in the median, %.2f %% of the "
+                   "cameras' distance. ",
+                   ground_digits(g->height_error), g->height_error, 100 * g->height_error / g->distance);
+    output_add(t,
+               "Lengths are in the survey's unit: metres if it is georeferenced. For a GeoTIFF in full "
+               "resolution, with heights: <code>oceanxl render %S",
+               PRINT_WORD(r->out));
+    output_add(t, " %S", PRINT_WORD(r->scene));
+    report_survey_options(r);
+    output_add(t, " -o map --ortho</code></p>\n");
 }

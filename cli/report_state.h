@@ -57,6 +57,11 @@ void report_close(struct report *r);
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 
+/* ---------------- report.c */
+
+/* Adds to a command of eval or render the options by which the run read its survey. */
+void report_survey_options(struct report *r);
+
 /* ---------------- report_page.c */
 
 void page_open(struct output *t, const char *title);

@@ -72,8 +72,8 @@ static void verdict_list(struct report *r, double structure, double share)
             t, "<li>Explained contrast %.0f %%: what the model accounts for of the images' variance.</li>\n",
             100 * fmax(share, 0));
     if (fog > 0)
-        output_add(t, "<li><b class=\"warn\">%.0f views have no structure</b>; they are shown below.</li>\n",
-                   fog);
+        output_add(t, "<li><b class=\"warn\">%.0f %s no structure</b>, see below.</li>\n", fog,
+                   fog > 1 ? "views have" : "view has");
     output_add(t,
                "<li>PSNR %.2f dB: compare it between runs of one survey only; dark or even images have more.",
                psnr);

@@ -13,13 +13,19 @@
 set -eu
 [ $# -ge 2 ] || { sed -n '2,$ { /^#/!q; s/^# \{0,1\}//p }' "$0" >&2; exit 2; }
 here=$(realpath "$(dirname "$0")")
-photos=$(realpath "$1") survey=$2 out=${3:-$2/out}
-oceanxl=${OCEANXL:-$(command -v oceanxl || echo "$here/../build/oceanxl")}
 say() { echo "from_images.sh: $*" >&2; }
 fix() { echo "     fix: $*" >&2; }
+[ -e "$1" ] || { say "$1 is not there"; fix 'a folder of photos (JPG or PNG), or a video'; exit 3; }
+photos=$(realpath "$1") survey=$2 out=${3:-$2/out}
+oceanxl=${OCEANXL:-$(command -v oceanxl || echo "$here/../build/oceanxl")}
 command -v colmap >/dev/null || { say 'colmap is not there'; fix 'apt-get install colmap'; exit 1; }
 command -v "$oceanxl" >/dev/null || { say "$oceanxl is not there"; fix 'make, in the folder of OceanXL'; exit 1; }
 export QT_QPA_PLATFORM=offscreen # no screen is needed
+case ${MATCHER:-exhaustive} in
+exhaustive | sequential | spatial) ;;
+vocab_tree) [ -f "${VOCAB:-}" ] || { say "MATCHER=vocab_tree wants a vocabulary tree, VOCAB=${VOCAB:-}"; fix 'VOCAB=FILE, one from https://demuc.de/colmap'; exit 2; } ;;
+*) say "MATCHER=$MATCHER is not known"; fix 'MATCHER=exhaustive, sequential, spatial or vocab_tree'; exit 2 ;;
+esac
 mkdir -p "$survey/sparse"
 log=$survey/colmap.log cores=$(getconf _NPROCESSORS_ONLN)
 : >>"$log"
@@ -58,22 +64,24 @@ if [ -f "$photos" ]; then
             { tail -n 3 "$log" >&2; exit 1; }
         # shellcheck disable=SC2012
         ls -l "$survey/frames" | awk 'NR > 1 { n++; size[n] = $5; name[n] = $NF }
-            END { for (i = 1; i < n; i += 2) print size[i] >= size[i + 1] ? name[i + 1] : name[i] }' |
+            END { for (i = 1; i < n; i += 2) print (size[i] >= size[i + 1]) ? name[i + 1] : name[i] }' |
             while read -r blurred; do rm -f "$survey/frames/$blurred"; done
         mv "$survey/frames" "$survey/images"
     fi
     photos=$(realpath "$survey/images")
     MATCHER=${MATCHER:-sequential}
 fi
-[ -e "$survey/images" ] || ln -s "$photos" "$survey/images"
+count=$(find "$photos/" -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \) | wc -l)
+[ "$count" -ge 3 ] || { say "$photos holds $count photos (JPG or PNG), at least 3 are wanted"; fix 'the folder of the photos'; exit 3; }
+if [ -e "$survey/images" ]; then
+    [ "$(realpath "$survey/images")" = "$photos" ] || { say "$survey has images of another folder, $(realpath "$survey/images")"; fix 'another SURVEY'; exit 3; }
+else ln -sfn "$photos" "$survey/images"; fi
 masks=${MASKS:-$survey/masks}
 [ ! -d "$masks" ] || [ -e "$survey/masks" ] || ln -s "$(realpath "$masks")" "$survey/masks"
-
-count=$(find "$photos/" -type f \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' \) | wc -l)
-[ "$count" -ge 3 ] || { say "$photos holds $count photos (JPG or PNG), at least 3 are wanted"; exit 3; }
 matcher=${MATCHER:-$([ "$count" -le 80 ] && echo exhaustive || echo sequential)}
 
-# ---- COLMAP
+# ---- COLMAP; since 3.13 use_gpu is an option of FeatureExtraction and FeatureMatching
+has() { colmap "$1" -h 2>&1 | grep -q -e "$2"; }
 if ! ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1; then
     case $matcher in
     exhaustive) pairs=$((count * (count - 1) / 2)) ;;
@@ -82,12 +90,15 @@ if ! ls "$survey"/sparse/*/points3D.bin >/dev/null 2>&1; then
     esac
     say "$count photos, lens model ${CAMERA:-OPENCV}, $matcher matching: $pairs pairs, at about 1 s a pair and core up to $((pairs / cores / 60 + 1)) min"
     [ "$matcher" != sequential ] || [ "${MATCHER:-}" ] || say 'sequential matching takes photos in the order of their names; MATCHER=exhaustive compares all'
+    extraction=SiftExtraction matching=SiftMatching
+    ! has feature_extractor FeatureExtraction.use_gpu || extraction=FeatureExtraction
+    ! has "${matcher}_matcher" FeatureMatching.use_gpu || matching=FeatureMatching
     set -- --database_path "$survey/database.db" --image_path "$photos" --ImageReader.single_camera "${SINGLE_CAMERA:-1}" \
-        --ImageReader.camera_model "${CAMERA:-OPENCV}" --SiftExtraction.use_gpu 0
+        --ImageReader.camera_model "${CAMERA:-OPENCV}" "--$extraction.use_gpu" 0
     [ ! -d "$masks" ] || set -- "$@" --ImageReader.mask_path "$masks"
     run '1/4 features' 'Processed file \[[0-9]+/[0-9]+\]' colmap feature_extractor "$@" || failed features
-    set -- --database_path "$survey/database.db" --SiftMatching.use_gpu 0
-    [ "$matcher" != vocab_tree ] || set -- "$@" --VocabTreeMatching.vocab_tree_path "${VOCAB:?a vocabulary tree is wanted: VOCAB=FILE}"
+    set -- --database_path "$survey/database.db" "--$matching.use_gpu" 0
+    [ "$matcher" != vocab_tree ] || set -- "$@" --VocabTreeMatching.vocab_tree_path "$VOCAB"
     run '2/4 matches' 'Matching (block|image) \[[0-9/, ]+\]' colmap "${matcher}_matcher" "$@" || failed matches
     run '3/4 cameras' 'Registering image #[0-9]+ \([0-9]+\)' colmap mapper --database_path "$survey/database.db" --image_path "$photos" \
         --output_path "$survey/sparse" || [ -f "$survey/sparse/0/points3D.bin" ] || failed 'no two photos fit together'

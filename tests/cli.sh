@@ -116,6 +116,7 @@ promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$
 promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"
 promise options_page_is_the_one_in_docs 0 "" sh -c "'$program' --options-page | cmp - '$docs/OPTIONS.md' || { echo 'fix: make man'; false; }"
 promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc -w) -le 2500"
+promise readme_has_lines_of_140_columns_at_most 0 "" awk 'length($0) > 140 { print FILENAME ":" FNR; exit 1 }' "$docs/../README.md"
 promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
 promise total_iterations_is_another_name_of_iterations 3 "nowhere" on_stderr "$program" check nowhere --total-iterations 5
@@ -175,6 +176,10 @@ promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report s
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.2,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
+promise the_report_states_the_heights 0 "" grep -q "Heights differ from the survey's points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html
+promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
+    "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&
+     grep '^oceanxl eval' reduced/report.html >command.txt && PATH=path:\$PATH sh -c \"\$(cat command.txt) --json\" 2>/dev/null | grep '^  \"psnr\": ' >again.txt && grep '^  \"psnr\": ' reduced/metrics.json | cmp - again.txt"
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
 promise more_iterations_continue_a_finished_run 0 "is continued: 9 more" on_stderr "$program" train survey -o out --iterations 70
 promise a_model_takes_the_place_of_the_points 0 "model" sh -c "'$program' train survey -o from --from out/scene.ply --iterations 5 --quiet && grep -q '\"from\": \"out/scene.ply\"' from/run.json && echo model"
@@ -288,6 +293,12 @@ promise viewer_reads_and_sorts_what_a_page_must_not_hang_on 0 "" sh -c "! comman
 promise convert_of_a_model_for_viewers_copies_lamp_and_no_medium 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
      ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
+promise convert_refuses_a_place_where_the_medium_is_applied_twice 2 "fix: another folder" on_stderr "$program" convert lit/scene.ply lit/other.ply
+promise convert_refuses_a_name_that_loses_the_medium 2 "fix: another name" on_stderr "$program" convert lit/scene_clear.ply lost/scene.ply
+promise convert_keeps_what_the_model_is_rendered_with 0 "" sh -c \
+    "test ! -e lit/other.ply && mkdir -p fit && '$program' convert lit/scene.ply lit/scene.spz && '$program' convert lit/scene_clear.ply lit/more.ply && '$program' convert lit/scene_clear.ply fit/more.ply &&
+     rm lit/scene.spz && for m in lit/more.ply fit/more.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done; rm lit/more.ply"
+promise convert_says_that_gains_are_another_models 0 "is another model's" on_stderr "$program" convert out/scene.ply shown/b.ply
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply

@@ -10,8 +10,8 @@
 #include "../cli/report_state.h"
 
 /* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second
- * turned ahead by an angle. */
-static oxl_scene *ortho_test_turned(double angle)
+ * turned ahead by an angle. The world's axes have signs. */
+static oxl_scene *ortho_test_made(double angle, const double sign[3])
 {
     static const double eyes[2][3] = {{3, 2, 5}, {7, 2, 5}};
     oxl_view view[2];
@@ -19,6 +19,7 @@ static oxl_scene *ortho_test_turned(double angle)
     oxl_point points[30];
     oxl_scene *scene = NULL;
     for (int i = 0; i < 30; i++) points[i] = (oxl_point){{i % 6 * 2., i / 6, 0.01 * (i % 3)}, 1, {9, 9, 9}};
+    for (int i = 0; i < 90; i++) points[i / 3].position[i % 3] *= sign[i % 3];
     for (int i = 0; i < 2; i++) {
         view[i] = (oxl_view){.name = i ? "b.png" : "a.png",
                              .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
@@ -27,13 +28,20 @@ static oxl_scene *ortho_test_turned(double angle)
             r[4] = -cos(angle), r[5] = -sin(angle), r[7] = sin(angle), r[8] = -cos(angle);
         }
         for (int k = 0; k < 3; k++)
-            for (int j = 0; j < 3; j++)
-                view[i].camera.translation[k] -= view[i].camera.rotation[3 * k + j] * eyes[i][j];
+            for (int j = 0; j < 3; j++) {
+                view[i].camera.rotation[3 * k + j] *= sign[j];
+                view[i].camera.translation[k] -= view[i].camera.rotation[3 * k + j] * sign[j] * eyes[i][j];
+            }
         CHECK_OK(oxl_image_create(test_ctx, 40, 30, &image[i]));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, points, 30, &scene));
     for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
     return scene;
+}
+
+static oxl_scene *ortho_test_turned(double angle)
+{
+    return ortho_test_made(angle, (const double[]){1, 1, 1});
 }
 
 static oxl_scene *ortho_test_scene(void)
@@ -202,7 +210,7 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
 {
     enum { W = 300, H = 260 };
     static float height[W * H];
-    const struct geotiff g = {W, H, 1, 0.25, {500000.5, 6700001.25}, 32632, NULL, "words"};
+    const struct geotiff g = {W, H, 1, 0.25, {500000.5, 6700001.25}, 32632, NULL, "words", 0};
     unsigned char *t;
     uint32_t tiles;
     for (int i = 0; i < W * H; i++) height[i] = i % 7 == 0 ? NAN : (float)i;
@@ -239,7 +247,7 @@ TEST(geotiff_has_its_place_its_system_and_every_pixel)
 TEST(geotiff_names_a_transverse_mercator_around_a_reference)
 {
     const double reference[2] = {47.5, -8.25};
-    const struct geotiff g = {2, 2, 0, 1, {0, 0}, 0, reference, "words"};
+    const struct geotiff g = {2, 2, 0, 1, {0, 0}, 0, reference, "words", 0};
     const unsigned char rgba[16] = {1, 2, 3, 255};
     unsigned char *t;
     CHECK_OK(geotiff_write(test_ctx, test_path("o.tif"), &g, rgba));
@@ -250,6 +258,21 @@ TEST(geotiff_names_a_transverse_mercator_around_a_reference)
     CHECK_CLOSE(ortho_test_double(t + ortho_test_value(t, 0, 34736) + 8), 47.5, 0);
     CHECK(ortho_test_value(t, 0, 338) == 2 && memcmp(t + ortho_test_value(t, 0, 324), rgba, 4) == 0);
     free(t);
+}
+
+TEST(geotiff_in_metres_says_so_without_a_system)
+{
+    const struct geotiff g = {.width = 2, .height = 2, .pixel = 1, .citation = "words", .is_metric = 1};
+    const unsigned char rgba[16] = {1, 2, 3, 255};
+    for (int is_metric = 0; is_metric < 2; is_metric++) {
+        struct geotiff one = g;
+        unsigned char *t;
+        one.is_metric = is_metric;
+        CHECK_OK(geotiff_write(test_ctx, test_path("u.tif"), &one, rgba));
+        t = ortho_test_file("u.tif", NULL);
+        if (t) CHECK(ortho_test_key(t, 3076) == (is_metric ? 9001 : 0) && ortho_test_key(t, 1024) == 0);
+        free(t);
+    }
 }
 
 /* Of a map of the scene above, with a Gaussian at p: alpha and height at its place. */
@@ -422,8 +445,11 @@ TEST(ortho_has_its_corners_within_a_pixel_of_the_surveys_points)
     FILE *to = fopen(test_path("said"), "wb");
     const double low[2] = {500000, 6700000}, high[2] = {500010, 6700004};
     unsigned char *t;
-    for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, -20}[k];
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    model.plane[OXL_OPACITY][0] = 6; /* below the first camera */
+    for (int k = 0; k < 3; k++)
+        model.plane[OXL_MEAN + k][0] = (float)((const double[]){3, 2, 0}[k] - scene->origin[k]);
+    for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){500000, 6700000, -20}[k];
     CHECK_OK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to));
     fclose(to);
     t = ortho_test_file("map/height.tif", NULL);
@@ -461,6 +487,8 @@ TEST(ortho_overview_measures_the_ground_that_two_views_share)
     CHECK_CLOSE(v.area, 12.8, 0.5);
     CHECK_CLOSE(v.covered, 0.32, 0.02);
     CHECK_CLOSE(v.high, 0.32, 0.02);
+    CHECK_CLOSE(v.height_error, 4.01, 0.02); /* the ground of the model is 4 below the points */
+    CHECK_CLOSE(v.distance, 5, 0.03);
     CHECK(v.image.width <= 101 && v.image.height <= 41);
     oxl_image_free(test_ctx, &v.image);
     oxl_model_free(test_ctx, &model);
@@ -478,6 +506,40 @@ TEST(frame_of_a_georeferenced_slope_is_the_world)
     CHECK(f.is_world);
     frame_choose(scene, FRAME_SURVEY_AXES, NULL, &f);
     CHECK(!f.is_world && f.axis[2][2] < 0.93);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(frame_is_not_the_world_where_its_z_is_down)
+{
+    for (int down = 0; down < 2; down++) {
+        oxl_scene *scene = ortho_test_made(0, (const double[]){1, down ? -1 : 1, down ? -1 : 1});
+        struct frame f;
+        for (int k = 0; k < 3; k++) scene->origin[k] += 1e5;
+        frame_of(scene, &f);
+        CHECK(f.is_world == !down);
+        CHECK(down ? f.axis[2][2] < -0.99 : f.axis[2][2] > 0.99);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+TEST(ortho_refuses_an_up_that_is_down)
+{
+    oxl_scene *scene = ortho_test_scene();
+    oxl_model model = {0};
+    struct arguments a = {.out = test_path("map"), .pixel = 0.05, .min_views = 1, .up = {0, 0, -1}};
+    FILE *to = fopen(test_path("said"), "wb");
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int k = 0; k < 3; k++)
+        model.plane[OXL_MEAN + k][0] = (float)((k < 2 ? 3 : 0) - oxl_scene_origin(scene)[k]);
+    model.plane[OXL_OPACITY][0] = 6;
+    for (int is_down = 0; is_down < 2; is_down++) {
+        a.up[2] = is_down ? -1 : 1;
+        CHECK(ortho_write(test_ctx, &(oxl_large_model){.model = model}, scene, &a, to) ==
+              (is_down ? OXL_ERR_INPUT : OXL_OK));
+    }
+    CHECK(strstr(oxl_error_text(test_ctx), "fix: --up") != NULL);
+    fclose(to);
+    oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
 

@@ -137,6 +137,7 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
     CHECK_TEXT(page,
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
     report_test_command(page);
+    CHECK_TEXT(page, "&#39; --masks &#39;m &amp; n&#39;\n</pre>"); /* of eval: no option of training */
     worst = strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00");
     CHECK(worst && strstr(worst, "<td class=\"name\">fine.png<td class=\"n\">31.00")); /* the worst first */
     free(page);
@@ -269,7 +270,7 @@ static void report_test_verdict(double structure, double explained, double train
     page = report_test_page();
     CHECK_TEXT(page, word);
     CHECK_TEXT(page, "it is 39.00 dB (cc-PSNR): brightness differs, not shape");
-    CHECK_TEXT(page, "1 views have no structure");
+    CHECK_TEXT(page, "1 view has no structure");
     CHECK_TEXT(page, "40.50 dB (2.50 dB more than held-out views)");
     CHECK(!strstr(page, "New views are worse") == (training - structure <= VERDICT_GAP));
     free(page);

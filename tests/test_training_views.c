@@ -133,6 +133,32 @@ TEST(training_views_without_the_structure_of_their_images_are_reported_once_and_
     oxl_model_free(test_ctx, &m);
 }
 
+/* Checks that a figure of all training views is the mean of theirs. */
+static void tviews_check_mean(const char *json, const char *figure)
+{
+    const char *of = strstr(json, "\"training\": ");
+    const double whole = of ? oxl_json_number(of + strlen("\"training\": "), figure) : NAN;
+    double sum = 0;
+    for (const char *row = strstr(json, "{\"name\""); row; row = strstr(row + 1, "{\"name\""))
+        sum += oxl_json_number(row, figure) / TVIEWS;
+    CHECK(whole > 0);
+    CHECK_CLOSE(whole, sum, 1e-9 * sum);
+}
+
+TEST(training_views_have_the_mean_of_their_figures)
+{
+    oxl_model m = tviews_model();
+    oxl_scene *scene = tviews_scene(&m, 1, 0);
+    struct text t = {.ctx = test_ctx};
+    CHECK_OK(training_views_check(test_ctx, &(oxl_large_model){.model = m}, scene, 1, &t, NULL));
+    tviews_check_mean(t.data, "psnr");
+    tviews_check_mean(t.data, "cc_psnr");
+    tviews_check_mean(t.data, "structure");
+    text_free(&t);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &m);
+}
+
 TEST(training_views_of_a_valid_survey_are_not_flagged)
 {
     oxl_model m = tviews_model();

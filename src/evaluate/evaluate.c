@@ -134,13 +134,17 @@ static oxl_result evaluate_add_view(oxl_context *ctx, const struct evaluate_pass
     return OXL_OK;
 }
 
-/* Averages over the views that have them. */
-static void evaluate_sum_up_structure(oxl_metrics *m)
+/* Averages what every pass measures, over the views that have it. */
+static void evaluate_sum_up_views(oxl_metrics *m)
 {
     int with = 0, explained = 0;
+    m->psnr = m->cc_psnr = m->ssim = 0;
     m->structure = m->explained = 0, m->structure_least = NAN, m->no_structure = 0;
     for (int i = 0; i < m->count; i++) {
         const oxl_view_metrics *v = &m->views[i];
+        m->psnr += v->psnr / m->count;
+        m->cc_psnr += v->cc_psnr / m->count;
+        m->ssim += v->ssim / m->count;
         if (!isnan(v->explained)) m->explained += v->explained, explained++;
         if (isnan(v->structure)) continue;
         m->structure += v->structure;
@@ -155,11 +159,8 @@ static void evaluate_sum_up(oxl_metrics *m, const struct evaluate_bands *bands)
 {
     m->lpips = m->count ? 0 : NAN;
     for (int i = 0; i < m->count; i++) {
-        m->psnr += m->views[i].psnr / m->count;
         m->plain_psnr += m->views[i].plain_psnr / m->count;
         m->half_psnr += m->views[i].half_psnr / m->count;
-        m->cc_psnr += m->views[i].cc_psnr / m->count;
-        m->ssim += m->views[i].ssim / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
         m->lpips += m->views[i].lpips / m->count; /* NaN if a view's is */
     }
@@ -189,7 +190,7 @@ static oxl_result evaluate_views(oxl_context *ctx, const struct render_source *s
     }
     renderer_free(ctx, p.r);
     oxl_free(ctx, view);
-    evaluate_sum_up_structure(out);
+    evaluate_sum_up_views(out);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
 }
