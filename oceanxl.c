@@ -28,6 +28,7 @@
 #include "src/survey/image_header.c" /* size, bits, EXIF orientation */
 #include "src/survey/image_write.c"  /* PNG and JPEG */
 #include "src/survey/survey_files.c" /* paths of a survey's files */
+#include "src/survey/tracks.c"       /* walks over the observations of points */
 #include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"  /* decoded images in memory */
 #include "src/survey/image_file.c"   /* decoded images in files */

@@ -45,17 +45,12 @@ static int lint_is_in_frame(const oxl_scene *scene, int view, const double world
 static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_view *views)
 {
     const struct colmap *c = scene_colmap(scene);
-    const size_t step = c->track_count / LINT_SAMPLE + 1;
-    size_t at = 0;
-    for (size_t i = 0; i < c->point_count; i++) {
-        const struct colmap_point *point = &c->point[i];
-        const int taken = scene_accepts_point(point, oxl_scene_origin(scene));
-        for (uint32_t k = 0; k < point->track_count; k++) {
-            const int view = view_of[c->track[point->first_track + k].image_row];
-            if (at++ % step != 0 || view < 0 || !taken) continue;
-            views[view].seen++;
-            views[view].missed += !lint_is_in_frame(scene, view, point->position);
-        }
+    struct tracks_walk w = tracks_of(c, view_of);
+    w.step = c->track_count / LINT_SAMPLE + 1;
+    w.origin = oxl_scene_origin(scene);
+    while (tracks_next(&w)) {
+        views[w.view].seen++;
+        views[w.view].missed += !lint_is_in_frame(scene, w.view, c->point[w.point].position);
     }
 }
 

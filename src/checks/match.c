@@ -161,18 +161,16 @@ static void match_add_point(struct match_layout *l, const oxl_camera *c, const d
 static void match_from_tracks(struct match *w, const int *of_image, uint32_t *seen)
 {
     const struct colmap *c = w->colmap;
-    for (size_t i = 0; i < c->track_count; i++)
-        if (of_image[c->track[i].image_row] >= 0) seen[2 * of_image[c->track[i].image_row]]++;
-    for (size_t i = 0; i < c->point_count; i++) {
-        if (!scene_accepts_point(&c->point[i], oxl_scene_origin(w->scene))) continue;
-        for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-            const int at = of_image[c->track[c->point[i].first_track + k].image_row];
-            double x[3], pixel[2];
-            if (at < 0 || seen[2 * at + 1]++ % (seen[2 * at] / MATCH_SAMPLES + 1)) continue;
-            if (scene_project_point(w->scene, w->layout[at].view, i, x, pixel))
-                match_add_point(&w->layout[at], &oxl_scene_view(w->scene, w->layout[at].view)->camera, pixel,
-                                &c->point[i]);
-        }
+    struct tracks_walk all = tracks_of(c, of_image), near = all;
+    near.origin = oxl_scene_origin(w->scene);
+    while (tracks_next(&all)) seen[2 * all.view]++;
+    while (tracks_next(&near)) {
+        struct match_layout *l = &w->layout[near.view];
+        uint32_t *count = seen + 2 * near.view;
+        double x[3], pixel[2];
+        if (count[1]++ % (count[0] / MATCH_SAMPLES + 1)) continue;
+        if (scene_project_point(w->scene, l->view, near.point, x, pixel))
+            match_add_point(l, &oxl_scene_view(w->scene, l->view)->camera, pixel, &c->point[near.point]);
     }
 }
 
@@ -187,7 +185,7 @@ OXL_INTERNAL void match_by_projection(struct match *w, struct match_layout *l, c
         size_t n = 0;
         for (size_t i = 0; i < c->point_count; i += step) {
             double x[3], p[2];
-            if (!scene_accepts_point(&c->point[i], oxl_scene_origin(w->scene)) ||
+            if (!tracks_accept_point(&c->point[i], oxl_scene_origin(w->scene)) ||
                 !camera_project(camera, c->point[i].position, oxl_scene_origin(w->scene), x, p) ||
                 !(p[0] > 0 && p[0] < camera->width && p[1] > 0 && p[1] < camera->height))
                 continue;

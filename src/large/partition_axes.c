@@ -31,7 +31,7 @@ static size_t axes_sample(const struct colmap *c, const double origin[3], double
         const size_t i = first + random_bits(1, first, 0) % step;
         double *p = sample + 3 * count;
         for (int k = 0; k < 3; k++) p[k] = c->point[i].position[k] - origin[k];
-        count += (size_t)scene_accepts_point(&c->point[i], origin);
+        count += (size_t)tracks_accept_point(&c->point[i], origin);
     }
     return count;
 }

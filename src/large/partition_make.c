@@ -188,7 +188,7 @@ static oxl_result partition_load_points(struct partition_build *b, const struct 
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1);
              i++) {
-            b->owner[i] = scene_accepts_point(&c->point[i], p->origin) ? 0 : PARTITION_NO_BLOCK;
+            b->owner[i] = tracks_accept_point(&c->point[i], p->origin) ? 0 : PARTITION_NO_BLOCK;
             partition_to_frame(p, c->point[i].position, b->position + 3 * i);
         }
     for (size_t i = 0; i < b->count; i++) b->kept += b->owner[i] != PARTITION_NO_BLOCK;

@@ -21,21 +21,16 @@ static void visibility_scan(const struct visibility_build *b, int task, int fill
 {
     const struct colmap *c = b->colmap;
     size_t *next = b->next + (size_t)task * b->visibility->views;
-    const size_t from = c->point_count * (size_t)task / PARTITION_TASKS,
-                 end = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
-    for (size_t i = from; i < end; i++) {
-        const struct colmap_point *p = &c->point[i];
-        if (!scene_accepts_point(p, b->origin)) continue;
-        for (uint32_t k = 0; k < p->track_count; k++) {
-            const struct colmap_track *t = &c->track[p->first_track + k];
-            const int view = b->view[t->image_row];
-            if (view < 0) continue;
-            if (fill) {
-                b->visibility->point[next[view]] = (uint32_t)i;
-                b->visibility->observation[next[view]] = t->observation;
-            }
-            next[view]++;
+    struct tracks_walk w = tracks_of(c, b->view);
+    w.origin = b->origin;
+    w.point = c->point_count * (size_t)task / PARTITION_TASKS;
+    w.end = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
+    while (tracks_next(&w)) {
+        if (fill) {
+            b->visibility->point[next[w.view]] = (uint32_t)w.point;
+            b->visibility->observation[next[w.view]] = w.observation;
         }
+        next[w.view]++;
     }
 }
 

@@ -35,28 +35,21 @@ static int free_space_cell(const oxl_camera *c, const double p[3], double *z)
     return (int)(pixel[1] * FREE_SPACE_GRID) * FREE_SPACE_GRID + (int)(pixel[0] * FREE_SPACE_GRID);
 }
 
-static int free_space_compare(const void *a, const void *b)
-{
-    const struct free_space_view *x = a, *y = b;
-    return (x->image_row > y->image_row) - (x->image_row < y->image_row);
-}
-
 /* Sets each cell's depth to the least one of the tracks' points in it; 0: none. */
-static void free_space_add_points(struct free_space *f, const struct colmap *c, const double origin[3])
+static void free_space_add_points(struct free_space *f, const oxl_scene *scene, const int *view_of)
 {
-    for (size_t i = 0; i < c->point_count; i++) {
-        const struct colmap_point *point = &c->point[i];
-        const double *p = point->position;
-        const double local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
-        if (point->track_count < FREE_SPACE_TRACK || !scene_accepts_point(point, origin)) continue;
-        for (uint32_t k = 0; k < point->track_count; k++) {
-            const struct free_space_view wanted = {.image_row = c->track[point->first_track + k].image_row};
-            struct free_space_view *view =
-                bsearch(&wanted, f->view, f->views, sizeof *f->view, free_space_compare);
-            double z;
-            const int cell = view ? free_space_cell(view->camera, local, &z) : -1;
-            if (cell >= 0 && (view->depth[cell] == 0 || z < view->depth[cell])) view->depth[cell] = (float)z;
-        }
+    const struct colmap *c = scene_colmap(scene);
+    const double *origin = oxl_scene_origin(scene);
+    struct tracks_walk w = tracks_of(c, view_of);
+    w.origin = origin;
+    w.shortest = FREE_SPACE_TRACK;
+    while (tracks_next(&w)) {
+        const double *p = c->point[w.point].position;
+        struct free_space_view *view = &f->view[w.view];
+        double z;
+        const int cell = free_space_cell(
+            view->camera, (double[]){p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]}, &z);
+        if (cell >= 0 && (view->depth[cell] == 0 || z < view->depth[cell])) view->depth[cell] = (float)z;
     }
 }
 
@@ -78,16 +71,21 @@ OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f,
 {
     const struct colmap *c = scene_colmap(scene);
     const int views = oxl_scene_view_count(scene);
+    int *view_of; /* (images) index in f->view */
     if (!c || c->track_count == 0) return OXL_OK;
+    if (!(view_of = scene_views_by_image(ctx, scene, OXL_SPLIT_TRAIN))) return ctx->failed;
     f->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *f->view);
-    if (!f->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    if (!f->view) {
+        oxl_free(ctx, view_of);
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    }
     for (int i = 0; i < views; i++) {
         if (oxl_scene_view(scene, i)->is_test) continue;
-        f->view[f->views].camera = &oxl_scene_view(scene, i)->camera;
-        f->view[f->views++].image_row = (uint32_t)(scene_source_image(scene, i) - c->image);
+        view_of[scene_source_image(scene, i) - c->image] = (int)f->views;
+        f->view[f->views++].camera = &oxl_scene_view(scene, i)->camera;
     }
-    qsort(f->view, f->views, sizeof *f->view, free_space_compare);
-    free_space_add_points(f, c, oxl_scene_origin(scene));
+    free_space_add_points(f, scene, view_of);
+    oxl_free(ctx, view_of);
     for (size_t v = 0; v < f->views; v++) {
         float depth[FREE_SPACE_GRID * FREE_SPACE_GRID];
         memcpy(depth, f->view[v].depth, sizeof depth);

@@ -8,12 +8,11 @@
 enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
 
 struct free_space_view { /* a training view */
-    uint32_t image_row;  /* in colmap.image */
     const oxl_camera *camera;
     float depth[FREE_SPACE_GRID * FREE_SPACE_GRID]; /* camera z up to which a cell is free; 0: not known */
 };
 struct free_space {
-    struct free_space_view *view; /* (views) by image_row; NULL: off */
+    struct free_space_view *view; /* (views) the training views; NULL: off */
     size_t views;
     uint8_t *carved; /* (count) during density control: rows in free space; else NULL */
 };

@@ -30,25 +30,17 @@ static void track_depth_sample(struct track_depth_view *v, int view, struct dept
     if (v->point && place < TRACK_DEPTH_MAX) v->point[place] = p; /* else it is counted only */
 }
 
-static void track_depth_add(struct track_depth *d, const oxl_scene *scene, const int *view_of, size_t index)
-{
-    const struct colmap *c = scene_colmap(scene);
-    const struct colmap_point *point = &c->point[index];
-    if (point->track_count < TRACK_DEPTH_TRACK || !scene_accepts_point(point, oxl_scene_origin(scene)))
-        return;
-    for (uint32_t k = 0; k < point->track_count; k++) {
-        const int view = view_of[c->track[point->first_track + k].image_row];
-        double x[3], pixel[2];
-        if (view >= 0 && scene_project_point(scene, view, index, x, pixel))
-            track_depth_sample(&d->view[view], view,
-                               (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
-    }
-}
-
 static void track_depth_add_all(struct track_depth *d, const oxl_scene *scene, const int *view_of)
 {
-    const struct colmap *c = scene_colmap(scene);
-    for (size_t i = 0; i < c->point_count; i++) track_depth_add(d, scene, view_of, i);
+    struct tracks_walk w = tracks_of(scene_colmap(scene), view_of);
+    w.origin = oxl_scene_origin(scene);
+    w.shortest = TRACK_DEPTH_TRACK;
+    while (tracks_next(&w)) {
+        double x[3], pixel[2];
+        if (scene_project_point(scene, w.view, w.point, x, pixel))
+            track_depth_sample(&d->view[w.view], w.view,
+                               (struct depth_point){(float)pixel[0], (float)pixel[1], (float)x[2]});
+    }
 }
 
 /* Allocates each view's sample. */

@@ -65,11 +65,11 @@ static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c
 static void contrast_choose_samples(const struct colmap *c, struct contrast_work *w)
 {
     const size_t step = c->track_count / CONTRAST_SAMPLE + 1;
-    for (size_t i = 0; i < c->point_count; i += step)
-        for (uint32_t k = 0; k < c->point[i].track_count && w->samples < CONTRAST_SAMPLE; k++) {
-            const int view = w->view[c->track[c->point[i].first_track + k].image_row];
-            if (view >= 0) w->sample[w->samples++] = (struct contrast_sample){.point = i, .view = view};
-        }
+    for (size_t i = 0; i < c->point_count; i += step) {
+        struct tracks_walk own = tracks_of_point(c, w->view, i);
+        while (w->samples < CONTRAST_SAMPLE && tracks_next(&own))
+            w->sample[w->samples++] = (struct contrast_sample){.point = i, .view = own.view};
+    }
 }
 
 static void contrast_project(const oxl_scene *scene, struct contrast_sample *s)

@@ -26,13 +26,9 @@ static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int v
 static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c,
                                   const int *view)
 {
-    const size_t step = c->track_count / BANDS_MAX + 1;
-    size_t seen = 0;
-    for (size_t i = 0; i < c->point_count; i++)
-        for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-            const int v = view[c->track[c->point[i].first_track + k].image_row];
-            if (seen++ % step == 0 && v >= 0) depth_bands_add(b, scene, v, c->point[i].position);
-        }
+    struct tracks_walk w = tracks_of(c, view);
+    w.step = c->track_count / BANDS_MAX + 1;
+    while (tracks_next(&w)) depth_bands_add(b, scene, w.view, c->point[w.point].position);
 }
 
 static void depth_bands_by_projection(struct depth_bands *b, const oxl_scene *scene, const int *requested,

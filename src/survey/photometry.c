@@ -94,19 +94,17 @@ static void photometry_project(const oxl_scene *scene, const struct photometry_w
 static void photometry_choose_samples(const oxl_scene *scene, double median, struct photometry_work *w)
 {
     const struct colmap *c = scene_colmap(scene);
-    const double *origin = oxl_scene_origin(scene);
-    size_t all = 0, step;
-    for (size_t i = 0; i < c->track_count; i++) all += w->view[c->track[i].image_row] >= 0;
-    step = all / PHOTOMETRY_SAMPLE + 1;
-    for (size_t i = 0; i < c->point_count; i += step) {
+    struct tracks_walk all = tracks_of(c, w->view);
+    size_t count = 0;
+    while (tracks_next(&all)) count++;
+    for (size_t i = 0; i < c->point_count; i += count / PHOTOMETRY_SAMPLE + 1) {
         const size_t first = w->samples;
+        struct tracks_walk own = tracks_of_point(c, w->view, i);
         double farthest = 0;
-        if (!scene_accepts_point(&c->point[i], origin)) continue;
-        for (uint32_t k = 0; k < c->point[i].track_count && w->samples < PHOTOMETRY_SAMPLE; k++) {
+        own.origin = oxl_scene_origin(scene);
+        while (w->samples < PHOTOMETRY_SAMPLE && w->samples - first < PHOTOMETRY_TRACK && tracks_next(&own)) {
             struct photometry_sample *s = &w->sample[w->samples];
-            const int view = w->view[c->track[c->point[i].first_track + k].image_row];
-            if (view < 0 || w->samples - first == PHOTOMETRY_TRACK) continue;
-            *s = (struct photometry_sample){.point = i, .view = view, .lamp = w->lamp_of[view]};
+            *s = (struct photometry_sample){.point = i, .view = own.view, .lamp = w->lamp_of[own.view]};
             photometry_project(scene, w, median, s);
             if (s->valid) w->samples++, farthest = OXL_MAX(farthest, s->z);
         }

@@ -160,22 +160,20 @@ static int stats_compare_views(const void *a, const void *b)
     return (x->image_row > y->image_row) - (x->image_row < y->image_row);
 }
 
-/* Every k-th entry of all tracks. */
-static void stats_by_tracks(const struct stats_view *views, size_t count, const struct colmap *c,
-                            const double origin[3], struct stats_depths *d)
+/* Adds every k-th entry of all tracks. view_of: (images) set to each image's index in `views`; -1: a test
+ * view or a missing image. */
+static void stats_by_tracks(const struct stats_view *views, size_t count, const struct stats_points *points,
+                            int *view_of, struct stats_depths *d)
 {
-    const size_t step = c->track_count / STATS_SAMPLE + 1;
-    size_t seen = 0;
-    for (size_t i = 0; i < c->point_count; i++) {
-        const double *p = c->point[i].position,
-                     local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
-        for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-            const struct stats_view *view,
-                wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
-            if (seen++ % step != 0) continue;
-            view = bsearch(&wanted, views, count, sizeof *views, stats_compare_views);
-            if (view) stats_add_depth(d, view->camera, local); /* NULL: a test view or a missing image */
-        }
+    const struct colmap *c = points->colmap;
+    struct tracks_walk w = tracks_of(c, view_of);
+    w.step = c->track_count / STATS_SAMPLE + 1;
+    for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
+    for (size_t v = 0; v < count && c->image_count; v++) view_of[views[v].image_row] = (int)v;
+    while (tracks_next(&w)) {
+        const double *p = c->point[w.point].position, *origin = points->origin;
+        stats_add_depth(d, views[w.view].camera,
+                        (double[]){p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]});
     }
 }
 
@@ -201,11 +199,16 @@ OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views,
                                      const struct stats_points *points, double **out, size_t *out_count)
 {
     struct stats_depths d = {.z = oxl_alloc(ctx, STATS_SAMPLE, sizeof *d.z)};
+    int *view_of = oxl_alloc(ctx, points->colmap->image_count + 1, sizeof *view_of);
     *out = d.z;
     *out_count = 0;
-    if (!d.z) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
+    if (!d.z || !view_of) {
+        oxl_free(ctx, view_of);
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
+    }
     if (count) qsort(views, count, sizeof *views, stats_compare_views);
-    stats_by_tracks(views, count, points->colmap, points->origin, &d);
+    stats_by_tracks(views, count, points, view_of, &d);
+    oxl_free(ctx, view_of);
     if (d.count == 0) stats_by_image(views, count, points, &d);
     qsort(d.z, d.count, sizeof *d.z, stats_compare);
     *out_count = d.count;

@@ -16,13 +16,6 @@ OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t po
            fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
 }
 
-OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3])
-{
-    double size = 0;
-    for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
-    return size <= SCENE_FARTHEST; /* false for NaN */
-}
-
 OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile)
 {
     return stats_quantile(scene->depth, scene->depth_count, quantile);

@@ -6,8 +6,7 @@
 #include "image.h"
 #include "imaging.h"
 
-enum { SCENE_GREY = 128 };  /* of points without colour */
-#define SCENE_FARTHEST 1e15 /* farther points are dropped, farther cameras an error */
+enum { SCENE_GREY = 128 }; /* of points without colour */
 
 struct scene_stats { /* for `check` and the first message */
     int images_listed, images_missing, unregistered, views, test_views, distorted_cameras, masks;
@@ -87,8 +86,6 @@ OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scen
                                          struct training_image *out);
 /* NULL: none */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
-/* 0: too far away */
-OXL_INTERNAL int scene_accepts_point(const struct colmap_point *point, const double origin[3]);
 /* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with
  * oxl_free. */
 OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);

@@ -115,7 +115,7 @@ static oxl_result scene_copy_points(oxl_context *ctx, oxl_scene *scene)
             point.position[k] = from->position[k] - scene->origin[k];
             point.rgb[k] = from->rgb[k];
         }
-        if (scene_accepts_point(from, scene->origin)) scene->point[scene->point_count++] = point;
+        if (tracks_accept_point(from, scene->origin)) scene->point[scene->point_count++] = point;
     }
     if (scene->point_count < c->point_count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",

@@ -136,7 +136,7 @@ static int scene_is_finite_pose(const struct colmap_image *image)
     double size = 0;
     for (int i = 0; i < 4; i++) size += fabs(image->rotation[i]);
     for (int i = 0; i < 3; i++) size += fabs(image->translation[i]);
-    return size <= SCENE_FARTHEST;
+    return size <= TRACKS_FARTHEST;
 }
 
 static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b,
