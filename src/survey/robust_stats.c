@@ -154,12 +154,6 @@ static void stats_add_depth(struct stats_depths *d, const oxl_camera *c, const d
     if (x[2] > 0 && x[2] <= DBL_MAX && d->count < STATS_SAMPLE) d->z[d->count++] = x[2];
 }
 
-static int stats_compare_views(const void *a, const void *b)
-{
-    const struct stats_view *x = a, *y = b;
-    return (x->image_row > y->image_row) - (x->image_row < y->image_row);
-}
-
 /* Adds every k-th entry of all tracks. view_of: (images) set to each image's index in `views`; -1: a test
  * view or a missing image. */
 static void stats_by_tracks(const struct stats_view *views, size_t count, const struct stats_points *points,
@@ -195,7 +189,7 @@ static void stats_by_image(const struct stats_view *views, size_t count, const s
         }
 }
 
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count,
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
                                      const struct stats_points *points, double **out, size_t *out_count)
 {
     struct stats_depths d = {.z = oxl_alloc(ctx, STATS_SAMPLE, sizeof *d.z)};
@@ -206,7 +200,6 @@ OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views,
         oxl_free(ctx, view_of);
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
     }
-    if (count) qsort(views, count, sizeof *views, stats_compare_views);
     stats_by_tracks(views, count, points, view_of, &d);
     oxl_free(ctx, view_of);
     if (d.count == 0) stats_by_image(views, count, points, &d);

@@ -39,9 +39,8 @@ struct stats_points {
     const struct colmap *colmap; /* points with their tracks; local = position - origin */
     const double *origin;
 };
-/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images.
- * Sorts views by image. */
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count,
+/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. */
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
                                      const struct stats_points *points, double **out, size_t *out_count);
 
 /* ---------------- depth_bands.c: near, mid or far, pixel by pixel */
