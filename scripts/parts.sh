@@ -14,7 +14,6 @@ src/survey|the formation of images as imaging.txt and tracks state it
 src/model|what a row of a model may hold: second lobes, SH bands
 src/formats|files hold second lobes and SH bands
 src/large/merge.c|rows of models are merged as they are
-src/large/look.c|the look at a survey switches off what decides by images; a flag of option rows would do it without names
 oceanxl.h|fields of the options and of results
 oceanxl_job.h|fields of the options and of results'
 # Words that src/train may use: of the shape of a model's rows, and of the entries of kernels.

@@ -813,6 +813,7 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
 /* It used to start from every point, and each block had the whole number to itself. */
 TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
 {
+    NEEDS_PART(prune);
     const char *survey = job_test_survey();
     for (int k = 0; k < 4; k++) {
         oxl_job_options options = k < 2 ? job_test_options() : job_test_blocks();

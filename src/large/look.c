@@ -18,7 +18,6 @@
 #define LOOK_PIXEL 4e-8
 #define LOOK_POINT 1e-7
 #define LOOK_SECONDS 1.5
-#define LOOK_CONTRAST 0.03f /* of SSIM in the loss [Wang 2004] */
 enum {
     LOOK_VIEWS = 8,
     LOOK_STEPS = 120,   /* at most, */
@@ -32,20 +31,6 @@ static int look_is_coarse(const oxl_scene *scene)
     const oxl_train_options o = {.coarse = -1};
     const oxl_camera *c = &oxl_scene_view(scene, 0)->camera;
     return schedule_coarse_fraction(&o, c->width, c->height) > 0;
-}
-
-/* Copies the options without what decides by looking at images, masks or changes the number of Gaussians. */
-static oxl_train_options look_options(const oxl_train_options *options)
-{
-    oxl_train_options o = *options;
-    o.exposure = o.lamp = o.medium = OXL_OFF;
-    o.dog = OXL_DOG_OFF;
-    o.keep.kind = OXL_KEEP_ALL;
-    o.ucd.mode = OXL_UCD_OFF;
-    o.carve = o.mask_transients = 0;
-    o.dropout = 0;
-    if (o.ssim_contrast < 0) o.ssim_contrast = LOOK_CONTRAST; /* a device has no other */
-    return o;
 }
 
 /* Leaves evenly spaced ones of the training views. */
@@ -126,13 +111,14 @@ static void look_tell_fallback(oxl_context *ctx, const oxl_context *quiet, int b
 OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   struct look *out)
 {
-    oxl_train_options o = look_options(options);
+    oxl_train_options o = *options;
     oxl_context quiet = *ctx;
-    struct train t = {.ctx = &quiet, .scene = scene, .options = &o, .started = os_seconds()};
+    struct train t = {.ctx = &quiet, .scene = scene, .options = &o, .started = os_seconds(), .is_look = 1};
     const int fell_back = ctx->backend ? ctx->backend->fell_back : 0;
     oxl_result rc = OXL_OK;
     *out = (struct look){0};
     if (oxl_scene_view_count(scene) == 0 || schedule_training_views(scene) == 0) return OXL_OK;
+    options_drop(&o, OXL_OPTION_NOT_LOOKED);
     quiet.options.log = NULL;
     quiet.notes = NULL;
     o.coarse = look_is_coarse(scene);

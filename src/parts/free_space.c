@@ -177,7 +177,7 @@ static void free_space_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option free_space_options[] = {
-{"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it observes", NULL},
+{"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_LOOKED, "Scene content", "remove Gaussians between a camera and the points that it observes", NULL},
 {0}};
 /* clang-format on */
 

@@ -110,7 +110,8 @@ static oxl_result ssim_contrast_begin(struct train *t, void *state)
         return oxl_fail(t->ctx, OXL_ERR_USAGE,
                         "a device has an SSIM of contrast %g\nfix: --ssim-contrast auto, or --backend cpu",
                         SSIM_CONTRAST_WANG);
-    if (given < 0 && !device) rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
+    if (given < 0 && !device && !t->is_look)
+        rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
     if (s->views > 0) s->contrast = ssim_contrast_of_detail(s->measured);
     renderer_set_contrast(t->renderer, s->contrast);
     return rc;

@@ -278,7 +278,7 @@ static void transients_record(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option transients_options[] = {
-{"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "mask what appears in only one image of a place: fish, divers", "robust"},
+{"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_LOOKED, "Scene content", "mask what appears in only one image of a place: fish, divers", "robust"},
 {0}};
 /* clang-format on */
 

@@ -12,7 +12,8 @@
 #define OXL_PART_H
 
 #include "train_state.h"
-#include "../../oceanxl_job.h"
+
+struct oxl_option; /* oceanxl_job.h: an option by name, for parts that bring their own */
 
 /* A view as a step renders it and compares it with its image. */
 struct part_view {
@@ -34,7 +35,7 @@ enum {
 struct part {
     const char *name;         /* lower case, as the file's */
     size_t size;              /* bytes of its state */
-    const oxl_option *option; /* its rows of the table of options, up to one without a name; or NULL */
+    const struct oxl_option *option; /* its rows of the table of options, up to one without a name; or NULL */
     int is_branched;          /* 1: a trial's steps change the state, so trials save and restore it */
 
     /* Refuses options that do not fit together. */
