@@ -11,6 +11,7 @@
 #include "../survey/image.h"
 #include "../survey/scene.h"
 #include "checks.h"
+#include "../survey/tracks.h"
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */

@@ -12,6 +12,7 @@
 #include "checks.h"
 #include "match.h"
 #include "../survey/survey.h"
+#include "../survey/tracks.h"
 
 enum {
     MATCH_VIEWS = 256,   /* limit of images */

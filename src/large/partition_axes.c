@@ -13,6 +13,7 @@
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
 #include "../survey/survey.h"
+#include "../survey/tracks.h"
 
 enum { AXES_SAMPLE = 1 << 18 };
 #define AXES_QUANTILE 0.9

@@ -22,6 +22,7 @@
 #include "partition_build.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "../survey/tracks.h"
 
 enum { PARTITION_MIN_POINTS = 100, PARTITION_MIN_VIEWS = 20 };
 #define PARTITION_FLAT 0.3 /* l3 / l2 below it: 2D [OceanXL] */

@@ -6,6 +6,7 @@
 #include "partition.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "../survey/tracks.h"
 
 /* ---------------- from lists by point to lists by view */
 

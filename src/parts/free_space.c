@@ -14,6 +14,7 @@
 #include "../core/option_rows.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "../survey/tracks.h"
 
 /* of the least depth: points are off, and surfaces swell towards the camera between them */
 #define FREE_SPACE_FRACTION 0.7f

@@ -10,6 +10,7 @@
 #include "track_depth.h"
 #include "../survey/sparse.h"
 #include "../survey/scene.h"
+#include "../survey/tracks.h"
 
 #define TRACK_DEPTH_STREAM 0x4465707468 /* a random stream of its own */
 /* of the mean over the points, at the start of the run; 0 at its end */

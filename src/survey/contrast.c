@@ -18,6 +18,7 @@
 #include "scene.h"
 #include "survey.h"
 #include "../core/vecmath.h"
+#include "tracks.h"
 
 enum {
     CONTRAST_VIEWS = 128,      /* limit of images */

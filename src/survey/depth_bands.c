@@ -9,6 +9,7 @@
 #include "sparse.h"
 #include "scene.h"
 #include "survey.h"
+#include "tracks.h"
 
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
 enum { BANDS_MAX = 1 << 22 };  /* limit of observations; every k-th if there are more */

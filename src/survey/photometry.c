@@ -21,6 +21,7 @@
 #include "scene.h"
 #include "survey.h"
 #include "../core/vecmath.h"
+#include "tracks.h"
 
 #define PHOTOMETRY_DARK 0.02 /* of white: darker and brighter patches are left out */
 #define PHOTOMETRY_BRIGHT 0.98

@@ -8,6 +8,7 @@
  */
 #include "sparse.h"
 #include "survey.h"
+#include "tracks.h"
 
 enum {
     STATS_SAMPLE = 1 << 16, /* limit of values for a quantile */

@@ -12,6 +12,7 @@
 #include "scene.h"
 #include "scene_alpha.h"
 #include "survey.h"
+#include "tracks.h"
 
 #define SCENE_EXTENT 1.1      /* x the radius of the training cameras [Kerbl 2023] */
 #define SCENE_EXTENT_MIN 1e-3 /* x the median depth; a smaller radius counts as one position */

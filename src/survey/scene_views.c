@@ -8,6 +8,7 @@
 #include "image_header.h"
 #include "scene.h"
 #include "survey.h"
+#include "tracks.h"
 
 enum {
     SCENE_TEST_EVERY = 8,    /* views, by name [Barron 2022] */

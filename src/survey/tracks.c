@@ -2,7 +2,7 @@
  *
  * Invariant: the order is that of the points and of the entries of their tracks, so sums over a walk repeat.
  */
-#include "sparse.h"
+#include "tracks.h"
 
 OXL_INTERNAL int tracks_accept_point(const struct colmap_point *point, const double origin[3])
 {

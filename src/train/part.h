@@ -33,10 +33,10 @@ enum {
 };
 
 struct part {
-    const char *name;         /* lower case, as the file's */
-    size_t size;              /* bytes of its state */
+    const char *name;                /* lower case, as the file's */
+    size_t size;                     /* bytes of its state */
     const struct oxl_option *option; /* its rows of the table of options, up to one without a name; or NULL */
-    int is_branched;          /* 1: a trial's steps change the state, so trials save and restore it */
+    int is_branched;                 /* 1: a trial's steps change the state, so trials save and restore it */
 
     /* Refuses options that do not fit together. */
     oxl_result (*check)(oxl_context *ctx, const oxl_train_options *options);
