@@ -36,7 +36,7 @@ static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, o
 
 static int file_exists(const char *path)
 {
-    FILE *file = fopen(path, "rb");
+    FILE *file = oxl_open(path);
     if (file) fclose(file);
     return file != NULL;
 }

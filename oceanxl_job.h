@@ -326,6 +326,8 @@ OXL_API int oxl_is_folder(const char *path);
  * Returns out. */
 OXL_API const char *oxl_shell_word(const char *path, char *out, size_t size);
 
+/* Opens a file to read. NULL: errno says why: a folder, a pipe and a device are refused, too. */
+OXL_API FILE *oxl_open(const char *path);
 /* Creates NAME.PID.tmp beside `path` for writing; the caller renames it, `temporary`, to `path`. Neither a
  * link of that name is followed nor a file of another process written. NULL: errno says why. */
 OXL_API FILE *oxl_create_beside(const char *path, char *temporary, size_t size);

@@ -88,7 +88,7 @@ static FILE *info_open_imaging(const char *model)
 {
     char path[4096];
     info_imaging_path(model, path);
-    return fopen(path, "rb");
+    return oxl_open(path);
 }
 
 /* scene.ply has learned what the medium shows. */

@@ -206,7 +206,7 @@ char *output_read(const char *folder, const char *name, size_t *size)
     FILE *file;
     long end;
     if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) return NULL;
-    file = fopen(path, "rb");
+    file = oxl_open(path);
     if (!file) return NULL;
     if (fseek(file, 0, SEEK_END) == 0 && (end = ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0)
         text = malloc((size_t)end + 1);

@@ -192,6 +192,10 @@ struct os_file_map { /* a whole file in memory, read-only, with one zero byte af
     size_t size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
+/* Fails for the first bytes of a file that gzip wrote; readers of text, images and PLY files ask. */
+OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size);
+OXL_INTERNAL int os_is_compressed(const char *path); /* not there, but with .gz behind its name: */
+OXL_INTERNAL oxl_result os_fail_compressed(oxl_context *ctx, const char *path);
 /* If a file does not begin with `start`, only its first bytes are read. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
                                           struct os_file_map *out);
@@ -205,7 +209,7 @@ OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 struct os_reader {
     FILE *file;
     const char *path;
-    uint64_t size; /* a hint: 0 for a pipe, and a file may grow */
+    uint64_t size; /* a hint: a file may grow */
 };
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
 OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
@@ -234,7 +238,8 @@ OXL_INTERNAL void os_writer_sync(struct os_writer *writer); /* fsync; os_writer_
 /* rc != OXL_OK: discard */
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc);
 
-OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
+/* Opens a file to read; NULL: errno; ENXIO for a pipe, a socket or a device. */
+OXL_INTERNAL FILE *os_open(const char *path);
 OXL_INTERNAL int os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
 OXL_INTERNAL int os_remove(const char *path);                 /* 0: success */
 

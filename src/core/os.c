@@ -18,11 +18,42 @@ OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *pat
                       : error == EMFILE || error == ENFILE ? "allow more open files, as ulimit -n 1024 does"
                       : error == ENOSPC || error == EFBIG  ? "free space on the disk"
                       : error == EISDIR                    ? "name a file, not a folder"
+                      : error == ENXIO                     ? "name a file, not a pipe, a socket or a device"
                       : error == ENAMETOOLONG              ? "use a shorter name"
                       : error == ELOOP || error == EMLINK || error == EEXIST
                           ? "remove it: files of a run do not replace others, nor go through links"
                           : "check the disk or the network drive";
-    return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what, error ? strerror(error) : "failed", fix);
+    if (error == ENOENT && os_is_compressed(path)) return os_fail_compressed(ctx, path);
+    return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what,
+                    error == ENXIO ? "not a file"
+                    : error        ? strerror(error)
+                                   : "failed",
+                    fix);
+}
+
+OXL_INTERNAL int os_is_compressed(const char *path)
+{
+    char name[PATH_LENGTH];
+    return snprintf(name, sizeof name, "%s.gz", path) < PATH_LENGTH && !os_is_file(path) && os_is_file(name);
+}
+
+OXL_INTERNAL oxl_result os_fail_compressed(oxl_context *ctx, const char *path)
+{
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is there compressed by gzip\nfix: gunzip %s.gz", path,
+                    SHELL_WORD(path));
+}
+
+OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size)
+{
+    const char *word = SHELL_WORD(path);
+    const size_t length = strlen(path);
+    if (size < 3 || memcmp(data, "\x1f\x8b\x08", 3) != 0) return OXL_OK;
+    if (length > 3 && !strcmp(path + length - 3, ".gz"))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed by gzip\nfix: gunzip %s", path, word);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: it is compressed by gzip, although its name does not say so\n"
+                    "fix: mv %s %s.gz && gunzip %s.gz",
+                    path, word, word, word);
 }
 
 OXL_INTERNAL int os_is_file(const char *path)
@@ -179,8 +210,8 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     oxl_result rc = OXL_OK;
     char *data = NULL;
     size_t capacity = 0, size = 0, got = 0;
-    uint64_t expected = 0; /* a hint: the file may grow, and a pipe has no size */
-    FILE *file = os_open(path, "rb");
+    uint64_t expected = 0; /* a hint: the file may grow */
+    FILE *file = os_open(path);
     *out = (struct os_file_map){0};
     if (!file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     if (os_kind_of(path, &expected) != OS_FILE) expected = 0;
@@ -237,7 +268,7 @@ OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map)
 
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out)
 {
-    *out = (struct os_reader){.file = os_open(path, "rb"), .path = path};
+    *out = (struct os_reader){.file = os_open(path), .path = path};
     if (!out->file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     if (os_kind_of(path, &out->size) != OS_FILE) out->size = 0;
     setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no buffer needed */
@@ -247,7 +278,7 @@ OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struc
 OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got)
 {
     uint64_t bytes = 0;
-    FILE *file = os_kind_of(path, &bytes) == OS_FILE ? os_open(path, "rb") : NULL;
+    FILE *file = os_kind_of(path, &bytes) == OS_FILE ? os_open(path) : NULL;
     *got = 0;
     if (!file) return 0;
     setvbuf(file, NULL, _IONBF, 0);
@@ -302,6 +333,11 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
 done:
     if (rc != OXL_OK) os_writer_free(ctx, out);
     return rc;
+}
+
+FILE *oxl_open(const char *path)
+{
+    return os_open(path);
 }
 
 FILE *oxl_create_beside(const char *path, char *temporary, size_t size)

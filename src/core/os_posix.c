@@ -46,9 +46,24 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 #endif
 }
 
-OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
+/* Opens a regular file to read; -1: errno. Opening a pipe would wait for a writer, and a device has no end. */
+static int os_open_regular(const char *path)
 {
-    return fopen(path, mode);
+    const int file = open(path, O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+    struct stat s = {.st_mode = 0};
+    if (file < 0) return -1;
+    if (fstat(file, &s) == 0 && S_ISREG(s.st_mode)) return file;
+    close(file);
+    errno = S_ISDIR(s.st_mode) ? EISDIR : ENXIO;
+    return -1;
+}
+
+OXL_INTERNAL FILE *os_open(const char *path)
+{
+    const int file = os_open_regular(path);
+    FILE *out = file >= 0 ? fdopen(file, "rb") : NULL;
+    if (file >= 0 && !out) close(file);
+    return out;
 }
 
 OXL_INTERNAL FILE *os_create(const char *path)
@@ -72,7 +87,7 @@ OXL_INTERNAL int os_is_link(const char *path)
 OXL_INTERNAL const char *os_map(const char *path, size_t *size)
 {
     struct stat s;
-    const int file = open(path, O_RDONLY);
+    const int file = os_open_regular(path);
     void *data = MAP_FAILED;
     if (file >= 0 && fstat(file, &s) == 0 && s.st_size > 0)
         data = mmap(NULL, *size = (size_t)s.st_size, PROT_READ, MAP_PRIVATE, file, 0);

@@ -215,6 +215,10 @@ static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colma
                 *out == COLMAP_TEXT ? "text" : "binary",
                 text.modified == binary.modified ? "as new" : "newer");
     if (text.count == COLMAP_FILES || binary.count == COLMAP_FILES) return OXL_OK;
+    for (int i = 0; i < 2 * COLMAP_FILES; i++) {
+        const char *path = PATH(folder, "%s", colmap_names[i / COLMAP_FILES][i % COLMAP_FILES]);
+        if (os_is_compressed(path)) return os_fail_compressed(ctx, path);
+    }
     if (text.has_poses == COLMAP_FILES - 1 || binary.has_poses == COLMAP_FILES - 1) {
         *out = text.has_poses == COLMAP_FILES - 1 ? COLMAP_TEXT : COLMAP_BINARY;
         return OXL_OK;

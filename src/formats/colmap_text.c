@@ -122,12 +122,16 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
 
 OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name)
 {
+    char start[3];
     size_t wanted;
     r->line = 0;
     r->offset = 0;
     r->path = oxl_path_join(r->ctx, folder, name);
     if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
+    if (r->rc == OXL_OK) r->rc = os_reader_read(r->ctx, &r->file, start, sizeof start, &wanted);
+    if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, r->path, start, wanted);
+    if (r->rc == OXL_OK) r->rc = os_reader_seek(r->ctx, &r->file, 0);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->buffer;
     /* one byte to detect the end, and the zero byte */

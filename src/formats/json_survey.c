@@ -21,6 +21,7 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     r->path = oxl_strdup(r->ctx, path);
     if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
     r->rc = os_read_file(r->ctx, path, map);
+    if (r->rc == OXL_OK) r->rc = os_refuse_gzip(r->ctx, path, map->data, map->size);
     if (r->rc != OXL_OK) return r->rc;
     if (map->size >= 3 && !memcmp(map->data, "\xef\xbb\xbf", 3)) /* byte order mark of Windows' programs */
         memset((char *)map->data, ' ', 3);

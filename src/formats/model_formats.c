@@ -82,7 +82,7 @@ static const struct model_format *model_format_by_name(const char *path)
 static const struct model_format *model_format_of_file(const char *path)
 {
     char head[4] = {0};
-    FILE *file = os_open(path, "rb");
+    FILE *file = os_open(path);
     const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
     if (file) fclose(file);
     for (size_t i = 0; i < OXL_COUNT(MODEL_FORMATS) && size == sizeof head; i++)

@@ -406,6 +406,7 @@ OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply 
         goto done;
     }
     rc = os_read_file_like(ctx, path, "ply", &out->file);
+    if (rc == OXL_OK) rc = os_refuse_gzip(ctx, path, out->file.data, out->file.size);
     if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc == OXL_OK) rc = ply_check_size(ctx, out);
 done:
@@ -422,6 +423,7 @@ OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size
     if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
     if (rc == OXL_OK) rc = os_reader_read(ctx, &file, data, most, &out->file.size);
     os_reader_close(&file);
+    if (rc == OXL_OK) rc = os_refuse_gzip(ctx, path, data, out->file.size);
     if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc != OXL_OK) ply_close(ctx, out);
     return rc;

@@ -226,7 +226,7 @@ static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsi
 {
     char seen[100];
     uint32_t version = bytes_u32(data + 4);
-    if (memcmp(data, "NGSP", 4) != 0) return spz_fail(ctx, path, "gzip data of another kind", "an SPZ file");
+    if (memcmp(data, "NGSP", 4) != 0) return os_refuse_gzip(ctx, path, "\x1f\x8b\x08", 3);
     if (version < 2 || version > 3) {
         snprintf(seen, sizeof seen, "SPZ version %lu", (unsigned long)version);
         return spz_fail(ctx, path, seen, "version 2 or 3");

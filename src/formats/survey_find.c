@@ -25,8 +25,11 @@ static const struct survey_format {
 
 static int survey_holds(const struct survey_format *format, const char *folder)
 {
-    return os_is_file(PATH(folder, "%s", format->file[0])) ||
-           (format->file[1] && os_is_file(PATH(folder, "%s", format->file[1])));
+    for (int i = 0; i < 2 && format->file[i]; i++) {
+        const char *path = PATH(folder, "%s", format->file[i]);
+        if (os_is_file(path) || os_is_compressed(path)) return 1; /* which the reader refuses */
+    }
+    return 0;
 }
 
 /* ---------------- which sub-model */

@@ -100,6 +100,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     const char *fault;
     int channels;
     *width = *height = 0;
+    if (os_refuse_gzip(ctx, path, data, file->size) != OXL_OK) return OXL_ERR_INPUT;
     if (file->size > INT_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %zu bytes are too many for one image\nfix: re-encode it",
                         path, file->size);
@@ -197,7 +198,7 @@ static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 OXL_INTERNAL int image_has_alpha(const char *path)
 {
     unsigned char head[4096]; /* profiles and texts before tRNS may be longer: then the decoder finds it */
-    FILE *file = os_is_special(path) ? NULL : os_open(path, "rb");
+    FILE *file = os_is_special(path) ? NULL : os_open(path);
     const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
     if (file) fclose(file);
     return image_bytes_have_alpha(head, size);

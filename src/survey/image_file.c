@@ -54,7 +54,7 @@ static int image_file_planes(FILE *file, struct training_image *image, int writi
 OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
                                  struct training_image *out)
 {
-    FILE *file = os_open(path, "rb");
+    FILE *file = os_open(path);
     uint64_t head[IMAGE_FILE_HEAD], sum = key, stored = 0;
     int good;
     *out = (struct training_image){.width = to->width, .height = to->height};

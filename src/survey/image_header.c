@@ -75,7 +75,7 @@ static void header_of_png(const unsigned char *data, size_t size, struct image_h
 OXL_INTERNAL oxl_result image_read_header(oxl_context *ctx, const char *path, struct image_header *out)
 {
     unsigned char *data = oxl_alloc(ctx, HEADER_BYTES, 1);
-    FILE *file = data ? os_open(path, "rb") : NULL;
+    FILE *file = data ? os_open(path) : NULL;
     const size_t size = file ? fread(data, 1, HEADER_BYTES, file) : 0;
     oxl_result rc = data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path);
     *out = (struct image_header){.orientation = 1};

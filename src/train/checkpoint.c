@@ -297,7 +297,7 @@ static int checkpoint_has_key(struct archive *a, const char *key)
 static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const char *key,
                                       checkpoint_state *state, void *user, int *found)
 {
-    struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
+    struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path)};
     uint64_t magic = 0, version = 0;
     int other = 0;
     if (!a.file) return os_is_file(path) ? os_fail(ctx, OXL_ERR_IO, path, "cannot open", errno) : OXL_OK;
@@ -333,7 +333,7 @@ OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const cha
     int step = 0;
     for (int i = 0; i < 2 && step <= 0; i++) {
         const char *path = PATH(folder, "%s", checkpoint_names[i]);
-        struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
+        struct archive a = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path)};
         uint64_t magic = 0, version = 0;
         if (!a.file) continue;
         if (checkpoint_is_whole(a.file, &a.left)) {
