@@ -290,6 +290,27 @@ TEST(exposure_is_read_as_it_was_written)
     oxl_scene_free(test_ctx, scene);
 }
 
+TEST(a_medium_of_a_survey_in_tiny_or_huge_units_is_read_as_it_was_written)
+{
+    oxl_scene *scene = train_scene(3);
+    for (int e = -14; e <= 14; e += 7) {
+        const float unit = (float)pow(10, e);
+        struct imaging m = imaging_test_make(3, (int[]){1, 2}, 2), read;
+        m.medium.on = m.medium.has_falloff = 1;
+        m.medium.falloff = 2;
+        m.medium.reference = 3 * unit;
+        for (int c = 0; c < 3; c++)
+            m.medium.attenuation[c] = 0.4f / unit, m.medium.backscatter[c] = 0.3f / unit;
+        CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+        CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+        CHECK_CLOSE(read.medium.attenuation[0] * unit, 0.4, 1e-6);
+        CHECK_CLOSE(read.medium.reference / unit, 3, 1e-5);
+        imaging_free(test_ctx, &read);
+        imaging_free(test_ctx, &m);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(exposure_of_a_damaged_file_names_line_and_value)
 {
     static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",          "lamp 1\n",

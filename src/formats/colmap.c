@@ -266,7 +266,7 @@ static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder)
     if (rc == OXL_OK && !colmap_has_points(folder, COLMAP_TEXT)) return colmap_read_other_points(r, folder);
     if (rc == OXL_OK) rc = colmap_open(r, folder, "points3D.txt");
     if (rc == OXL_OK) rc = colmap_read_points(r);
-    if (rc == OXL_OK) colmap_compare(r, "points", out->point_count);
+    if (rc == OXL_OK) colmap_compare(r, "points", out->point_count + (size_t)r->warned[WARN_POSITION]);
     colmap_close(r);
     return rc;
 }

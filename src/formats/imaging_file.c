@@ -5,8 +5,8 @@
 #include "../survey/scene.h"
 #include "../core/vecmath.h"
 
-#define IMAGING_MEDIUM_MAX 1e6   /* of bD, bB (1/unit) and Binf in a file */
-#define IMAGING_DISTANCE_MAX 1e9 /* units */
+#define IMAGING_MEDIUM_MAX 1e20   /* of bD, bB (1/unit; units may be tiny) and Binf in a file */
+#define IMAGING_DISTANCE_MAX 1e15 /* units: no camera lies farther */
 
 /* Adds a line of the file: a word, `count` numbers, and the name of an image or NULL. */
 static void imaging_write_line(struct text *t, const char *word, const float *values, int count,
