@@ -90,10 +90,15 @@ TEST(image_png_comes_back_as_it_was_written)
 static void image_chunk(struct text *png, const char *type, const void *data, size_t size)
 {
     const char length[4] = {0, 0, (char)(size >> 8), (char)size};
+    const size_t at = png->size + 4;
+    unsigned sum;
+    char big[4];
     image_append(png, (void *)(uintptr_t)length, 4);
     image_append(png, (void *)(uintptr_t)type, 4);
     image_append(png, (void *)(uintptr_t)data, (int)size);
-    image_append(png, (void *)(uintptr_t)length, 4); /* no checksum: stb does not ask */
+    sum = codec_png_checksum((const uint8_t *)png->data + at, (int)(png->size - at));
+    for (int k = 0; k < 4; k++) big[k] = (char)(sum >> (24 - 8 * k));
+    image_append(png, big, 4);
 }
 
 /* stb leaves them as they lay on the stack. */
@@ -234,6 +239,36 @@ TEST(image_cut_anywhere_is_refused)
         CHECK(taken == 0);
         os_release_file(test_ctx, &whole);
     }
+}
+
+/* The decoder compares no checksum: some of these would be other pixels without a word. */
+TEST(image_png_with_a_changed_byte_is_refused)
+{
+    struct os_file_map whole;
+    char *bytes;
+    CHECK_OK(os_read_file(test_ctx, "tests/data/photo.png", &whole));
+    bytes = oxl_alloc(test_ctx, whole.size, 1);
+    for (size_t i = 0; i < 60; i++) {
+        memcpy(bytes, whole.data, whole.size);
+        bytes[60 + i * (whole.size - 80) / 60] ^= 1;
+        image_refused(image_bytes("changed.png", bytes, whole.size), "fix: ");
+    }
+    oxl_free(test_ctx, bytes);
+    os_release_file(test_ctx, &whole);
+}
+
+TEST(image_png_that_was_cut_is_found_by_its_chunks_alone)
+{
+    struct os_file_map whole;
+    int w, h;
+    CHECK_OK(os_read_file(test_ctx, "tests/data/photo.png", &whole));
+    CHECK_OK(image_size(test_ctx, "tests/data/photo.png", &w, &h));
+    for (size_t part = 1; part < 8; part++) {
+        const char *path = image_bytes("cut.png", whole.data, whole.size * part / 8);
+        CHECK(image_size(test_ctx, path, &w, &h) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), "it ends too early");
+    }
+    os_release_file(test_ctx, &whole);
 }
 
 /* Where a marker stands in a JPEG. */
