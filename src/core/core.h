@@ -194,8 +194,7 @@ struct os_file_map { /* a whole file in memory, read-only, with one zero byte af
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 /* Fails for the first bytes of a file that gzip wrote; readers of text, images and PLY files ask. */
 OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size);
-OXL_INTERNAL int os_is_compressed(const char *path); /* not there, but with .gz behind its name: */
-OXL_INTERNAL oxl_result os_fail_compressed(oxl_context *ctx, const char *path);
+OXL_INTERNAL int os_is_compressed(const char *path); /* not there, but with .gz behind its name */
 /* If a file does not begin with `start`, only its first bytes are read. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
                                           struct os_file_map *out);

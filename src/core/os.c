@@ -23,12 +23,10 @@ OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *pat
                       : error == ELOOP || error == EMLINK || error == EEXIST
                           ? "remove it: files of a run do not replace others, nor go through links"
                           : "check the disk or the network drive";
-    if (error == ENOENT && os_is_compressed(path)) return os_fail_compressed(ctx, path);
-    return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what,
-                    error == ENXIO ? "not a file"
-                    : error        ? strerror(error)
-                                   : "failed",
-                    fix);
+    if (error == ENOENT && os_is_compressed(path))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed\nfix: gunzip %s.gz", path,
+                        SHELL_WORD(path));
+    return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what, error ? strerror(error) : "failed", fix);
 }
 
 OXL_INTERNAL int os_is_compressed(const char *path)
@@ -37,23 +35,12 @@ OXL_INTERNAL int os_is_compressed(const char *path)
     return snprintf(name, sizeof name, "%s.gz", path) < PATH_LENGTH && !os_is_file(path) && os_is_file(name);
 }
 
-OXL_INTERNAL oxl_result os_fail_compressed(oxl_context *ctx, const char *path)
-{
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is there compressed by gzip\nfix: gunzip %s.gz", path,
-                    SHELL_WORD(path));
-}
-
 OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size)
 {
-    const char *word = SHELL_WORD(path);
-    const size_t length = strlen(path);
-    if (size < 3 || memcmp(data, "\x1f\x8b\x08", 3) != 0) return OXL_OK;
-    if (length > 3 && !strcmp(path + length - 3, ".gz"))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed by gzip\nfix: gunzip %s", path, word);
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: it is compressed by gzip, although its name does not say so\n"
-                    "fix: mv %s %s.gz && gunzip %s.gz",
-                    path, word, word, word);
+    return size < 3 || memcmp(data, "\x1f\x8b\x08", 3) != 0
+               ? OXL_OK
+               : oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed by gzip\nfix: gunzip < %s > FILE", path,
+                          SHELL_WORD(path));
 }
 
 OXL_INTERNAL int os_is_file(const char *path)

@@ -46,7 +46,7 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 #endif
 }
 
-/* Opens a regular file to read; -1: errno. Opening a pipe would wait for a writer, and a device has no end. */
+/* Opens a regular file to read; -1: errno. A pipe would wait for a writer, and a device has no end. */
 static int os_open_regular(const char *path)
 {
     const int file = open(path, O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
@@ -61,9 +61,7 @@ static int os_open_regular(const char *path)
 OXL_INTERNAL FILE *os_open(const char *path)
 {
     const int file = os_open_regular(path);
-    FILE *out = file >= 0 ? fdopen(file, "rb") : NULL;
-    if (file >= 0 && !out) close(file);
-    return out;
+    return file >= 0 ? fdopen(file, "rb") : NULL;
 }
 
 OXL_INTERNAL FILE *os_create(const char *path)

@@ -77,26 +77,18 @@ OXL_INTERNAL int os_is_same(const char *a, const char *b)
            x.nFileIndexHigh == y.nFileIndexHigh && x.nFileIndexLow == y.nFileIndexLow;
 }
 
-static FILE *os_open_as(const char *path, const char *mode)
-{
-    wchar_t wide[OS_PATH_MAX], wide_mode[8];
-    for (int i = 0; i < 8; i++) {
-        wide_mode[i] = (wchar_t)mode[i];
-        if (!mode[i]) break;
-    }
-    return _wfopen(os_wide(path, wide), wide_mode);
-}
-
 OXL_INTERNAL FILE *os_open(const char *path)
 {
-    return os_open_as(path, "rb");
+    wchar_t wide[OS_PATH_MAX];
+    return _wfopen(os_wide(path, wide), L"rb");
 }
 
 OXL_INTERNAL FILE *os_create(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
     DeleteFileW(os_wide(path, wide));
-    return os_open_as(path, "wb");
+    wchar_t wide[OS_PATH_MAX];
+    return _wfopen(os_wide(path, wide), L"wb");
 }
 
 OXL_INTERNAL int os_is_link(const char *path)

@@ -217,7 +217,9 @@ static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colma
     if (text.count == COLMAP_FILES || binary.count == COLMAP_FILES) return OXL_OK;
     for (int i = 0; i < 2 * COLMAP_FILES; i++) {
         const char *path = PATH(folder, "%s", colmap_names[i / COLMAP_FILES][i % COLMAP_FILES]);
-        if (os_is_compressed(path)) return os_fail_compressed(ctx, path);
+        if (os_is_compressed(path))
+            return oxl_fail(ctx, OXL_ERR_INPUT, "%s: it is compressed\nfix: gunzip %s.gz", path,
+                            SHELL_WORD(path));
     }
     if (text.has_poses == COLMAP_FILES - 1 || binary.has_poses == COLMAP_FILES - 1) {
         *out = text.has_poses == COLMAP_FILES - 1 ? COLMAP_TEXT : COLMAP_BINARY;

@@ -40,22 +40,20 @@ static size_t image_be32(const unsigned char *p)
     return (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
 }
 
-/* Error in the chunks of a PNG; NULL: none. sums: their checksums are compared, too, of which the decoder takes
- * no notice: damaged data may decode to wrong pixels. IEND, and chunks that may be left out, may be missing. */
+/* Error in the chunks of a PNG; NULL: none. sums: their checksums are compared, too, as the decoder does not:
+ * damaged data may decode to wrong pixels. IEND, and chunks that may be left out, may be missing. */
 static const char *image_png_error(const struct os_file_map *file, int sums)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    enum { OPTIONAL = 0x20 };
-    while (end - p >= 12) {
+    while (image_is_png(file) && end - p >= 12) {
         const size_t size = image_be32(p);
         if (size > (size_t)(end - p) - 12) return "it ends too early";
-        if (sums && !(p[4] & OPTIONAL) &&
-            codec_png_checksum(p + 4, (int)size + 4) != image_be32(p + 8 + size))
+        if (sums && !(p[4] & 0x20) && codec_png_checksum(p + 4, (int)size + 4) != image_be32(p + 8 + size))
             return "its checksum is another";
         if (!memcmp(p + 4, "IEND", 4)) return NULL;
         p += 12 + size;
     }
-    return p == end ? NULL : "it ends too early";
+    return p == end || !image_is_png(file) ? NULL : "it ends too early";
 }
 
 /* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols;
@@ -119,16 +117,10 @@ static const char *image_jpeg_error(const struct os_file_map *file)
 static oxl_result image_fail_damaged(oxl_context *ctx, const char *path, const struct os_file_map *file,
                                      const char *fault)
 {
-    return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: the %s of %zu bytes is damaged: %s\nfix: copy the file again, or remove it", path,
-                    image_is_jpeg(file) ? "JPEG" : "PNG", file->size, fault);
-}
-
-static oxl_result image_check_chunks(oxl_context *ctx, const char *path, const struct os_file_map *file,
-                                     int sums)
-{
-    const char *fault = image_is_png(file) ? image_png_error(file, sums) : NULL;
-    return fault ? image_fail_damaged(ctx, path, file, fault) : OXL_OK;
+    return !fault ? OXL_OK
+                  : oxl_fail(ctx, OXL_ERR_INPUT,
+                             "%s: the %s of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
+                             path, image_is_jpeg(file) ? "JPEG" : "PNG", file->size, fault);
 }
 
 static oxl_result image_check_header(oxl_context *ctx, const char *path, const struct os_file_map *file,
@@ -149,7 +141,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
             "under the same name in the model",
             path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
     fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
-    if (fault) return image_fail_damaged(ctx, path, file, fault);
+    if (image_fail_damaged(ctx, path, file, fault) != OXL_OK) return OXL_ERR_INPUT;
     if (!codec_read_header(ctx, data, file->size, width, height, &channels))
         return image_lacks_memory()
                    ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to read its header", path)
@@ -228,7 +220,7 @@ static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 OXL_INTERNAL int image_has_alpha(const char *path)
 {
     unsigned char head[4096]; /* profiles and texts before tRNS may be longer: then the decoder finds it */
-    FILE *file = os_is_special(path) ? NULL : os_open(path);
+    FILE *file = os_open(path);
     const size_t size = file ? fread(head, 1, sizeof head, file) : 0;
     if (file) fclose(file);
     return image_bytes_have_alpha(head, size);
@@ -258,7 +250,7 @@ static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channe
     *out = (struct pixels){0};
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
     if (rc == OXL_OK && from) rc = image_check_shape(ctx, path, w, h, from);
-    if (rc == OXL_OK) rc = image_check_chunks(ctx, path, &file, 1);
+    if (rc == OXL_OK) rc = image_fail_damaged(ctx, path, &file, image_png_error(&file, 1));
     if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
     if (rc != OXL_OK) goto done;
     if (channels == 0) channels = image_bytes_have_alpha((const unsigned char *)file.data, file.size) ? 4 : 3;
@@ -298,7 +290,7 @@ OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *widt
     oxl_result rc = image_read_file(ctx, path, &file);
     *width = *height = 0;
     if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, width, height);
-    if (rc == OXL_OK) rc = image_check_chunks(ctx, path, &file, 0);
+    if (rc == OXL_OK) rc = image_fail_damaged(ctx, path, &file, image_png_error(&file, 0));
     os_release_file(ctx, &file);
     return rc;
 }

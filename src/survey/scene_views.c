@@ -156,8 +156,7 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
             scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
     else if (b->options->read_images && !os_is_file(path)) {
         if (++*missing <= SCENE_NAMED_MISSING)
-            oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out%s", path,
-                    os_is_compressed(path) ? "\nfix: gunzip the images" : "");
+            oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
     } else if (!scene_is_finite_pose(image)) {
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
