@@ -5,6 +5,7 @@
  *     memory.c    buffers
  *     device.c    loader, instance, choice of a device
  *     resident.c  what a renderer keeps on the device
+ *     imaging.c   medium, lamp, dropout, the loss in front of points
  *     renderer.c  the functions of struct renderer_device
  *
  * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and
@@ -95,6 +96,11 @@ enum vulkan_pass {
     PASS_SCORE,
     PASS_UNPACK,
     PASS_MOVE,
+    PASS_LAMP,
+    PASS_IMAGING_PIXELS,
+    PASS_IMAGING_ROWS,
+    PASS_IMAGING_TOTAL,
+    PASS_DEPTH_LOSS,
     PASS_PEAK, /* of the benchmark alone */
     PASS_COUNT
 };
