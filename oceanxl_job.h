@@ -107,8 +107,7 @@ enum {
         64, /* no command: the bytes of every block depend on it; recorded in "job" of run.json */
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
     OXL_OPTION_NOT_REFINED = 128,
-    OXL_OPTION_ONE_BLOCK = 256, /* refused if the survey is cut into several blocks */
-    OXL_OPTION_CPU_ONLY = 512   /* a device does not have it: there `auto` is off */
+    OXL_OPTION_ONE_BLOCK = 256 /* refused if the survey is cut into several blocks */
 };
 
 typedef struct oxl_option {

@@ -23,7 +23,8 @@ int main(void)
 static unsigned compile_variants(int pass)
 {
     if (pass == PASS_SCAN) return 1 | 2 | 4 | 8;
-    if (pass == PASS_PROJECT || pass == PASS_LOSS_BACKWARD) return 1 | 2 | 4 | 8;
+    if (pass == PASS_LOSS_BACKWARD) return 255;
+    if (pass == PASS_PROJECT) return 1 | 2 | 4 | 8;
     if (pass == PASS_IMAGING_PIXELS) return 2 | 4 | 8;
     if (pass == PASS_STEP) return 1 | 2 | 4;
     if (pass == PASS_PROJECT_BACKWARD) return 1 | 4;

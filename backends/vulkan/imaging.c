@@ -42,6 +42,26 @@ OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct r
 
 /* ---------------- the lamp over the image */
 
+/* The polynomial by powers: the coefficients of y^j x^k, j + k <= LAMP_DEGREE, by j, then k. */
+static void vulkan_powers_of(const float shape[LAMP_TERMS], float power[VULKAN_POWERS])
+{
+    for (int j = 0, at = 0; j <= LAMP_DEGREE; j++)
+        for (int k = 0; k <= LAMP_DEGREE - j; k++) {
+            double sum = 0;
+            for (int t = 0; t < LAMP_TERMS; t++) sum += (double)shape[t] * lamp_coefficient(t, j, k);
+            power[at++] = (float)sum;
+        }
+}
+
+/* sum (14): each term times values of an image, by the sums of the values times y^j x^k. */
+static void vulkan_terms_of(const double power[VULKAN_POWERS], double sum[LAMP_TERMS])
+{
+    memset(sum, 0, LAMP_TERMS * sizeof *sum);
+    for (int j = 0, at = 0; j <= LAMP_DEGREE; j++)
+        for (int k = 0; k <= LAMP_DEGREE - j; k++, at++)
+            for (int t = 0; t < LAMP_TERMS; t++) sum[t] += power[at] * lamp_coefficient(t, j, k);
+}
+
 /* What lamp.comp and imaging_pixels.comp are pushed: size, and where x and y of the polynomial begin. */
 static void vulkan_push_area(const struct vulkan_renderer *r, uint32_t push[6])
 {
@@ -57,12 +77,12 @@ static void vulkan_push_area(const struct vulkan_renderer *r, uint32_t push[6])
 OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct renderer_gains *gains)
 {
     const size_t pixels = (size_t)r->view.width * r->view.height;
-    float power[LAMP_POWERS];
+    float power[VULKAN_POWERS];
     uint32_t push[7];
     r->lit = gains->shape != NULL;
     r->lamp_area = gains->area;
     if (!r->lit) return;
-    lamp_powers(gains->shape, power);
+    vulkan_powers_of(gains->shape, power);
     vulkan_reserve_imaging(r);
     vulkan_update(r->v, &r->powers, 0, power, sizeof power);
     vulkan_push_area(r, push);
@@ -120,7 +140,7 @@ OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r)
     }
     if (lit) {
         vulkan_reserve(r->v, &r->lamp, (size_t)r->view.width * r->view.height, sizeof(float), "pixels");
-        vulkan_reserve(r->v, &r->powers, LAMP_POWERS, sizeof(float), "numbers");
+        vulkan_reserve(r->v, &r->powers, VULKAN_POWERS, sizeof(float), "numbers");
         vulkan_prepare(r->v, PASS_LAMP, 0);
     }
     if (pixels) {
@@ -152,11 +172,11 @@ OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r)
 OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double dlamp[LAMP_TERMS],
                                     double dmedium[MEDIUM_SUMS])
 {
-    double power[LAMP_POWERS];
-    for (int k = 0; k < LAMP_POWERS; k++) power[k] = (double)imaging[k];
-    lamp_sums_of_powers(power, dlamp);
-    for (int k = 0; k < MEDIUM_SUMS; k++) dmedium[k] = (double)imaging[LAMP_POWERS + 3 + k];
-    for (int c = 0; c < 3; c++) dmedium[MEDIUM_VEILING_LIGHT + c] += (double)imaging[LAMP_POWERS + c];
+    double power[VULKAN_POWERS];
+    for (int k = 0; k < VULKAN_POWERS; k++) power[k] = (double)imaging[k];
+    vulkan_terms_of(power, dlamp);
+    for (int k = 0; k < MEDIUM_SUMS; k++) dmedium[k] = (double)imaging[VULKAN_POWERS + 3 + k];
+    for (int c = 0; c < 3; c++) dmedium[MEDIUM_VEILING_LIGHT + c] += (double)imaging[VULKAN_POWERS + c];
 }
 
 OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],
@@ -165,9 +185,9 @@ OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_
     struct vulkan_renderer *r = device;
     float imaging[VULKAN_IMAGING];
     vulkan_enter(r->v);
-    vulkan_download(r->v, &r->totals, offsetof(struct vulkan_report, imaging) -
-                                          offsetof(struct vulkan_report, totals),
-                    imaging, sizeof imaging);
+    vulkan_download(r->v, &r->totals,
+                    offsetof(struct vulkan_report, imaging) - offsetof(struct vulkan_report, totals), imaging,
+                    sizeof imaging);
     if (r->v->rc == OXL_OK) vulkan_imaging_of(imaging, dlamp, dmedium);
     return r->v->rc;
 }

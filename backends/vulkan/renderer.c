@@ -94,7 +94,8 @@ static void vulkan_project(struct vulkan_renderer *r)
     uint32_t push[6];
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
-        VULKAN_RUN(r->v, PROJECT, (uint32_t)r->in_medium + 2 * (uint32_t)r->drops, vulkan_groups(push[1]), push,
+        VULKAN_RUN(r->v, PROJECT, (uint32_t)r->in_medium + 2 * (uint32_t)r->drops, vulkan_groups(push[1]),
+                   push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b,
                                   &r->splat_c, &r->seen, &r->lobe_a, &r->lobe_b, &r->rank, &r->counts));
     }
@@ -212,6 +213,11 @@ static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
                            : PASS_RASTER_BACKWARD_4;
 }
 
+static uint32_t vulkan_loss_variant(const struct vulkan_renderer *r, int lit)
+{
+    return 2 * (uint32_t)lit + 4 * (uint32_t)(r->window_fraction != 1);
+}
+
 /* All that a step needs, in forward: a step whose memory or shaders cannot be had has changed nothing then,
  * and the CPU can do it. */
 static void vulkan_reserve_step(struct vulkan_renderer *r)
@@ -220,7 +226,7 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     const uint32_t lit = (uint32_t)r->may_be_lit;
     for (uint32_t i = 0; i < 2; i++) {
         vulkan_prepare(r->v, PASS_LOSS_TOTAL, i);
-        vulkan_prepare(r->v, PASS_LOSS_BACKWARD, 2 * lit + i);
+        vulkan_prepare(r->v, PASS_LOSS_BACKWARD, vulkan_loss_variant(r, r->may_be_lit) + i);
     }
     vulkan_prepare(r->v, PASS_LOSS_FORWARD, lit);
     vulkan_prepare(r->v, PASS_STEP, 1);
@@ -287,8 +293,8 @@ static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
-                                 const oxl_render_options *options,
-                                 const struct renderer_settings *settings, int steps)
+                                 const oxl_render_options *options, const struct renderer_settings *settings,
+                                 int steps)
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
@@ -301,7 +307,8 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
     vulkan_take_view(r, model, camera, options, settings);
-    if (r->veil_trains) vulkan_reserve(r->v, &r->through, (size_t)camera->width * (size_t)camera->height, 4, "pixels");
+    if (r->veil_trains)
+        vulkan_reserve(r->v, &r->through, (size_t)camera->width * (size_t)camera->height, 4, "pixels");
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);
@@ -330,8 +337,8 @@ static oxl_result vulkan_image(void *device, float *rgb)
 
 static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
 {
-    const float *gain = r->exposed ? r->gain : (const float[3]){1, 1, 1}, part = r->window_fraction;
-    const uint32_t push[12] = {r->view.width,
+    const float *gain = r->exposed ? r->gain : (const float[3]){1, 1, 1};
+    const uint32_t push[10] = {r->view.width,
                                r->view.height,
                                (uint32_t)r->tiles,
                                vulkan_bits(ssim_weight),
@@ -339,17 +346,15 @@ static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int mas
                                vulkan_bits(gain[0]),
                                vulkan_bits(gain[1]),
                                vulkan_bits(gain[2]),
-                               vulkan_bits(part * gain[0]),
-                               vulkan_bits(part * gain[1]),
-                               vulkan_bits(part * gain[2]),
-                               vulkan_bits(r->contrast)};
+                               vulkan_bits(r->contrast),
+                               vulkan_bits(r->window_fraction)};
     const uint32_t total[4] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred,
                                VULKAN_INFINITY};
     VULKAN_RUN(r->v, LOSS_FORWARD, (uint32_t)r->lit, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2],
                               &r->partial, &r->lamp));
     VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
-    VULKAN_RUN(r->v, LOSS_BACKWARD, (uint32_t)r->exposed + 2 * (uint32_t)r->lit, 3 * r->tiles, push,
+    VULKAN_RUN(r->v, LOSS_BACKWARD, vulkan_loss_variant(r, r->lit) + (uint32_t)r->exposed, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2],
                               &r->totals, &r->drgb, &r->partial, &r->lamp));
     if (r->exposed)

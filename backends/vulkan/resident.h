@@ -14,8 +14,8 @@ struct vulkan_view {
     float rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3],
         alpha_min, cut;
     uint32_t width, height, tiles_x, tiles_y, infinity, antialias;
-    float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], falloff, reference, least,
-        training_range, dropout_gain;
+    float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], falloff, reference,
+        least, training_range, dropout_gain;
     uint32_t dropout_most, dropout_low, dropout_high, dropout_step;
 };
 
@@ -42,7 +42,7 @@ enum vulkan_count {
 
 /* Sums of lamp and medium behind the loss' totals, as shaders/imaging_total.comp has them: the lamp's powers,
  * the veil behind the last splat, the medium's. */
-enum { VULKAN_IMAGING = LAMP_POWERS + 3 + MEDIUM_SUMS };
+enum { VULKAN_POWERS = 15, VULKAN_IMAGING = VULKAN_POWERS + 3 + MEDIUM_SUMS };
 
 /* What a deferred step leaves for the host: the counts, then the loss' totals. */
 struct vulkan_report {
@@ -89,15 +89,15 @@ struct vulkan_renderer {
     /* memory was short for this model: there is room for as many pairs as were found, and no more */
     int low_memory;
     float ssim_weight, gain[3], contrast; /* contrast: SSIM's C2 */
-    int exposed;  /* 1: the loss is that of the rendered image times `gain` */
-    int lit;      /* 1: and times the lamp's */
+    int exposed;                          /* 1: the loss is that of the rendered image times `gain` */
+    int lit;                              /* 1: and times the lamp's */
     struct lamp_area lamp_area;
     float window_fraction; /* of the full image's pixels */
     /* of the last view: medium or falloff, whether its gradient is wanted, that of the veiling light too;
      * dropout */
     int in_medium, medium_trains, veil_trains, drops;
     int may_be_lit; /* the loss may have a lamp */
-    int sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
+    int sort_end;   /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
         row_pairs, row_slots, mean2d, statistics, score, moves;
@@ -132,7 +132,6 @@ OXL_INTERNAL int vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
                                           int halved);
-
 
 /* ---------------- imaging.c */
 

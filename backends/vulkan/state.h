@@ -40,7 +40,7 @@
 /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 #define VULKAN_PART (1u << 18)
 enum {
-    VULKAN_VARIANTS = 4,
+    VULKAN_VARIANTS = 8,
     VULKAN_DIGIT = 8, /* bits of a digit, of the sort */
     VULKAN_DIGITS = 256,
     VULKAN_FRAMES = 2,     /* one is recorded while the other is worked on */

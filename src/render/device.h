@@ -12,7 +12,7 @@ struct renderer_settings {
     const struct kernel_camera *camera; /* units and limits of the full image, where it is a window */
     const struct medium *medium;        /* NULL: none, and no falloff */
     int medium_trains;                  /* 1: backward computes the gradient of its parameters, too */
-    int has_lamp; /* 1: the loss may have one */
+    int has_lamp;                       /* 1: the loss may have one */
     double dropout;
     uint64_t dropout_seed;
     int dropout_step;
@@ -37,7 +37,8 @@ struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera,
-                          const oxl_render_options *options, const struct renderer_settings *settings, int steps);
+                          const oxl_render_options *options, const struct renderer_settings *settings,
+                          int steps);
     oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
     oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);

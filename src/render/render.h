@@ -81,8 +81,8 @@ enum {                         /* gradients of a medium: where they are in an ar
  * image of renderer_set_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
-    double dlog_gain[3];        /* dL/d(log gain), with renderer_set_gain */
-    double dlamp[LAMP_TERMS];   /* dL/d(shape), with renderer_set_lamp; here after the step */
+    double dlog_gain[3];         /* dL/d(log gain), with renderer_set_gain */
+    double dlamp[LAMP_TERMS];    /* dL/d(shape), with renderer_set_lamp; here after the step */
     double dmedium[MEDIUM_SUMS]; /* of a medium that trains, likewise */
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,

@@ -294,28 +294,9 @@ OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double
             sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
 }
 
-/* Returns the coefficient of y^j x^k in a term. */
-static double lamp_coefficient(int term, int j, int k)
+OXL_INTERNAL double lamp_coefficient(int term, int j, int k)
 {
     return (double)lamp_legendre[lamp_terms[term][0]][j] * (double)lamp_legendre[lamp_terms[term][1]][k];
-}
-
-OXL_INTERNAL void lamp_powers(const float shape[LAMP_TERMS], float power[LAMP_POWERS])
-{
-    for (int j = 0, at = 0; j <= LAMP_DEGREE; j++)
-        for (int k = 0; k <= LAMP_DEGREE - j; k++) {
-            double sum = 0;
-            for (int t = 0; t < LAMP_TERMS; t++) sum += (double)shape[t] * lamp_coefficient(t, j, k);
-            power[at++] = (float)sum;
-        }
-}
-
-OXL_INTERNAL void lamp_sums_of_powers(const double power[LAMP_POWERS], double sum[LAMP_TERMS])
-{
-    memset(sum, 0, LAMP_TERMS * sizeof *sum);
-    for (int j = 0, at = 0; j <= LAMP_DEGREE; j++)
-        for (int k = 0; k <= LAMP_DEGREE - j; k++, at++)
-            for (int t = 0; t < LAMP_TERMS; t++) sum[t] += power[at] * lamp_coefficient(t, j, k);
 }
 
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain)

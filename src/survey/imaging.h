@@ -78,11 +78,8 @@ static inline float lamp_coordinate(float at, int count)
 {
     return (2 * at + 1) / (float)count - 1;
 }
-/* The same polynomial by powers: the coefficients of y^j x^k, j + k <= LAMP_DEGREE, by j, then k. */
-enum { LAMP_POWERS = 15 };
-OXL_INTERNAL void lamp_powers(const float shape[LAMP_TERMS], float power[LAMP_POWERS]);
-/* sum (14): each term times values of an image, by the sums of the values times y^j x^k. */
-OXL_INTERNAL void lamp_sums_of_powers(const double power[LAMP_POWERS], double sum[LAMP_TERMS]);
+/* Of y^j x^k in a term. */
+OXL_INTERNAL double lamp_coefficient(int term, int j, int k);
 /* gain (H,W): exp of the polynomial. */
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
 /* Row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */

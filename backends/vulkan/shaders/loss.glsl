@@ -6,8 +6,8 @@ layout(push_constant) uniform Push
     float ssim_weight;
     uint  masked;
     float red, green, blue; /* gains that the rendered image is compared with */
-    float dred, dgreen, dblue; /* by which its gradient is multiplied: those, of a window less */
-    float contrast;            /* SSIM's C2 */
+    float contrast; /* SSIM's C2 */
+    float part;     /* of the full image's pixels, where this is a window of it */
 }
 push;
 
@@ -18,7 +18,6 @@ const float WINDOW[11] = float[](0.00102838008447911, 0.00759875813523919, 0.036
 
 uint loss_channel() { return work_group() / push.tiles; }
 float loss_gain(uint channel) { return channel == 0u ? push.red : channel == 1u ? push.green : push.blue; }
-float loss_dgain(uint channel) { return channel == 0u ? push.dred : channel == 1u ? push.dgreen : push.dblue; }
 uint loss_tile() { return work_group() % push.tiles; }
 
 /* The tile's first pixel, less HALF. */

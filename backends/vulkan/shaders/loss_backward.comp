@@ -1,5 +1,6 @@
 /* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part; VARIANT & 1: also the tile's share of
- * dL/d(log gain) = sum of dL/dy y, y = gain x. VARIANT & 2: by a lamp.
+ * dL/d(log gain) = sum of dL/dy y, y = gain x. VARIANT & 2: by a lamp; & 4: of a window, whose pixels count as
+ * those of the full image do.
  */
 #version 450
 #include "common.glsl"
@@ -51,7 +52,7 @@ void main()
         float w = push.masked != 0u ? weight[p] : 1.0;
         float l1 = totals[3] > 0.0 ? (1.0 - push.ssim_weight) / totals[3] : 0.0, s = totals[4] > 0.0 ? push.ssim_weight / totals[4] : 0.0;
         float dy = s * (back.x + fma(2.0 * a, back.y, b * back.z)) + l1 * w * (a > b ? 1.0 : a < b ? -1.0 : 0.0);
-        drgb[channel * plane + p] = loss_dgain(channel) * dy * light;
+        drgb[channel * plane + p] = loss_gain(channel) * dy * light * ((VARIANT & 4u) != 0u ? push.part : 1.0);
         share = dy * a;
     }
     if ((VARIANT & 1u) == 0u) return;
