@@ -515,9 +515,9 @@ static oxl_result vulkan_read_nonfinite(struct vulkan_renderer *r, struct render
     return r->v->rc;
 }
 
-/* Variant 0: a step, 2: in a medium, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in
- * place of sums. Where a slab was stepped and the next one cannot be, the device is given up: who repeated
- * the step would step the first one twice. */
+/* Variant 0: a step, 2: in a medium, numbers: as pushed; 1: rows that are not finite are cleared, and the
+ * splats are bound in place of sums. Where a slab was stepped and the next one cannot be, the device is given
+ * up: who repeated the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
 {
     const uint32_t none[3] = {0, UINT32_MAX, 0};
