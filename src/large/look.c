@@ -44,7 +44,7 @@ static oxl_train_options look_options(const oxl_train_options *options)
     o.ucd.mode = OXL_UCD_OFF;
     o.carve = o.mask_transients = 0;
     o.dropout = 0;
-    if (o.ssim_contrast < 0) o.ssim_contrast = LOOK_CONTRAST; /* a device has no other */
+    if (o.ssim_contrast < 0) o.ssim_contrast = LOOK_CONTRAST;
     return o;
 }
 
