@@ -75,11 +75,11 @@ static const char *help_option_text(const oxl_option *o, char out[100])
     return out;
 }
 
-/* Where the option is limited to: "one block only", "CPU only" or "". */
+/* Where the option is limited to: "one block only" or "". */
 static const char *help_limit(int index)
 {
     const unsigned use = cli_option_of_job(index) < 0 ? 0 : cli_option_at(index)->use;
-    return use & OXL_OPTION_ONE_BLOCK ? "one block only" : use & OXL_OPTION_CPU_ONLY ? "CPU only" : "";
+    return use & OXL_OPTION_ONE_BLOCK ? "one block only" : "";
 }
 
 /* "DEFAULT RANGE; LIMIT", of the parts that there are. */

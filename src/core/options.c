@@ -6,7 +6,7 @@
  * takes
  *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the
  *   commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
- *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
+ *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
  *   - `make man`, and a test.
  *

@@ -78,6 +78,8 @@ static inline float lamp_coordinate(float at, int count)
 {
     return (2 * at + 1) / (float)count - 1;
 }
+/* Of y^j x^k in a term. */
+OXL_INTERNAL double lamp_coefficient(int term, int j, int k);
 /* gain (H,W): exp of the polynomial. */
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
 /* Row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */

@@ -7,9 +7,6 @@
 #include "../survey/imaging.h"
 #include "../model/model.h"
 
-/* why an option with OXL_OPTION_CPU_ONLY is off */
-#define TRAIN_ON_DEVICE "a device renders: only the CPU has it"
-
 enum { TRAIN_PARTS_MAX = 32 };
 
 struct part;

@@ -42,7 +42,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
 /* reading: 0, and a failure, if the file is too short */
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
-#define CHECKPOINT_VERSION 11
+#define CHECKPOINT_VERSION 12
 #define CHECKPOINT_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
 typedef void checkpoint_state(struct archive *a, void *user);
 /* Writes the state to memory, or reads it from there. Free memory->data with oxl_free. */
