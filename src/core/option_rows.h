@@ -28,7 +28,8 @@
 #define NOT_LOOKED OXL_OPTION_NOT_LOOKED
 #define ONE_BLOCK OXL_OPTION_ONE_BLOCK
 
-/* The index-th row that a part brings, or NULL; from src/parts/table.c, which this layer reads as data. */
+/* Returns the index-th row that a part brings, or NULL; from src/parts/table.c, which this layer reads as
+ * data. */
 OXL_INTERNAL const oxl_option *parts_option(int index);
 
 #endif
