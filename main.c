@@ -17,7 +17,7 @@
 
 /* ---------------- from arguments to options */
 
-/* An existing run keeps its options, unless another preset is given. */
+/* Keeps the options of an existing run, unless another preset is given. */
 static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o,
                                   oxl_manifest **run)
 {
@@ -187,7 +187,7 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
     return file_exists(path) ? path : a->path[0];
 }
 
-/* The model in the survey's own frame and unit. */
+/* Loads the model in the survey's own frame and unit. */
 static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_large_model *large, oxl_scene **scene)
 {
     oxl_model *model = &large->model;

@@ -94,6 +94,7 @@
 #include "backends/vulkan/memory.c"   /* buffers and memory limits */
 #include "backends/vulkan/device.c"   /* loader, instance, device; only in builds with make VULKAN=1 */
 #include "backends/vulkan/resident.c" /* data that stays on the device between steps */
+#include "backends/vulkan/imaging.c"  /* medium, lamp, dropout, depth loss */
 #include "backends/vulkan/renderer.c" /* functions of the renderer as passes */
 #endif
 #include "src/render/backend.c" /* selects the CPU or Vulkan */

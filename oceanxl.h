@@ -464,7 +464,7 @@ typedef struct oxl_train_options {
     float background[3];
     float ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* SSIM's C2 is its square; -1: the median standard deviation of small cells of the images where it is
-     * below 0.011, otherwise 0.03 [Wang 2004]; CPU only */
+     * below 0.011, otherwise 0.03 [Wang 2004] */
     float ssim_contrast;
     /* less work per step; docs/TRADEOFF.md has time and accuracy of each */
     float coarse; /* first fraction of the run, at half resolution; -1: 0.25 for images of at least 640 px */
@@ -494,9 +494,9 @@ typedef struct oxl_train_options {
     oxl_ucd ucd;
     oxl_keep keep;
     oxl_switch exposure; /* a log gain per channel and training image */
-    /* a light that moves with the camera: a smooth gain over the image, falloff with distance; CPU only */
+    /* a light that moves with the camera: a smooth gain over the image, falloff with distance */
     oxl_switch lamp;
-    /* a medium of nine parameters between camera and Gaussians; CPU only (docs/IMAGING.md) */
+    /* a medium of nine parameters between camera and Gaussians (docs/IMAGING.md) */
     oxl_switch medium;
     int antialias;       /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
     int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */

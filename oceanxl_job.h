@@ -108,9 +108,8 @@ enum {
     /* off while a finished model is refined: after merging, for viewers, to continue a run */
     OXL_OPTION_NOT_REFINED = 128,
     OXL_OPTION_ONE_BLOCK = 256, /* refused if the survey is cut into several blocks */
-    OXL_OPTION_CPU_ONLY = 512,  /* a device does not have it: there `auto` is off */
     /* off in the first look at a survey: it decides by images, or changes the number of Gaussians */
-    OXL_OPTION_NOT_LOOKED = 1024
+    OXL_OPTION_NOT_LOOKED = 512
 };
 
 typedef struct oxl_option {

@@ -58,7 +58,7 @@ static int fail_unknown(struct arguments *a, const char *what, const char *word,
                 command[0] ? " all" : "");
 }
 
-/* word: as typed, without a value. */
+/* Refuses a word that is no option; word: as typed, without a value. */
 static int unknown_option(const char *word, struct arguments *a)
 {
     char other[40], best[40] = "";
@@ -87,7 +87,7 @@ static int find_command(const char *word, struct arguments *a)
 
 /* ---------------- parsing */
 
-/* The option of the command that `word` names, or -1; a former name is noted. */
+/* Finds the option of the command that `word` names, or -1; a former name is noted. */
 static int find_option(const char *word, struct arguments *a)
 {
     char name[40];
@@ -113,7 +113,7 @@ static int parse_help(int argc, char **argv, int *at, struct arguments *a)
     return 0;
 }
 
-/* One option at argv[*at], as "--name value" or "--name=value". */
+/* Parses one option at argv[*at], as "--name value" or "--name=value". */
 static int parse_option(int argc, char **argv, int *at, struct arguments *a)
 {
     const char *value = strchr(argv[*at], '=');

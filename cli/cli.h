@@ -25,8 +25,8 @@ struct spread { /* 5th, 50th and 95th percentile of the finite values; 0 of none
 /* sorted (count): scratch, may be value itself */
 struct spread info_spread(const float *value, size_t count, float *sorted);
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
-/* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains
- * alone. */
+/* Copies imaging.txt from beside one model to beside another, unless one is there; of a model for viewers,
+ * the gains alone. */
 oxl_result info_copy_imaging(oxl_context *ctx, const char *from, const char *to, int *copied);
 /* Refuses a place where a medium would be applied twice, or not at all; *is_other: gains and lamp there differ. */
 oxl_result info_check_imaging(oxl_context *ctx, const char *from, const char *to, int *is_other);
@@ -48,20 +48,20 @@ void output_add(struct output *t, const char *format, ...);
 void output_bytes(struct output *t, const void *data, size_t size);
 /* t is empty, or its text is the beginning */
 void output_open(struct output *t, const char *path);
-/* 1: written, whole; t is empty then */
+/* Closes the file and empties t. Returns 1 if it was written whole. */
 int output_close(struct output *t);
 int output_save(struct output *t, const char *path); /* open and close */
-/* in fresh memory, or NULL; size may be NULL */
+/* Reads a file into fresh memory, or returns NULL; size may be NULL. */
 char *output_read(const char *folder, const char *name, size_t *size);
 
-/* All text with names, of files, folders and images, is printed by these: control characters, which a survey
- * from elsewhere may hold, are shown as \xNN. */
+/* Prints text with names, of files, folders and images; all such text goes through these: control
+ * characters, which a survey from elsewhere may hold, are shown as \xNN. */
 void print_text(FILE *to, const char *text);
 void print_format(FILE *to, const char *format, ...);
 /* A path in a command to copy, as a temporary of the enclosing block. */
 #define PRINT_WORD(path) oxl_shell_word(path, (char[8192]){0}, 8192)
 
-/* The same for one number, and figures for people; return out. */
+/* Writes one number the same way, and figures for people; returns out. */
 const char *output_fixed(char out[32], double value, int decimals);
 const char *output_count(char out[40], double value);   /* 22 400 */
 const char *output_size(char out[40], double value);    /* bytes: 5.7 MB */
@@ -71,11 +71,11 @@ const char *output_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h 
 #define OUTPUT_SIZE(value) output_size((char[40]){0}, value)
 #define OUTPUT_SECONDS(value) output_seconds((char[40]){0}, value)
 
-/* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
+/* Returns the distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span. */
 double axis_step(double span);
 
 void json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
-/* in fresh memory, free() it; NULL: it is no string, or there is no memory */
+/* Copies a string into fresh memory, free() it; NULL: it is no string, or there is no memory. */
 char *json_string(const char *value);
 
 /* ---------------- frame.c: the axes right, up and above of a survey */
@@ -87,16 +87,16 @@ struct frame {
 };
 enum frame_kind { FRAME_AUTO, FRAME_WORLD_AXES, FRAME_SURVEY_AXES };
 void frame_of(const oxl_scene *scene, struct frame *out); /* of the kind auto */
-/* up (3): above, in the world's axes, for any kind; or NULL */
+/* Chooses a frame. up (3): above, in the world's axes, for any kind; or NULL. */
 void frame_choose(const oxl_scene *scene, enum frame_kind kind, const double *up, struct frame *out);
 double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene);
 void frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
-/* the inverse: sets the translation, for its rotation */
+/* Does the inverse: sets the translation, for its rotation. */
 void frame_place(oxl_camera *c, const double eye[3]);
 void frame_cross(const double a[3], const double b[3], double out[3]);
-/* Along right and up: all points but the outermost 1/200 on each side, and all cameras if they are wanted. 0:
- * no memory. */
+/* Bounds along right and up all points but the outermost 1/200 on each side, and all cameras if they are
+ * wanted. 0: no memory. */
 int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2],
                  double high[2]);
 
@@ -124,9 +124,9 @@ struct ground {
     const float *level;   /* (height,width) above the frame's centre, units; NaN: no ground */
     unsigned short *seen; /* (height,width) number of training views */
 };
-/* Where the camera sees p, in px; returns camera z, at most 0 behind it. */
+/* Projects p into the camera, px; returns camera z, at most 0 behind it. */
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);
-/* The place at x, y px of the map, in the scene's coordinates. */
+/* Returns the place at x, y px of the map, in the scene's coordinates. */
 void ground_place(const struct ground *g, double x, double y, double height, double out[3]);
 /* Sets `seen`: the training views with the place in their image, not too far, and nothing of the model before
  * it; model NULL: whatever is before it. */
@@ -150,8 +150,8 @@ struct overview {
     double height_error;  /* units: median difference of heights from the survey's points; NaN: none */
     double distance;      /* units: median distance of the ground from the cameras; 0: not known */
 };
-/* The map at a side of at most so many px, along the frame of the kind auto. Gaussians that no training view
- * shows are made invisible in the model. The caller frees the image, also on error. */
+/* Renders the map at a side of at most so many px, along the frame of the kind auto. Gaussians that no
+ * training view shows are made invisible in the model. The caller frees the image, also on error. */
 oxl_result ortho_overview(oxl_context *ctx, oxl_large_model *model, const oxl_scene *scene, int side,
                           struct overview *out);
 
@@ -167,8 +167,8 @@ oxl_result flight_write(oxl_context *ctx, const oxl_large_model *model, const ox
 /* Prints ends and lengths of bars, "ENDS=METRES;ENDS=METRES", metres a unit by those of known length, and what
  * that leaves of each. length: of bars without METRES; 0: not known. */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bars, double length, FILE *to);
-/* The place of "IMG,X,Y,IMG,X,Y..." or "X,Y,Z", in the scene's coordinates; by how much its rays miss it, and
- * its distance from the nearest of the cameras, 0 without. */
+/* Finds the place of "IMG,X,Y,IMG,X,Y..." or "X,Y,Z", in the scene's coordinates; by how much its rays miss
+ * it, and its distance from the nearest of the cameras, 0 without. */
 oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length,
                        double out[3], double *miss, double *distance);
 
@@ -301,22 +301,22 @@ struct cli_command {
 };
 extern const struct cli_command CLI_COMMANDS[COMMANDS]; /* of COMMAND_NONE: empty */
 
-/* The program's options and the job's, as one list. */
+/* Lists the program's options and the job's as one. */
 int cli_option_count(void);
 const oxl_option *cli_option_at(int index);
 int cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
 int cli_option_is_of(int index, enum command command);
-/* options that differ between the rows of ablate */
+/* Returns 1 for options that differ between the rows of ablate. */
 int cli_is_study_variable(const char *name);
 const char *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
 
 /* ---------------- arguments.c: parsing of the command line */
 
-/* 0, or 1: out->error says what is wrong. */
+/* Parses the command line. 0, or 1: out->error says what is wrong. */
 int arguments_parse(int argc, char **argv, struct arguments *out);
-/* what was given overrides what is there */
+/* Overrides what is there by what was given. */
 void arguments_apply(const struct arguments *a, oxl_job_options *o);
-/* text of an option of the job; NULL: not given */
+/* Returns the text of an option of the job; NULL: not given. */
 const char *arguments_given(const struct arguments *a, const char *name);
 
 /* ---------------- help.c: text generated from the tables */

@@ -28,8 +28,8 @@ enum { ALLOCATION_HEAD = 16, ALLOCATION_MAPPED = 4 << 20, ALLOCATION_TRIM = 32 <
 static volatile sig_atomic_t stop_requested;
 static time_t stop_time;
 
-/* A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals the program and
- * then its group. */
+/* Stops the run. A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals
+ * the program and then its group. */
 static void on_signal(int number)
 {
     const time_t now = time(NULL);
@@ -64,7 +64,7 @@ void console_clear(struct console *c)
     c->shown = 0;
 }
 
-/* Further lines are indented below. */
+/* Prints an error; further lines are indented below. */
 void console_error(const char *kind, const char *text)
 {
     fprintf(stderr, "oxl: %s", kind);
@@ -98,7 +98,7 @@ void console_log(void *user, oxl_log_level level, const char *text)
     console_error(level == OXL_LOG_WARNING ? "warning: " : "", text);
 }
 
-/* The library's memory, counted and limited by --ram: the size of each allocation stands before it. */
+/* Counts the library's memory and limits it by --ram: the size of each allocation stands before it. */
 static void *reallocate(void *user, void *old, size_t size)
 {
     struct cli_memory *m = &((struct console *)user)->memory;

@@ -15,7 +15,7 @@ struct control_sum {
     int count;
 };
 
-/* "NAME,X,Y,Z," of a line: 0 where it is something else; *at: behind it. */
+/* Reads "NAME,X,Y,Z," of a line: 0 where it is something else; *at: behind it. */
 static int control_read_place(const char **at, double place[3])
 {
     *at += strcspn(*at, ",\n");

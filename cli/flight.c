@@ -18,7 +18,7 @@ static void flight_unit(double a[3])
     for (int k = 0; k < 3 && length > 0; k++) a[k] /= length;
 }
 
-/* The camera at `eye` that looks along `forward`, with `down` as near to the image's down as possible. */
+/* Turns the camera at `eye` to look along `forward`, with `down` as near to the image's down as possible. */
 static void flight_look(const double eye[3], double forward[3], double down[3], oxl_camera *c)
 {
     double right[3];
@@ -103,7 +103,7 @@ static void flight_survey(const oxl_scene *scene, double fraction, oxl_camera *c
 
 /* ---------------- the frames */
 
-/* In the place of an earlier flight's. A frame past the last would join a film of these. */
+/* Lists the frames, in the place of an earlier flight's. A frame past the last would join a film of these. */
 static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count)
 {
     struct output list = {0};

@@ -52,7 +52,7 @@ static size_t frame_stride(const oxl_scene *scene)
     return 1 + oxl_scene_point_count(scene) / FRAME_SAMPLE;
 }
 
-/* The cameras' mean height, in units of the scene. */
+/* Averages the cameras' height, in units of the scene. */
 double frame_camera_height(const struct frame *f, const oxl_scene *scene)
 {
     double sum = 0;
@@ -89,7 +89,7 @@ static void frame_axes(struct frame *f, const oxl_scene *scene)
     f->spread = sqrt(fmax(a[wide][wide], 0) / (n > 0 ? n : 1));
 }
 
-/* Whether the world's z is up, by what the survey shows. */
+/* Returns 1 if the world's z is up, by what the survey shows. */
 static int frame_is_world(const struct frame *f, const oxl_scene *scene)
 {
     const double *origin = oxl_scene_origin(scene);

@@ -76,7 +76,7 @@ static uint32_t geotiff_tiles(const struct geotiff_level *l)
     return (uint32_t)(geotiff_across(l->width) * geotiff_across(l->height));
 }
 
-/* The mean of the 2 x 2 pixels' valid ones; without two of them the pixel is empty. */
+/* Averages the valid ones of the 2 x 2 pixels; without two of them the pixel is empty. */
 static void geotiff_halve_pixel(const struct geotiff *g, const unsigned char *const from[4],
                                 unsigned char out[4])
 {
@@ -177,7 +177,7 @@ static void geotiff_key_text(struct geotiff_keys *k, int id, const char *text)
     memcpy(k->key[k->count++], key, sizeof key);
 }
 
-/* By rising id: an EPSG code, or a transverse Mercator around a reference, or no CRS but words. */
+/* Adds keys by rising id: an EPSG code, or a transverse Mercator around a reference, or no CRS but words. */
 static void geotiff_place(const struct geotiff *g, struct geotiff_keys *k)
 {
     *k = (struct geotiff_keys){.count = 0};
@@ -221,7 +221,7 @@ static uint32_t geotiff_write_doubles(struct geotiff_file *f, const double *valu
     return at;
 }
 
-/* The values that do not fit a tag: written before the directory, which has their offsets. */
+/* Writes the values that do not fit a tag before the directory, which has their offsets. */
 static void geotiff_place_tags(struct geotiff_file *f, struct geotiff_directory *d)
 {
     const struct geotiff *g = f->g;
@@ -245,7 +245,7 @@ static void geotiff_place_tags(struct geotiff_file *f, struct geotiff_directory 
     if (f->at % 2) geotiff_integer(f, 0, 1);
 }
 
-/* An array of the level's tiles; that of one tile is its value. */
+/* Writes an array of the level's tiles; that of one tile is its value. */
 static uint32_t geotiff_write_tiles(struct geotiff_file *f, uint32_t first, uint32_t step, uint32_t tiles)
 {
     const uint32_t at = f->at;
@@ -294,7 +294,7 @@ static void geotiff_write_directory(struct geotiff_file *f, int level)
     }
 }
 
-/* The directory's bytes, and those of the values before it. */
+/* Counts the directory's bytes, and those of the values before it. */
 static uint32_t geotiff_directory_at(const struct geotiff_file *f, int level, uint32_t from)
 {
     struct geotiff_file dry = {.g = f->g, .at = from, .levels = f->levels};

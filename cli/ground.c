@@ -23,8 +23,8 @@ static oxl_camera ground_camera(const oxl_camera *full)
     return c;
 }
 
-/* Where pixels of the map lie that the view may see: the places where the rays of its image's corners pass the
- * lowest and the highest ground. A ray that does not go down passes none: the whole map. */
+/* Bounds the pixels of the map that the view may see: the places where the rays of its image's corners pass
+ * the lowest and the highest ground. A ray that does not go down passes none: the whole map. */
 static void ground_window(const struct ground *g, const oxl_camera *c, const double height[2], int first[2],
                           int last[2])
 {

@@ -16,7 +16,7 @@ static const char HELP_SCENE[] =
 static const char HELP_CODES[] =
     "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
 
-/* What train writes to OUT. */
+/* Lists what train writes to OUT. */
 static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
@@ -43,7 +43,8 @@ enum { HELP_DEFAULT = 160, HELP_NOTE = 240, HELP_COLUMN = 31 };
 
 /* ---------------- one option in words */
 
-/* "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard 7000, paper 40000", or "". */
+/* Words the default: "8", "170, paper 2800", "draft on, otherwise off", "draft 2000, standard 7000, paper
+ * 40000", or "". */
 static const char *help_default(int index, char out[HELP_DEFAULT])
 {
     const oxl_option *o = cli_option_at(index);
@@ -67,7 +68,7 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
     return out;
 }
 
-/* "--name VALUE" */
+/* Writes "--name VALUE". */
 static const char *help_option_text(const oxl_option *o, char out[100])
 {
     char word[40];
@@ -75,14 +76,14 @@ static const char *help_option_text(const oxl_option *o, char out[100])
     return out;
 }
 
-/* Where the option is limited to: "one block only", "CPU only" or "". */
+/* Says where the option is limited to: "one block only" or "". */
 static const char *help_limit(int index)
 {
     const unsigned use = cli_option_of_job(index) < 0 ? 0 : cli_option_at(index)->use;
-    return use & OXL_OPTION_ONE_BLOCK ? "one block only" : use & OXL_OPTION_CPU_ONLY ? "CPU only" : "";
+    return use & OXL_OPTION_ONE_BLOCK ? "one block only" : "";
 }
 
-/* "DEFAULT RANGE; LIMIT", of the parts that there are. */
+/* Writes "DEFAULT RANGE; LIMIT", of the parts that there are. */
 static const char *help_note(int index, const char *standard, const char *range, char out[HELP_NOTE])
 {
     const char *limit = help_limit(index);
@@ -104,7 +105,7 @@ static int help_group_begins(int index)
 
 /* ---------------- --help */
 
-/* In two columns; a first that is too long has its own line. */
+/* Prints two columns; a first that is too long has its own line. */
 static void help_row(FILE *to, const char *left, const char *right, const char *standard)
 {
     if (strlen(left) > HELP_COLUMN) fprintf(to, "  %s\n  %*s", left, HELP_COLUMN, "");
@@ -134,8 +135,8 @@ static void help_option(FILE *to, int index)
     help_row(to, help_option_text(o, left), o->help, help_note(index, standard, "", note));
 }
 
-/* The options of a command, or of all commands that have any, group by group. Returns how many were left
- * out. */
+/* Prints the options of a command, or of all commands that have any, group by group. Returns how many were
+ * left out. */
 static int help_options(FILE *to, enum command command, int all)
 {
     int left_out = 0;
@@ -153,7 +154,7 @@ static int help_options(FILE *to, enum command command, int all)
     return left_out;
 }
 
-/* arguments.c parses these. */
+/* Prints what may stand in place of a command; arguments.c parses these. */
 static void help_first(FILE *to)
 {
     fputs("\nIn place of a command\n", to);
@@ -197,7 +198,7 @@ static void manual_lines(FILE *to, const char *before, const char *text)
     if (text[0] && text[strlen(text) - 1] != '\n') fputc('\n', to);
 }
 
-/* page: 1: of docs/OPTIONS.md, in Markdown; 0: of the manual page. */
+/* Begins a group. page: 1: of docs/OPTIONS.md, in Markdown; 0: of the manual page. */
 static void help_group(FILE *to, int page, const char *title)
 {
     if (page) fprintf(to, "\n## %s\n\n", title);
@@ -214,7 +215,7 @@ static void help_entry(FILE *to, int page, const char *name, const char *what)
     manual_lines(to, "", what);
 }
 
-/* "HELP (default; range; limit). Advanced. Also --NAME." A former name is in the warning that its use
+/* Prints "HELP (default; range; limit). Advanced. Also --NAME." A former name is in the warning that its use
  * gives. */
 static void help_full_option(FILE *to, int page, int index)
 {

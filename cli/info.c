@@ -43,7 +43,7 @@ static void info_write_head(FILE *to, const oxl_model *m, int json)
             m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], scale);
 }
 
-/* Of 6 digits. */
+/* Prints the spread of a parameter. */
 static void info_write_spread(FILE *to, const char *name, const struct spread *s, int json)
 {
     const float value[3] = {s->low, s->middle, s->high};
@@ -83,7 +83,7 @@ static void info_imaging_path(const char *model, char path[4096])
     snprintf(path, 4096, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
 }
 
-/* Beside `model`; NULL: there is none. */
+/* Opens the imaging.txt beside `model`; NULL: there is none. */
 static FILE *info_open_imaging(const char *model)
 {
     char path[4096];
@@ -91,7 +91,7 @@ static FILE *info_open_imaging(const char *model)
     return oxl_open(path);
 }
 
-/* scene.ply has learned what the medium shows. */
+/* Returns 1 for a model that has learned what the medium shows: scene.ply. */
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
@@ -109,7 +109,7 @@ static int info_is_medium(const char *line) /* bD, bB, Binf, falloff */
     return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
 }
 
-/* Of the file as it was written: a copy may lack lines. */
+/* Finds the checksum of the file as it was written: a copy may lack lines. */
 static int info_is_checksum(const char *line)
 {
     return strncmp(line, "# checksum ", 11) == 0;

@@ -184,7 +184,7 @@ int cli_option_of_job(int index)
     return index < oxl_option_count() ? index : -1;
 }
 
-/* What an option of the job is for, as commands. */
+/* Names the commands that take an option of the job, by its use. */
 static unsigned cli_commands_of(unsigned use)
 {
     unsigned commands = 0;
@@ -197,7 +197,7 @@ static unsigned cli_commands_of(unsigned use)
     return commands;
 }
 
-/* What the rows of an ablation differ by. */
+/* Returns 1 for what the rows of an ablation differ by. */
 int cli_is_study_variable(const char *name)
 {
     static const char *const names[] = {"ucd", "keep", "dog", "cut"};

@@ -47,7 +47,8 @@ static char *output_digits(char *end, unsigned long long value, int least)
     return at;
 }
 
-/* Before `end`, rounded half up. Returns its start: `end` if |value| x 10^decimals is not below 9e18. */
+/* Writes digits before `end`, rounded half up. Returns their start: `end` if |value| x 10^decimals is not
+ * below 9e18. */
 static char *output_fixed_before(char *end, double value, int decimals)
 {
     unsigned long long power = 1, scaled;
@@ -74,7 +75,7 @@ const char *output_fixed(char out[32], double value, int decimals)
 
 /* ---------------- formats */
 
-/* Without the control characters that XML does not have. */
+/* Adds text without the control characters that XML does not have. */
 static void output_escaped(struct output *t, const char *text, size_t size)
 {
     static const char special[] = "&<>\"'";
@@ -96,7 +97,7 @@ static void output_json(struct output *t, const char *value)
     free(text);
 }
 
-/* The conversion at `at`, a percent sign. Returns what follows it. */
+/* Adds the conversion at `at`, a percent sign. Returns what follows it. */
 static const char *output_convert(struct output *t, const char *at, va_list *list)
 {
     char digits[32], *last = digits + sizeof digits;
@@ -249,7 +250,8 @@ int output_save(struct output *t, const char *path)
 
 /* ---------------- what a terminal shows */
 
-/* Bytes of the UTF-8 character at s, or 0: it is none. Overlong and too large ones count as characters. */
+/* Counts the bytes of the UTF-8 character at s, or 0: it is none. Overlong and too large ones count as
+ * characters. */
 static size_t print_character(const unsigned char *s)
 {
     const size_t size = s[0] < 0x80   ? 1
@@ -263,7 +265,8 @@ static size_t print_character(const unsigned char *s)
     return size;
 }
 
-/* 1: it moves the cursor, changes the terminal, or the order in which it shows characters. */
+/* Returns 1 if a character moves the cursor, changes the terminal, or the order in which it shows
+ * characters. */
 static int print_controls(const unsigned char *s, size_t size)
 {
     if (size == 1) return (s[0] < ' ' && s[0] != '\n' && s[0] != '\t') || s[0] == 0x7F;

@@ -40,7 +40,7 @@ static void scale_add_ray(struct scale_end *e, const double origin[3], const dou
     e->rays++;
 }
 
-/* By Cramer's rule; 0: the rays are parallel. */
+/* Solves the normal equations by Cramer's rule; 0: the rays are parallel. */
 static int scale_solve(const struct scale_end *e, double out[3])
 {
     double c[3][3], det;
@@ -123,7 +123,7 @@ oxl_result scale_place(oxl_context *ctx, const oxl_scene *scene, const char *tex
     return OXL_OK;
 }
 
-/* A bar of `size` bytes, its length in metres behind '='. */
+/* Reads a bar of `size` bytes, its length in metres behind '='. */
 static oxl_result scale_read_bar(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t size,
                                  struct scale_bar *out)
 {
@@ -170,7 +170,7 @@ static oxl_result scale_check(oxl_context *ctx, const struct scale_bar *b)
     return OXL_OK;
 }
 
-/* The diagonal of the box of the points, without the outermost on each side. */
+/* Measures the diagonal of the box of the points, without the outermost on each side. */
 static double scale_survey_size(const oxl_scene *scene)
 {
     struct frame f;
@@ -192,7 +192,7 @@ static void scale_print(const oxl_scene *scene, const struct scale_bar *b, doubl
         fprintf(to, "warning   the survey is only %.3g units long: an end may be marked wrongly\n", survey);
 }
 
-/* The least-squares scale of all bars of known length, and what it leaves of each. */
+/* Fits the scale to all bars of known length by least squares, and prints what it leaves of each. */
 static void scale_print_fit(const struct scale_bar *bar, int count, FILE *to)
 {
     double products = 0, squares = 0, scale;

@@ -74,7 +74,7 @@ struct study_result {
 oxl_result study_train(struct study_meter *s, const char *folder, const oxl_job_options *job,
                        struct study_result *out);
 
-/* A file of the folder, whole or not at all; empties t. */
+/* Writes a file of the folder, whole or not at all; empties t. */
 oxl_result study_write(oxl_context *ctx, const char *folder, const char *name, struct output *t);
 
 /* ---------------- all trainings: study.c */
@@ -103,10 +103,10 @@ struct study_figure {    /* over the seeds; NaN: not known */
     double mean, spread; /* spread: standard deviation, of two seeds or more */
 };
 struct study_figure study_mean(const struct study *s, int row, enum study_measure m);
-/* Seed by seed: PSNR and SSIM as a difference, the rest as a ratio. The effect of the seed, which both share,
- * cancels. */
+/* Compares seed by seed: PSNR and SSIM as a difference, the rest as a ratio. The effect of the seed, which
+ * both share, cancels. */
 struct study_figure study_compare(const struct study *s, int row, int base, enum study_measure m);
-/* 1: no row has as good a PSNR in no more CPU time */
+/* Returns 1 if no row has as good a PSNR in no more CPU time. */
 int study_is_pareto_optimal(const struct study *s, int row);
 void study_page(struct output *t, const struct study *s);
 void study_csv(struct output *t, const struct study *s);

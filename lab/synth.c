@@ -47,8 +47,8 @@ static oxl_result synth_check(oxl_context *ctx, const synth_options *o)
 
 /* ---------------- water */
 
-/* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter
- * changes from blue in the ocean to green and brown at the coast. */
+/* Lists the attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md);
+ * backscatter changes from blue in the ocean to green and brown at the coast. */
 static const struct synth_water synth_waters[] = {
     /* by enum synth_type */
     {"none", {0, 0, 0}, {0, 0, 0}},
@@ -209,8 +209,8 @@ static oxl_result synth_write_image(struct synth_run *s, const char *folder, int
     return oxl_image_write(s->ctx, path, image);
 }
 
-/* 1 within options.alpha of the vertical axis through the centre; beyond, and where no surface is, transparent
- * and black, as programs that cut out an object leave it. */
+/* Makes an image opaque within options.alpha of the vertical axis through the centre; beyond, and where no
+ * surface is, transparent and black, as programs that cut out an object leave it. */
 static void synth_cut_out(struct synth_run *s, const struct synth_camera *c)
 {
     const size_t width = (size_t)c->width;

@@ -91,13 +91,13 @@ struct synth_surface { /* what is nearest to a point */
     const struct synth_object *object; /* NULL: ground or wreck */
 };
 
-/* half: the world is baked for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
+/* Bakes the world for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
 int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
 extern const char *const synth_scenes[3];
-/* Of options.scene; NULL: of the path. -1: it is not known. */
+/* Returns options.scene; NULL: that of the path. -1: it is not known. */
 int synth_scene_of(const synth_options *options);
 void synth_world_free(struct synth_world *world);
-/* height, metres, without objects */
+/* Returns the ground's height in metres, without objects. */
 double synth_ground(const struct synth_world *world, double x, double y);
 /* Metres that a ray may safely go from p; negative inside. surface may be NULL. */
 double synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
@@ -105,14 +105,14 @@ v3 synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck *
 
 /* ---------------- synth_shade.c */
 
-/* Range to the first surface along a unit direction, or -1 when there is none before `far`. */
+/* Returns the range to the first surface along a unit direction, or -1 when there is none before `far`. */
 double synth_cast(const struct synth_world *world, v3 from, v3 direction, double far);
-/* Outward normal at a surface point; waves finer than the footprint (metres) are left out. */
+/* Returns the outward normal at a surface point; waves finer than the footprint (metres) are left out. */
 v3 synth_normal(const struct synth_world *world, v3 p, double footprint);
-/* Display colour 0..1 of a surface point in clear water. */
+/* Returns the display colour 0..1 of a surface point in clear water. */
 v3 synth_shade(const struct synth_world *world, v3 p, double footprint);
-/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: fraction of the sky
- * that it sees. */
+/* Returns the display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open:
+ * fraction of the sky that it sees. */
 v3 synth_light(v3 albedo, v3 normal, double sun, double open);
 
 /* ---------------- synth_trajectory.c */
@@ -132,13 +132,14 @@ struct synth_trajectory {
     v3 wreck;     /* where it should lie; z is not used */
 };
 
-/* Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground. 0: out of memory. */
+/* Places the cameras. Standing heights are above z = 0 until synth_trajectory_set_heights knows the ground.
+ * 0: out of memory. */
 int synth_trajectory_create(const synth_options *options, struct synth_trajectory *out);
 void synth_trajectory_set_heights(struct synth_trajectory *trajectory, const struct synth_world *world);
 void synth_trajectory_free(struct synth_trajectory *trajectory);
 void synth_image_name(const synth_options *options, int view, char name[32]);
 v3 synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
-/* Pixel and camera z of a world point; 0 when it lies behind. */
+/* Returns pixel and camera z of a world point; 0 when it lies behind. */
 int synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
 
 /* ---------------- synth_fish.c */
@@ -150,11 +151,11 @@ struct synth_fish {
     double length, beat;    /* metres; angle of its tail */
     uint32_t seed;
 };
-/* Those that a view may see: out has room for 3 x options.fish. Returns how many. */
+/* Lists the fish that a view may see: out has room for 3 x options.fish. Returns how many. */
 int synth_fish_near(const synth_options *options, const struct synth_world *world,
                     const struct synth_trajectory *trajectory, int view, struct synth_fish *out);
-/* Range to the first of them along a unit direction, or -1 when there is none before `far`; *colour is its
- * display colour. */
+/* Returns the range to the first fish along a unit direction, or -1 when there is none before `far`; *colour
+ * is its display colour. */
 double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from,
                        v3 direction, double far, v3 *colour);
 
@@ -168,14 +169,14 @@ struct synth_water {
 };
 v3 synth_through_water(const struct synth_water *water, v3 colour, double range);
 
-/* what an image is multiplied by */
+/* Returns the factor on an image. */
 v3 synth_gain(const synth_options *options, int view);
-/* what J is multiplied by; range in metres */
+/* Returns the factor on J; range in metres. */
 double synth_lamp_falloff(const synth_options *options, double range);
-/* what a pixel is multiplied by */
+/* Returns the factor on a pixel. */
 double synth_lamp_radial(const synth_options *options, double x, double y);
-/* What the water between camera and surface throws back of the lamp's light, before that gain; range in
- * metres. */
+/* Returns what the water between camera and surface throws back of the lamp's light, before that gain; range
+ * in metres. */
 double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y,
                               double range);
 
@@ -212,7 +213,7 @@ struct synth_run;
 oxl_result synth_points_create(const struct synth_run *run, struct synth_points *out);
 void synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
 void synth_points_free(struct synth_points *points);
-/* The observation of a point in a view that sees it. */
+/* Returns the observation of a point in a view that sees it. */
 const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point,
                                                      int view);
 /* Keypoints without a point after the k-th observation of a view: 0 or 1. */
@@ -235,7 +236,7 @@ struct synth_run {
 
 /* ---------------- what is written: synth_export.c, synth_light.c */
 
-/* The truth, and last what makes a survey: one that can be read is whole. */
+/* Writes the truth, and last what makes a survey: one that can be read is whole. */
 oxl_result synth_write_files(const struct synth_run *s);
 void synth_write_exposure(const struct synth_run *s, struct output *t);
 void synth_write_lamp(const struct synth_run *s, struct output *t);

@@ -55,7 +55,7 @@ static void export_quaternion(const double r[9], double q[4])
         for (int i = 0; i < 4; i++) q[i] = -q[i];
 }
 
-/* The mean of so many observations each. */
+/* Returns the mean number of observations of a point. */
 static double export_mean(const struct synth_points *points, size_t count)
 {
     return count > 0 ? (double)points->observation_count / (double)count : 0;

@@ -33,7 +33,7 @@ static inline v3 v3_scale(v3 a, double s)
 {
     return v3_of(a.x * s, a.y * s, a.z * s);
 }
-/* Element by element, as light by colour. */
+/* Multiplies element by element, as light by colour. */
 static inline v3 v3_times(v3 a, v3 b)
 {
     return v3_of(a.x * b.x, a.y * b.y, a.z * b.z);
@@ -58,7 +58,7 @@ static inline v3 v3_unit(v3 a)
 {
     return v3_scale(a, 1 / v3_length(a));
 }
-/* By the matrix of these rows. */
+/* Multiplies by the matrix of these rows. */
 static inline v3 v3_turn(const v3 rows[3], v3 p)
 {
     return v3_of(v3_dot(rows[0], p), v3_dot(rows[1], p), v3_dot(rows[2], p));
@@ -80,14 +80,14 @@ static inline double synth_clamp(double x, double low, double high)
 {
     return x < low ? low : x > high ? high : x;
 }
-/* 0 before a, 1 after b, smooth between. */
+/* Rises smoothly from 0 before a to 1 after b. */
 static inline double synth_step(double a, double b, double x)
 {
     const double t = synth_clamp((x - a) / (b - a), 0, 1);
     return t * t * (3 - 2 * t);
 }
 
-/* A standard normal number (Box & Muller 1958). */
+/* Draws a standard normal number (Box & Muller 1958). */
 static inline double synth_random_normal(uint64_t bits)
 {
     const double radius = sqrt(-2 * log(1 - random_unit(bits)));
@@ -117,13 +117,13 @@ static inline double synth_lerp(double a, double b, double t)
     return a + (b - a) * t;
 }
 
-/* One of 8 directions, dotted with (x, y). */
+/* Multiplies one of 8 directions by (x, y). */
 static inline double synth_corner2(uint32_t h, double x, double y)
 {
     const double u = h & 1 ? x : -x, v = h & 2 ? y : -y;
     return h & 4 ? u + 0.5 * v : 0.5 * u + v;
 }
-/* About -1..1, wavelength 1. */
+/* Returns noise of about -1..1 and wavelength 1. */
 static inline double synth_noise2(uint32_t seed, double x, double y)
 {
     const int ix = synth_floor(x), iy = synth_floor(y);
@@ -135,7 +135,7 @@ static inline double synth_noise2(uint32_t seed, double x, double y)
     return 1.35 * synth_lerp(synth_lerp(a, b, u), synth_lerp(c, d, u), v);
 }
 
-/* One of the 12 edges of a cube, as Perlin 2002, dotted with (x, y, z). */
+/* Multiplies one of the 12 edges of a cube, as Perlin 2002, by (x, y, z). */
 static inline double synth_corner3(uint32_t h, double x, double y, double z)
 {
     const uint32_t k = h & 15;
@@ -158,7 +158,8 @@ static inline double synth_noise3(uint32_t seed, v3 p)
     return synth_lerp(plane[0], plane[1], w);
 }
 
-/* How much of a wave of this length survives in pixels this wide: none under two pixels, all from four on. */
+/* Returns how much of a wave of this length survives in pixels this wide: none under two pixels, all from
+ * four on. */
 static inline double synth_visible_fraction(double wavelength, double footprint)
 {
     return synth_clamp(0.5 * wavelength / footprint - 1, 0, 1);

@@ -60,7 +60,7 @@ static void trajectory_look(const synth_options *o, int view, v3 level, double a
                    trajectory_waver(o, view, 5, 2 * degree));
 }
 
-/* Each of these poses the camera of a view and returns where the wreck should lie. */
+/* Poses the camera of a view and returns where the wreck should lie, as all that follow. */
 static v3 trajectory_lawnmower(const synth_options *o, int i, struct synth_camera *c)
 {
     const double step = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_FRACTION * o->width);

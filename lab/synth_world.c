@@ -98,7 +98,7 @@ static int world_bake(struct synth_world *w, double half)
     return 1;
 }
 
-/* Weights of the four samples around t in 0..1: the uniform cubic B-spline. */
+/* Weighs the four samples around t in 0..1: the uniform cubic B-spline. */
 static void world_spline(double t, double weight[4])
 {
     const double s = 1 - t;

@@ -554,6 +554,7 @@ static void photometry_test_ranges(const char *survey, double range[14])
 TEST(photometry_warns_where_exposure_goes_with_distance_and_else_does_not)
 {
     NEEDS_PART(exposure);
+    NEEDS_PART(medium);
     const synth_options o = photometry_test_make("far", SYNTH_7C);
     double range[14], least = DBL_MAX, most = 0;
     CHECK(!photometry_test_warns("far"));

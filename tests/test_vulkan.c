@@ -13,6 +13,7 @@
 #include "../backends/vulkan/memory.c"
 #include "../backends/vulkan/device.c"
 #include "../backends/vulkan/resident.c"
+#include "../backends/vulkan/imaging.c"
 #include "../backends/vulkan/renderer.c"
 #endif
 
@@ -786,6 +787,140 @@ static void vulkan_check_gradient(oxl_context *device)
         vulkan_check_gradient_of(device, 3, 0, antialias);
         vulkan_check_gradient_of(device, 1, 300, antialias);
     }
+}
+
+/* ---------------- medium, lamp, dropout, the loss in front of points */
+
+struct vulkan_imaging {
+    const struct medium *medium;
+    const float *gain;
+    int lit, points, degree;
+    size_t lobes;
+    double dropout, contrast;
+    int window; /* 1: the camera shows a part of the image */
+};
+
+static const struct medium vulkan_murky = {
+    1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 1.5f};
+
+/* Loss, and gradients of everything, of one renderer. */
+static struct renderer_loss vulkan_imaging_step(oxl_context *ctx, struct renderer *r,
+                                                const oxl_camera *camera, const struct vulkan_imaging *o,
+                                                const float *target, const oxl_model *m, oxl_model *gradient)
+{
+    static const float at[2] = {24, 16};
+    struct lamp lamp = {.view = -1};
+    struct depth_point point[DEPTH_POINTS];
+    oxl_render_options options = oxl_render_options_default();
+    struct renderer_loss loss;
+    for (int k = 0; k < LAMP_TERMS; k++) lamp.shape[k] = 0.3f * (float)vulkan_random((uint64_t)k, 70);
+    for (int k = 0; k < o->points; k++)
+        point[k] = (struct depth_point){(float)(0.5 + 45 * (1 + vulkan_random((uint64_t)k, 71))),
+                                        (float)(0.5 + 30 * (1 + vulkan_random((uint64_t)k, 72))),
+                                        (float)(5 + 2 * vulkan_random((uint64_t)k, 73))};
+    if (o->window) renderer_set_window(r, at, 2 * camera->width, 2 * camera->height);
+    renderer_set_medium(r, o->medium, 1);
+    renderer_set_lamp(r, o->lit ? &lamp : NULL);
+    renderer_set_gain(r, o->gain);
+    renderer_set_contrast(r, o->contrast);
+    renderer_set_dropout(r, o->dropout, UINT64_C(0x123456789abcdef), 77);
+    CHECK_OK(renderer_forward(ctx, r, m, camera, &options));
+    CHECK_OK(renderer_loss(ctx, r, target, NULL, 0.2f, &loss));
+    renderer_set_depths(r, point, o->points, 1);
+    CHECK_OK(oxl_model_create(test_ctx, m->count, o->degree, gradient));
+    memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof(float));
+    CHECK_OK(renderer_backward(ctx, r, NULL, gradient));
+    CHECK_OK(renderer_gradient(ctx, r, gradient));
+    renderer_add_imaging_gradients(r, &loss);
+    return loss;
+}
+
+static void vulkan_compare_sums(const double *cpu, const double *device, int count)
+{
+    double most = 0;
+    for (int k = 0; k < count; k++) most = OXL_MAX(most, fabs(cpu[k]));
+    CHECK(most > 0);
+    for (int k = 0; k < count; k++) CHECK_CLOSE(device[k], cpu[k], 2e-3 * most);
+}
+
+static void vulkan_check_imaging_of(oxl_context *device, const struct vulkan_imaging *o)
+{
+    struct vulkan_twins t = vulkan_twins(device, 90, 60);
+    float *target = vulkan_noise(3 * t.pixels, 74);
+    struct renderer_loss loss[2];
+    oxl_model m, gradient[2];
+    for (size_t i = 0; i < 3 * t.pixels; i++) target[i] = 0.5f + 0.4f * target[i];
+    vulkan_scene(700, o->degree, o->lobes, &m);
+    for (int k = 0; k < 2; k++)
+        loss[k] = vulkan_imaging_step(t.ctx[k], t.r[k], &t.camera, o, target, &m, &gradient[k]);
+    vulkan_compare_images(&t);
+    CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
+    if (o->lit) vulkan_compare_sums(loss[0].dlamp, loss[1].dlamp, LAMP_TERMS);
+    if (o->gain) vulkan_compare_sums(loss[0].dlog_gain, loss[1].dlog_gain, 3);
+    for (int k = 0; k < 9 && o->medium && o->medium->on; k += 3)
+        vulkan_compare_sums(loss[0].dmedium + k, loss[1].dmedium + k, 3);
+    if (o->medium && o->medium->has_falloff)
+        vulkan_compare_sums(loss[0].dmedium + MEDIUM_FALLOFF, loss[1].dmedium + MEDIUM_FALLOFF, 1);
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], m.count).relative, 0, 5e-3);
+    vulkan_download_rows(device, t.r[1]);
+    for (size_t i = 0; i < m.count; i++)
+        if (renderer_row_visible(t.r[0], i) && renderer_row_visible(t.r[1], i))
+            CHECK_CLOSE(t.r[1]->dmean2d[i], t.r[0]->dmean2d[i], 1e-2 * t.r[0]->dmean2d[i] + 1e-6);
+    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &gradient[k]);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, target);
+    vulkan_twins_free(&t);
+}
+
+static void vulkan_check_lamp(oxl_context *device)
+{
+    static const float gain[3] = {1.3f, 0.6f, 1.1f};
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.lit = 1, .gain = gain});
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.lit = 1, .contrast = 0.004});
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.lit = 1, .gain = gain, .window = 1});
+}
+
+static void vulkan_check_medium(oxl_context *device)
+{
+    struct medium m = vulkan_murky;
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.medium = &m, .degree = 2});
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.medium = &m, .lit = 1, .lobes = 300});
+    device->backend->vulkan->slab_rows = 256; /* several slabs */
+    device->backend->vulkan->groups_max = 9;
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.medium = &m, .degree = 1});
+    m.on = 0; /* falloff alone */
+    for (int c = 0; c < 3; c++) m.attenuation[c] = m.backscatter[c] = m.veiling_light[c] = 0;
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.medium = &m});
+}
+
+static void vulkan_check_depth_loss(oxl_context *device)
+{
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.points = DEPTH_POINTS});
+    vulkan_check_imaging_of(device,
+                            &(struct vulkan_imaging){.points = 40, .medium = &vulkan_murky, .lobes = 200});
+}
+
+static void vulkan_check_dropout(oxl_context *device)
+{
+    struct vulkan_twins t = vulkan_twins(device, 90, 60);
+    size_t seen[2] = {0, 0};
+    oxl_model m;
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.dropout = 0.4, .lobes = 200});
+    vulkan_check_imaging_of(device, &(struct vulkan_imaging){.dropout = 0.2, .medium = &vulkan_murky});
+    vulkan_scene(700, 0, 0, &m);
+    for (int on = 0; on < 2; on++) {
+        for (int k = 0; k < 2; k++) renderer_set_dropout(t.r[k], 0.5 * on, 3, 7);
+        vulkan_forward_both(&t, &m);
+        vulkan_download_rows(device, t.r[1]);
+        for (size_t i = 0; i < m.count; i++) {
+            CHECK(renderer_row_visible(t.r[0], i) == renderer_row_visible(t.r[1], i));
+            seen[on] += (size_t)renderer_row_visible(t.r[1], i);
+        }
+    }
+    CHECK_CLOSE((double)seen[1], 0.5 * (double)seen[0], 0.1 * (double)seen[0]);
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
 }
 
 /* Devices with less shared memory hold smaller batches: the same sums in another order. */
@@ -3234,74 +3369,6 @@ static void vulkan_check_windows(oxl_context *device)
     for (int k = 0; k < 2; k++) oxl_model_free(ctx[k], &model[k]);
 }
 
-static int vulkan_said; /* lines about lamp and medium */
-
-static void vulkan_hear(void *user, oxl_log_level level, const char *text)
-{
-    (void)user, (void)level;
-    vulkan_said += strstr(text, "lamp off: a device renders") || strstr(text, "medium off: a device renders");
-}
-
-/* Finds in a run's decisions that the option has what a device does instead, and why. */
-static int vulkan_left_out(const char *decisions, const oxl_option *row)
-{
-    const char *instead = strcmp(row->name, "ssim-contrast") == 0 ? "0.03"
-                          : row->kind == OXL_OPTION_CHOICE        ? "off"
-                                                                  : "0";
-    char entry[160];
-    snprintf(entry, sizeof entry, "\"%s\": {\"chosen\": \"%s\", \"evidence\": \"a device renders", row->name,
-             instead);
-    for (char *dash = strchr(entry, '-'); dash && dash < entry + strlen(row->name) + 1;
-         dash = strchr(dash, '-'))
-        *dash = '_'; /* as keys of run.json are written */
-    return strstr(decisions, entry) != NULL;
-}
-
-/* auto: off and said, in the log and in run.json; on: refused. */
-static void vulkan_check_dropout(oxl_context *device)
-{
-    oxl_scene *scene = vulkan_survey(device, 0);
-    oxl_train_options options = train_options(5);
-    oxl_model model;
-    options.dropout = 0.2;
-    CHECK(oxl_train(device, scene, &options, NULL, &model) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(device), "a device does not leave out Gaussians");
-    CHECK_TEXT(oxl_error_text(device), "fix: --dropout auto, or --backend cpu");
-    options.dropout = -1;
-    scene->stats.mean_track = 3; /* so on the CPU it is on */
-    options.iterations = 61 * schedule_training_views(scene);
-    CHECK(dropout_rate(&options, scene) > 0);
-    CHECK_OK(oxl_train(device, scene, &options, NULL, &model));
-    oxl_model_free(device, &model);
-    oxl_scene_free(device, scene);
-}
-
-static void vulkan_check_lamp_and_medium(oxl_context *device)
-{
-    struct text decisions = {.ctx = device};
-    struct train_task place = {.folder = test_path("auto"), .key = "auto", .decisions = &decisions};
-    oxl_scene *scene = vulkan_survey(device, 0);
-    oxl_job_options options = {.train = train_options(2)};
-    oxl_model model;
-    device->options.log = vulkan_hear;
-    vulkan_said = 0;
-    for (int i = 0; i < oxl_option_count(); i++)
-        if (oxl_option_at(i)->use & OXL_OPTION_CPU_ONLY)
-            CHECK_OK(oxl_option_set(oxl_option_at(i), &options, "auto", NULL, 0));
-    CHECK_OK(train_run(device, scene, &options.train, NULL, &place, &model));
-    CHECK(vulkan_said == 2);
-    for (int i = 0; i < oxl_option_count(); i++) {
-        const oxl_option *row = oxl_option_at(i);
-        CHECK(vulkan_left_out(decisions.data, row) == ((row->use & OXL_OPTION_CPU_ONLY) != 0));
-    }
-    oxl_model_free(device, &model);
-    options.train.medium = OXL_ON;
-    CHECK(oxl_train(device, scene, &options.train, NULL, &model) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(device), "not rendered on a device\nfix: --backend cpu");
-    text_free(&decisions);
-    oxl_scene_free(device, scene);
-}
-
 static void vulkan_check_repeated(oxl_context *device)
 {
     oxl_model model[2];
@@ -3674,14 +3741,24 @@ TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
     ON_DEVICE(vulkan_check_exposure);
 }
 
-TEST(vulkan_refuses_a_dropout_and_leaves_out_that_of_auto)
+TEST(vulkan_leaves_out_the_gaussians_that_the_cpu_leaves_out)
 {
     ON_DEVICE(vulkan_check_dropout);
 }
 
-TEST(vulkan_leaves_what_is_for_the_cpu_only_to_it_and_says_so)
+TEST(vulkan_has_the_lamp_of_the_cpu_and_its_gradients)
 {
-    ON_DEVICE(vulkan_check_lamp_and_medium);
+    ON_DEVICE(vulkan_check_lamp);
+}
+
+TEST(vulkan_has_the_medium_of_the_cpu_and_its_gradients)
+{
+    ON_DEVICE(vulkan_check_medium);
+}
+
+TEST(vulkan_has_the_loss_in_front_of_points_of_the_cpu)
+{
+    ON_DEVICE(vulkan_check_depth_loss);
 }
 
 TEST(vulkan_leaves_parts_of_views_to_the_cpu)

@@ -52,11 +52,10 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 /* ---------------- forward */
 
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, const oxl_camera *c,
-                             const oxl_render_options *o)
+                             const oxl_render_options *o, const struct renderer_settings *settings)
 {
     const uint32_t on = HALT_NONE;
-    struct kernel_camera k = render_kernel_camera(c, o->near_plane);
-    render_set_alpha_min(&k, o->alpha_min);
+    const struct kernel_camera k = *settings->camera;
     r->view = (struct vulkan_view){.rotation = {k.rotation.x.x, k.rotation.x.y, k.rotation.x.z,
                                                 k.rotation.y.x, k.rotation.y.y, k.rotation.y.z,
                                                 k.rotation.z.x, k.rotation.z.y, k.rotation.z.z},
@@ -77,7 +76,11 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, 
                                    .tiles_x = (uint32_t)(c->width + TILE - 1) / TILE,
                                    .tiles_y = (uint32_t)(c->height + TILE - 1) / TILE,
                                    .infinity = VULKAN_INFINITY,
-                                   .antialias = (uint32_t)model->antialias};
+                                   .antialias = (uint32_t)model->antialias,
+                                   .half_width = k.half_width,
+                                   .half_height = k.half_height};
+    vulkan_take_settings(r, settings);
+    r->window_fraction = (float)((size_t)c->width * (size_t)c->height) / (4 * k.half_width * k.half_height);
     r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
     vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
     vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
@@ -86,22 +89,13 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, 
     if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
 }
 
-static void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32_t push[6])
-{
-    push[0] = (uint32_t)(slab * r->stride);
-    push[1] = (uint32_t)vulkan_slab_rows(r, slab, r->count);
-    push[2] = r->stride;
-    push[3] = (uint32_t)r->drawn_sh_degree;
-    push[4] = (uint32_t)r->lobes;
-    push[5] = r->lobe_plane;
-}
-
 static void vulkan_project(struct vulkan_renderer *r)
 {
     uint32_t push[6];
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
-        VULKAN_RUN(r->v, PROJECT, 0, vulkan_groups(push[1]), push,
+        VULKAN_RUN(r->v, PROJECT, (uint32_t)r->in_medium + 2 * (uint32_t)r->drops, vulkan_groups(push[1]),
+                   push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b,
                                   &r->splat_c, &r->seen, &r->lobe_a, &r->lobe_b, &r->rank, &r->counts));
     }
@@ -176,14 +170,15 @@ static void vulkan_in_parts(struct vulkan_renderer *r,
 static void vulkan_draw_part(struct vulkan_renderer *r, const uint32_t part[2], uint32_t depths)
 {
     const uint32_t push[4] = {(uint32_t)r->lobes, part[0], part[1], depths};
+    const uint32_t variant = r->veil_trains && !depths;
     if (r->lobes)
-        VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
+        VULKAN_RUN(r->v, RASTER_LOBED, variant, r->tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                                  &r->splat_a, &r->splat_b, &r->splat_c, &r->lobe_a, &r->rgb));
+                                  &r->splat_a, &r->splat_b, &r->splat_c, &r->lobe_a, &r->rgb, &r->through));
     else
-        VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
+        VULKAN_RUN(r->v, RASTER, variant, r->tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged,
-                                  &r->splat_a, &r->splat_b, &r->splat_c, NULL, &r->rgb));
+                                  &r->splat_a, &r->splat_b, &r->splat_c, NULL, &r->rgb, &r->through));
 }
 
 static void vulkan_draw(struct vulkan_renderer *r, int depths)
@@ -218,14 +213,24 @@ static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
                            : PASS_RASTER_BACKWARD_4;
 }
 
+static uint32_t vulkan_loss_variant(const struct vulkan_renderer *r, int lit)
+{
+    return 2 * (uint32_t)lit + 4 * (uint32_t)(r->window_fraction != 1);
+}
+
 /* All that a step needs, in forward: a step whose memory or shaders cannot be had has changed nothing then,
  * and the CPU can do it. */
 static void vulkan_reserve_step(struct vulkan_renderer *r)
 {
-    static const enum vulkan_pass both[] = {PASS_LOSS_TOTAL, PASS_LOSS_BACKWARD, PASS_STEP};
     const size_t pixels = (size_t)r->view.width * r->view.height;
-    for (uint32_t i = 0; i < 2 * OXL_COUNT(both); i++) vulkan_prepare(r->v, both[i / 2], i % 2);
-    vulkan_prepare(r->v, PASS_LOSS_FORWARD, 0);
+    const uint32_t lit = (uint32_t)r->may_be_lit;
+    for (uint32_t i = 0; i < 2; i++) {
+        vulkan_prepare(r->v, PASS_LOSS_TOTAL, i);
+        vulkan_prepare(r->v, PASS_LOSS_BACKWARD, vulkan_loss_variant(r, r->may_be_lit) + i);
+    }
+    vulkan_prepare(r->v, PASS_LOSS_FORWARD, lit);
+    vulkan_prepare(r->v, PASS_STEP, 1);
+    vulkan_prepare(r->v, PASS_STEP, 2 * (uint32_t)r->in_medium);
     vulkan_prepare(r->v, PASS_OBSERVE, 0);
     vulkan_prepare(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 0);
     vulkan_reserve_sums(r, 0);
@@ -234,6 +239,7 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     vulkan_reserve(r->v, &r->drgb, pixels, 12, "pixels");
     for (int ch = 0; ch < 3; ch++) vulkan_reserve(r->v, &r->slope[ch], pixels, 12, "pixels");
     vulkan_reserve(r->v, &r->partial, 15 * r->tiles, 4, "tiles");
+    vulkan_reserve_imaging(r);
     vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_reserve(r->v, &r->statistics, r->count, 16, "Gaussians");
     vulkan_reserve_moments(r);
@@ -287,7 +293,8 @@ static void vulkan_make_pair_room(struct vulkan_renderer *r, int steps)
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
-                                 const oxl_render_options *options, int steps)
+                                 const oxl_render_options *options, const struct renderer_settings *settings,
+                                 int steps)
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
@@ -299,7 +306,9 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     vulkan_take_model(r, model);
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
-    vulkan_take_view(r, model, camera, options);
+    vulkan_take_view(r, model, camera, options, settings);
+    if (r->veil_trains)
+        vulkan_reserve(r->v, &r->through, (size_t)camera->width * (size_t)camera->height, 4, "pixels");
     vulkan_order_rows(r);
     vulkan_make_pair_room(r, steps);
     vulkan_order_pairs(r);
@@ -329,18 +338,25 @@ static oxl_result vulkan_image(void *device, float *rgb)
 static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
 {
     const float *gain = r->exposed ? r->gain : (const float[3]){1, 1, 1};
-    const uint32_t push[8] = {
-        r->view.width,    r->view.height,       (uint32_t)r->tiles,   vulkan_bits(ssim_weight),
-        (uint32_t)masked, vulkan_bits(gain[0]), vulkan_bits(gain[1]), vulkan_bits(gain[2])};
+    const uint32_t push[10] = {r->view.width,
+                               r->view.height,
+                               (uint32_t)r->tiles,
+                               vulkan_bits(ssim_weight),
+                               (uint32_t)masked,
+                               vulkan_bits(gain[0]),
+                               vulkan_bits(gain[1]),
+                               vulkan_bits(gain[2]),
+                               vulkan_bits(r->contrast),
+                               vulkan_bits(r->window_fraction)};
     const uint32_t total[4] = {3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred,
                                VULKAN_INFINITY};
-    VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
+    VULKAN_RUN(r->v, LOSS_FORWARD, (uint32_t)r->lit, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2],
-                              &r->partial));
+                              &r->partial, &r->lamp));
     VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
-    VULKAN_RUN(r->v, LOSS_BACKWARD, (uint32_t)r->exposed, 3 * r->tiles, push,
+    VULKAN_RUN(r->v, LOSS_BACKWARD, vulkan_loss_variant(r, r->lit) + (uint32_t)r->exposed, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2],
-                              &r->totals, &r->drgb, &r->partial));
+                              &r->totals, &r->drgb, &r->partial, &r->lamp));
     if (r->exposed)
         VULKAN_RUN(r->v, LOSS_TOTAL, 1, 1, total, VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
 }
@@ -356,16 +372,19 @@ static struct renderer_loss vulkan_loss_of(const float total[8], float ssim_weig
     return out;
 }
 
-static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, const float *gain,
-                              float ssim_weight, struct renderer_loss *out)
+static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight,
+                              const struct renderer_gains *gains, float ssim_weight,
+                              struct renderer_loss *out)
 {
     struct vulkan_renderer *r = device;
     struct vulkan *v = r->v;
     const size_t pixels = (size_t)r->view.width * r->view.height;
     float total[OXL_COUNT(r->report->totals)];
-    r->exposed = gain != NULL;
-    if (gain) memcpy(r->gain, gain, sizeof r->gain);
+    r->exposed = gains->gain != NULL;
+    if (gains->gain) memcpy(r->gain, gains->gain, sizeof r->gain);
+    r->contrast = gains->contrast > 0 ? (float)(gains->contrast * gains->contrast) : 9e-4f;
     vulkan_enter(v);
+    vulkan_draw_lamp(r, gains);
     if (rgb) vulkan_reserve(v, &r->target, pixels, 12, "pixels");
     vulkan_reserve(v, &r->drgb, pixels, 12, "pixels");
     vulkan_reserve(v, &r->partial, 15 * r->tiles, 4, "tiles");
@@ -405,12 +424,14 @@ static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
     vulkan_upload(r->v, &r->drgb, 0, drgb, 12 * pixels);
 }
 
-static oxl_result vulkan_backward(void *device, const float *drgb)
+static oxl_result vulkan_backward(void *device, const float *drgb, const struct renderer_depths *depths)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
     if (drgb) vulkan_take_drgb(r, drgb);
     vulkan_draw_backward(r, 0);
+    vulkan_add_depths(r, depths);
+    vulkan_add_imaging(r);
     return r->v->rc;
 }
 
@@ -438,7 +459,7 @@ static void vulkan_project_backward(struct vulkan_renderer *r)
         vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float),
                        "numbers of Gaussians");
         vulkan_row_push(r, s, push);
-        VULKAN_RUN(r->v, PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
+        VULKAN_RUN(r->v, PROJECT_BACKWARD, 2 * (uint32_t)r->in_medium, vulkan_groups(push[1]), push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a,
                                   &r->sums_b, &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d,
                                   &r->slab[s].gradient));
@@ -494,12 +515,13 @@ static oxl_result vulkan_read_nonfinite(struct vulkan_renderer *r, struct render
     return r->v->rc;
 }
 
-/* Variant 0: a step, numbers: as pushed; 1: rows that are not finite are cleared, and the splats are bound in
- * place of sums. Where a slab was stepped and the next one cannot be, the device is given up: who repeated
- * the step would step the first one twice. */
+/* Variant 0: a step, 2: in a medium, numbers: as pushed; 1: rows that are not finite are cleared, and the
+ * splats are bound in place of sums. Where a slab was stepped and the next one cannot be, the device is given
+ * up: who repeated the step would step the first one twice. */
 static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const uint32_t numbers[3])
 {
     const uint32_t none[3] = {0, UINT32_MAX, 0};
+    const int clears = variant == 1;
     const size_t before = r->v->dispatches;
     uint32_t push[6];
     vulkan_update(r->v, &r->counts, COUNT_NONFINITE * sizeof *none, none, sizeof none);
@@ -509,8 +531,8 @@ static void vulkan_run_step(struct vulkan_renderer *r, uint32_t variant, const u
                    VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], numbers[0], numbers[1],
                                numbers[2]),
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots,
-                                  variant ? &r->splat_a : &r->sums_a, variant ? &r->splat_b : &r->sums_b,
-                                  &r->sums_c, variant ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d,
+                                  clears ? &r->splat_a : &r->sums_a, clears ? &r->splat_b : &r->sums_b,
+                                  &r->sums_c, clears ? &r->splat_c : &r->sums_d, &r->sums_e, &r->mean2d,
                                   &r->slab[s].mean, &r->slab[s].square, &r->counts, &r->rates));
     }
     if (r->v->rc != OXL_OK && !r->v->lost && r->v->dispatches > before)
@@ -525,7 +547,7 @@ static oxl_result vulkan_end_step(struct vulkan_renderer *r)
     vulkan_copy(v, &r->counts, &r->reports, at + offsetof(struct vulkan_report, counts),
                 sizeof r->report->counts);
     vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals),
-                sizeof r->report->totals);
+                sizeof r->report->totals + sizeof r->report->imaging);
     r->steps += vulkan_next_frame(v) == OXL_OK;
     return v->rc;
 }
@@ -546,7 +568,7 @@ static oxl_result vulkan_step(void *device, struct trained_model *trained, const
     vulkan_take_moments(r, trained);
     vulkan_reserve(v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
-    vulkan_run_step(r, 0, numbers);
+    vulkan_run_step(r, 2 * (uint32_t)r->in_medium, numbers);
     if (r->v->rc == OXL_OK) r->stepped = 1;
     if (r->deferred) return vulkan_end_step(r);
     return vulkan_read_nonfinite(r, out);
@@ -584,6 +606,7 @@ static oxl_result vulkan_report(void *device, int wait, struct renderer_report *
     r->most_pairs = OXL_MAX(r->most_pairs, (size_t)here->counts[COUNT_PAIRS_FOUND]);
     *out = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
                                     vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
+    vulkan_imaging_of(here->imaging, out->loss.dlamp, out->loss.dmedium);
     if (out->halt == HALT_NONE) return OXL_OK;
     r->reported = r->steps; /* those behind it did nothing */
     r->room = 0;            /* to be found anew */
@@ -629,6 +652,7 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
                                                      .loss = vulkan_loss,
                                                      .backward = vulkan_backward,
                                                      .gradient = vulkan_gradient,
+                                                     .imaging_gradient = vulkan_imaging_gradient,
                                                      .score = vulkan_score,
                                                      .step = vulkan_step,
                                                      .defer = vulkan_defer,

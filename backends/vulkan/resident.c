@@ -57,12 +57,13 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->digits, VULKAN_DIGITS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->rates, OXL_PLANES, sizeof(float), "numbers");
-    vulkan_reserve(v, &r->totals, OXL_COUNT(r->report->totals), sizeof(float), "numbers");
+    vulkan_reserve(v, &r->totals, OXL_COUNT(r->report->totals) + VULKAN_IMAGING, sizeof(float), "numbers");
     vulkan_create(v, &r->reports, VULKAN_REPORTS * sizeof *r->report, 1);
     if (v->rc == OXL_OK)
         vulkan_ok(v, v->MapMemory(v->device, r->reports.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "reports");
     r->report = mapped;
     vulkan_fill(v, &r->counts, 0, VK_WHOLE_SIZE, 0);
+    vulkan_fill(v, &r->totals, 0, VK_WHOLE_SIZE, 0);
     if (v->rc == OXL_OK) *out = r;
     else vulkan_renderer_free(r);
     return v->rc;
@@ -74,6 +75,17 @@ OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t sla
 {
     const size_t first = slab * r->stride;
     return total > first ? OXL_MIN(total - first, (size_t)r->stride) : 0;
+}
+
+/* What a pass over the rows of a slab is pushed. */
+OXL_INTERNAL void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32_t push[6])
+{
+    push[0] = (uint32_t)(slab * r->stride);
+    push[1] = (uint32_t)vulkan_slab_rows(r, slab, r->count);
+    push[2] = r->stride;
+    push[3] = (uint32_t)r->drawn_sh_degree;
+    push[4] = (uint32_t)r->lobes;
+    push[5] = r->lobe_plane;
 }
 
 static struct vulkan_buffer *vulkan_slab_part(struct vulkan_slab *slab, const struct vulkan_renderer *r,

@@ -3,6 +3,7 @@
 #define OXL_VULKAN_RESIDENT_H
 
 #include "state.h"
+#include "../../src/survey/imaging.h"
 
 struct vulkan_slab {
     struct vulkan_buffer parameter, gradient, mean, square; /* (planes, stride) */
@@ -13,6 +14,9 @@ struct vulkan_view {
     float rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3],
         alpha_min, cut;
     uint32_t width, height, tiles_x, tiles_y, infinity, antialias;
+    float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], falloff, reference,
+        least, training_range, dropout_gain;
+    uint32_t dropout_most, dropout_low, dropout_high, dropout_step;
 };
 
 /* its bits: what shaders test with must not be known to their compiler (common.glsl) */
@@ -36,10 +40,14 @@ enum vulkan_count {
     COUNTS = 8
 };
 
+/* Sums of lamp and medium behind the loss' totals, as shaders/imaging_total.comp has them: the lamp's powers,
+ * the veil behind the last splat, the medium's. */
+enum { VULKAN_POWERS = 15, VULKAN_IMAGING = VULKAN_POWERS + 3 + MEDIUM_SUMS };
+
 /* What a deferred step leaves for the host: the counts, then the loss' totals. */
 struct vulkan_report {
     uint32_t counts[COUNTS];
-    float totals[8];
+    float totals[8], imaging[VULKAN_IMAGING];
 };
 
 enum { VULKAN_REPORTS = VULKAN_FRAMES };
@@ -80,9 +88,16 @@ struct vulkan_renderer {
     size_t most_pairs; /* of the views so far, as deferred steps reported them */
     /* memory was short for this model: there is room for as many pairs as were found, and no more */
     int low_memory;
-    float ssim_weight, gain[3];
-    int exposed;  /* 1: the loss is that of the rendered image times `gain` */
-    int sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
+    float ssim_weight, gain[3], contrast; /* contrast: SSIM's C2 */
+    int exposed;                          /* 1: the loss is that of the rendered image times `gain` */
+    int lit;                              /* 1: and times the lamp's */
+    struct lamp_area lamp_area;
+    float window_fraction; /* of the full image's pixels */
+    /* of the last view: medium or falloff, whether its gradient is wanted, that of the veiling light too;
+     * dropout */
+    int in_medium, medium_trains, veil_trains, drops;
+    int may_be_lit; /* the loss may have a lamp */
+    int sort_end;   /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2],
         row_pairs, row_slots, mean2d, statistics, score, moves;
@@ -90,7 +105,9 @@ struct vulkan_renderer {
     struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e;
     /* by tile or pixel */
     /* passing: an image that is not kept */
-    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing;
+    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing, through, lamp;
+    /* shares of the sums over pixels and rows; of a view's lamp and points */
+    struct vulkan_buffer pixel_sums, row_sums, powers, depth_points, depth_first;
     /* small, or of sorting and scanning */
     struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums, reports;
 };
@@ -99,6 +116,7 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out);
 OXL_INTERNAL void vulkan_renderer_free(void *device);
 /* of `total`, in this slab */
 OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t slab, size_t total);
+OXL_INTERNAL void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32_t push[6]);
 OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane);
 /* Sends the model, or its moments, unless they are there already. */
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
@@ -114,5 +132,18 @@ OXL_INTERNAL int vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
                                           int halved);
+
+/* ---------------- imaging.c */
+
+OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct renderer_settings *s);
+OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct renderer_gains *gains);
+/* Memory and shaders for what follows. */
+OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r);
+OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r);
+OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct renderer_depths *depths);
+OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double dlamp[LAMP_TERMS],
+                                    double dmedium[MEDIUM_SUMS]);
+OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],
+                                                double dmedium[MEDIUM_SUMS]);
 
 #endif

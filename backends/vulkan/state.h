@@ -5,6 +5,7 @@
  *     memory.c    buffers
  *     device.c    loader, instance, choice of a device
  *     resident.c  what a renderer keeps on the device
+ *     imaging.c   medium, lamp, dropout, the loss in front of points
  *     renderer.c  the functions of struct renderer_device
  *
  * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and
@@ -39,7 +40,7 @@
 /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 #define VULKAN_PART (1u << 18)
 enum {
-    VULKAN_VARIANTS = 4,
+    VULKAN_VARIANTS = 8,
     VULKAN_DIGIT = 8, /* bits of a digit, of the sort */
     VULKAN_DIGITS = 256,
     VULKAN_FRAMES = 2,     /* one is recorded while the other is worked on */
@@ -95,6 +96,11 @@ enum vulkan_pass {
     PASS_SCORE,
     PASS_UNPACK,
     PASS_MOVE,
+    PASS_LAMP,
+    PASS_IMAGING_PIXELS,
+    PASS_IMAGING_ROWS,
+    PASS_IMAGING_TOTAL,
+    PASS_DEPTH_LOSS,
     PASS_PEAK, /* of the benchmark alone */
     PASS_COUNT
 };

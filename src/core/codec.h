@@ -9,9 +9,8 @@
 OXL_INTERNAL int codec_read_header(oxl_context *ctx, const void *file, size_t size, int *width, int *height,
                                    int *channels);
 OXL_INTERNAL int codec_is_16_bit(oxl_context *ctx, const void *file, size_t size);
-/* Decode to interleaved rows of `channels` (1 to 4); NULL: see codec_failure. Free the result with
- * codec_free.
- */
+/* Decodes to interleaved rows of `channels` (1 to 4); NULL: see codec_failure. Free the result with
+ * codec_free. */
 OXL_INTERNAL uint8_t *codec_decode(oxl_context *ctx, const void *file, size_t size, int channels, int *width,
                                    int *height);
 OXL_INTERNAL uint16_t *codec_decode_16(oxl_context *ctx, const void *file, size_t size, int channels,

@@ -78,21 +78,22 @@ struct oxl_context {
     oxl_result failed;  /* code of `error`, for functions that return a pointer or NULL */
 };
 
-/* The context without its backend, which backend.c opens and closes. */
+/* Opens and closes the context without its backend, which is backend.c's. */
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
 OXL_INTERNAL void context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
-/* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no
- * progress; not while the state is saved, and on one thread only. */
+/* Returns OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that
+ * report no progress; not while the state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
-/* callback may be NULL; nonzero: stop */
+/* Reports progress; callback may be NULL. Nonzero: the caller stops the run. */
 OXL_INTERNAL int context_report(const oxl_callback *callback, const oxl_progress *progress);
-/* sleeps, then as context_stopped */
+/* Sleeps, then does as context_stopped. */
 OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds);
 
-/* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
+/* Makes a context for one of several threads, with memory from ctx. It does not log and keeps its own
+ * errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
 
 /* All memory comes from these, aligned to 64 bytes; NULL if the allocator fails or count x size overflows. */
@@ -104,8 +105,8 @@ OXL_INTERNAL void oxl_free(oxl_context *ctx, void *memory);
 OXL_INTERNAL void oxl_free_all(oxl_context *ctx, void *const *memory, size_t count);
 #define OXL_FREE(ctx, ...) oxl_free_all(ctx, (void *[]){__VA_ARGS__}, OXL_COUNT(((void *[]){__VA_ARGS__})))
 
-/* array: the address of a pointer to elements of `size` bytes. It grows so that it holds at least `needed`,
- * by a quarter where memory allows, and keeps its contents. */
+/* Grows an array until it holds at least `needed` elements of `size` bytes, by a quarter where memory
+ * allows, and keeps its contents. array: the address of the pointer to them. */
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void *array, size_t *capacity, size_t needed,
                                     size_t size);
 
@@ -124,7 +125,7 @@ OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *for
 
 /* ---------------- text.c */
 
-/* Growing text. A failed allocation sets `failed`, which is tested once at the end. */
+/* Holds growing text. A failed allocation sets `failed`, which is tested once at the end. */
 struct text {
     oxl_context *ctx;
     char *data; /* terminated; NULL before the first addition */
@@ -133,21 +134,21 @@ struct text {
 };
 OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-/* shortest text that parses to the same value; null: not finite */
+/* Adds the shortest text that parses to the same value; null: not finite. */
 OXL_INTERNAL void text_add_number(struct text *t, double value);
-/* of a JSON object, on a line of its own */
+/* Adds a member of a JSON object, on a line of its own. */
 OXL_INTERNAL void text_add_member(struct text *t, const char *name, double value);
 OXL_INTERNAL int text_has_line(const char *text, const char *line); /* line: without its end */
 OXL_INTERNAL void text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
-/* A copy of the text, or NULL. */
+/* Copies the text; NULL: no memory. */
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
-/* "a/b", allocated; a may be "" or end in a slash. */
+/* Allocates "a/b"; a may be "" or end in a slash. */
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
-/* The same as a temporary of the enclosing block, the second part from a format: PATH(folder, "blocks/%03d",
- * k). A path that is too long becomes one that cannot exist. */
+/* Makes the same as a temporary of the enclosing block, the second part from a format: PATH(folder,
+ * "blocks/%03d", k). A path that is too long becomes one that cannot exist. */
 enum { PATH_LENGTH = 4096 };
 OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, const char *format, ...)
     OXL_PRINTF(3, 4);
@@ -165,24 +166,24 @@ OXL_INTERNAL const char *path_base_name(const char *path); /* part after the las
 OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
 OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
 
-/* The value as %.17g in the "C" locale, which parses to the same value; returns the length. */
+/* Writes the value as %.17g in the "C" locale, which parses to the same value; returns the length. */
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
 OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
-/* parses to the same double */
+/* Writes the shortest text that parses to the same double. */
 OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value);
-/* parses to the same float */
+/* Writes the shortest text that parses to the same float. */
 OXL_INTERNAL void format_float(char out[NUMBER_TEXT_MAX], float value);
 
-/* The value as text, for %s in a format: it parses to the same value; "null" if it is not finite. */
+/* Writes the value as text, for %s in a format: it parses to the same value; "null" if it is not finite. */
 OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
 #define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
 
 /* ---------------- options.c: the table of options; other functions are public */
 
 #define UCD_CAP 5.0 /* largest depth weight of UCD */
-/* sets the options with this flag of `use` to off */
+/* Sets the options with this flag of `use` to off. */
 OXL_INTERNAL void options_drop(oxl_train_options *train, unsigned flag);
 
 /* ---------------- os.c, and os_posix.c or os_windows.c: what C99 lacks */
@@ -195,7 +196,7 @@ OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct 
 /* Fails for the first bytes of a file that gzip wrote; readers of text, images and PLY files ask. */
 OXL_INTERNAL oxl_result os_refuse_gzip(oxl_context *ctx, const char *path, const void *data, size_t size);
 OXL_INTERNAL int os_is_compressed(const char *path); /* not there, but with .gz behind its name */
-/* If a file does not begin with `start`, only its first bytes are read. */
+/* Reads a file, but only its first bytes if it does not begin with `start`. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start,
                                           struct os_file_map *out);
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map);
@@ -204,7 +205,7 @@ OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map);
 OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 
-/* A file read in pieces. `path` is borrowed. */
+/* Reads a file in pieces. `path` is borrowed. */
 struct os_reader {
     FILE *file;
     const char *path;
@@ -218,14 +219,15 @@ OXL_INTERNAL void os_reader_close(struct os_reader *r);
 /* Reads the last bytes of a file; returns its size, 0 where there is none or it cannot be read. */
 OXL_INTERNAL uint64_t os_read_end(const char *path, void *data, size_t size, size_t *got);
 
-/* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
+/* Writes a file whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the
+ * folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 OXL_INTERNAL oxl_result os_write_text(oxl_context *ctx, const char *path, const struct text *t);
 /* Removes the temporary files of `names` that a killed process left in a folder: "run.json *.png" are
  * run.json.PID.tmp and all whose name ends in .png.PID.tmp. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_remove_temporaries(oxl_context *ctx, const char *folder, const char *names);
 
-/* The same for a file that is produced piece by piece. */
+/* Does the same for a file that is produced piece by piece. */
 struct os_writer {
     FILE *file;
     char *path, *temporary;
@@ -234,7 +236,7 @@ struct os_writer {
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
 OXL_INTERNAL void os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
-/* rc != OXL_OK: discard */
+/* Ends the file and gives it its name; rc other than OXL_OK: discards it. */
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc);
 
 /* Opens a file to read; NULL: errno; ENXIO for a pipe, a socket or a device. */
@@ -242,7 +244,7 @@ OXL_INTERNAL FILE *os_open(const char *path);
 OXL_INTERNAL int os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
 OXL_INTERNAL int os_remove(const char *path);                 /* 0: success */
 
-/* A lock on a file, exclusive or shared between processes; see large/lock.c. */
+/* Says how a lock on a file went, exclusive or shared between processes; see large/lock.c. */
 enum os_locked {
     OS_LOCK_TAKEN,
     OS_LOCK_BUSY,    /* `holder` holds it; the file is closed, or the lock is unchanged */
@@ -256,41 +258,41 @@ struct os_lock {
     char holder
         [128]; /* "process 17 on reef": the holder (BUSY), or a killed former holder (TAKEN); "": unknown */
 };
-/* create: 0 only looks whether another process holds it, and changes nothing */
+/* Locks a file. create: 0 only looks whether another process holds it, and changes nothing. */
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, int create, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
 OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock); /* writes this process into the file */
-/* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
+/* Fails with "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
 OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what,
                                 int error);
-/* releases it; remove: its path, or NULL */
+/* Releases the lock. remove: its path, or NULL. */
 OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove);
 
 #ifdef OXL_VULKAN
-/* A library loaded at run time; NULL: not found. */
+/* Opens a library at run time; NULL: not found. */
 OXL_INTERNAL void *os_library_open(const char *name);
-/* out: a function pointer */
+/* Finds a symbol. out: a function pointer. */
 OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size);
 OXL_INTERNAL void os_library_close(void *library);
 #endif
 
-/* with its parents; an existing folder is no error */
+/* Makes a folder with its parents; an existing one is no error. */
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path);
 /* Makes `inside`, a path without "..", in `folder` with its parents. A link among them is an error: what a
  * run writes or removes there would lie elsewhere. */
 OXL_INTERNAL oxl_result os_make_folder_in(oxl_context *ctx, const char *folder, const char *inside);
-/* The same check of what is there already; makes nothing. */
+/* Makes the same check of what is there already, and no folder. */
 OXL_INTERNAL oxl_result os_refuse_links(oxl_context *ctx, const char *folder, const char *inside);
 OXL_INTERNAL int os_is_link(const char *path); /* a symbolic link, wherever it leads */
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
 OXL_INTERNAL int os_link(const char *target, const char *path);
 OXL_INTERNAL int os_is_file(const char *path);
-/* 1: both are there, and are one file or folder, whatever the names */
+/* Returns 1 if both are there and are one file or folder, whatever the names. */
 OXL_INTERNAL int os_is_same(const char *a, const char *b);
 OXL_INTERNAL int os_is_folder(const char *path);
 OXL_INTERNAL int os_is_special(const char *path);   /* there, and neither file nor folder: a pipe, a device */
 OXL_INTERNAL int64_t os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
-/* processors that the process may use (Linux cgroups); 0: no limit known */
+/* Returns the processors that the process may use (Linux cgroups); 0: no limit known. */
 OXL_INTERNAL int os_processor_quota(void);
 OXL_INTERNAL double os_seconds(void);                 /* monotonic clock */
 OXL_INTERNAL double os_disk_free(const char *folder); /* bytes; 0: unknown */

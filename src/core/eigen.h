@@ -31,8 +31,8 @@ static inline void eigen_rotate(double a[3][3], double v[3][3], int i, int j)
     }
 }
 
-/* The rows of v become the unit eigenvectors of the symmetric a, in no order; the diagonal of a becomes the
- * eigenvalues. */
+/* Turns the rows of v into the unit eigenvectors of the symmetric a, in no order, and the diagonal of a into
+ * the eigenvalues. */
 static inline void eigen_symmetric(double a[3][3], double v[3][3])
 {
     const double scale = fabs(a[0][0]) + fabs(a[1][1]) + fabs(a[2][2]);
@@ -44,8 +44,8 @@ static inline void eigen_symmetric(double a[3][3], double v[3][3])
                 if (fabs(a[i][j]) > EIGEN_ZERO * scale) eigen_rotate(a, v, i, j);
 }
 
-/* 1: the largest element of an axis is negative. An eigenvector has no sign of its own; one rule gives all
- * maps of a survey the same. */
+/* Returns 1 if the largest element of an axis is negative. An eigenvector has no sign of its own; one rule
+ * gives all maps of a survey the same. */
 static inline int eigen_is_backward(const double axis[3])
 {
     int largest = 0;

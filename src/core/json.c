@@ -115,9 +115,8 @@ int oxl_json_is_true(const char *object, const char *name)
 
 /* ---------------- strings */
 
-/* A byte that is not of UTF-8 is written as the surrogate DC00 + byte, which text cannot hold alone (Python's
- * surrogateescape):
- * names of files come back as they were. */
+/* Writes a byte that is not of UTF-8 as the surrogate DC00 + byte, which text cannot hold alone (Python's
+ * surrogateescape): names of files come back as they were. */
 enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
 
 /* Writes a character as UTF-8; returns its length, at most half of the escapes'. */
@@ -140,7 +139,7 @@ static size_t json_put(char *out, unsigned long code)
     return 3;
 }
 
-/* uXXXX at `at`; 0: something else. */
+/* Reads uXXXX at `at`; 0: something else. */
 static unsigned long json_code(const char *at)
 {
     char digits[5] = {0};
@@ -169,7 +168,7 @@ static size_t json_unescape(const char **cursor, char *out)
     return 1;
 }
 
-/* Bytes of the UTF-8 character at s; 0: s begins none. */
+/* Counts the bytes of the UTF-8 character at s; 0: s begins none. */
 static size_t json_character(const unsigned char *s)
 {
     const size_t size = s[0] < 0x80   ? 1

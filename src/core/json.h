@@ -10,13 +10,13 @@
 
 #include <stddef.h>
 
-/* NULL if every bracket and string is closed and nothing follows; otherwise the position of the error. Not a
- * validator: brackets are counted, their kind is not compared ("[}" passes). The functions below treat what
- * they cannot parse as a missing value. */
+/* Returns NULL if every bracket and string is closed and nothing follows; otherwise the position of the
+ * error. Not a validator: brackets are counted, their kind is not compared ("[}" passes). The functions
+ * below treat what they cannot parse as a missing value. */
 const char *oxl_json_error(const char *text);
 
-/* The first element of an array or first key of an object; the element after one, or the key after a value;
- * the value of a key. */
+/* Find the first element of an array or first key of an object; the element after one, or the key after a
+ * value; the value of a key. */
 const char *oxl_json_first(const char *value);
 const char *oxl_json_next(const char *value);
 const char *oxl_json_value(const char *key);
@@ -30,10 +30,10 @@ int oxl_json_is_true(const char *object, const char *name);
 /* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or
  * does not fit. The result is never longer than the source. */
 size_t oxl_json_text(const char *value, char *out, size_t size);
-/* The character at s, of a string of JSON; returns the bytes that it takes of s. A byte that is not of UTF-8
- * comes back from oxl_json_text. */
+/* Writes the character at s for a string of JSON; returns the bytes that it takes of s. A byte that is not
+ * of UTF-8 comes back from oxl_json_text. */
 size_t oxl_json_escape(const char *s, char out[8]);
-/* The shortest text that parses to the same value; null: not finite. Returns out. */
+/* Writes the shortest text that parses to the same value; null: not finite. Returns out. */
 const char *oxl_json_number_text(char out[48], double value);
 size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 

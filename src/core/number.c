@@ -56,7 +56,8 @@ OXL_INTERNAL const double number_power10[NUMBER_POWER10_MAX + 1] = {
     1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
     1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
 
-/* digits .. end may hold a decimal point; the number is (the digits read as one integer) x 10^exponent. */
+/* Parses by the C library: (digits .. end read as one integer) x 10^exponent. A decimal point among them is
+ * skipped. */
 static double number_by_strtod(const char *digits, const char *end, int64_t exponent)
 {
     char text[NUMBER_DIGITS_KEPT + 32];
@@ -150,7 +151,7 @@ static const char *number_skip_word(const char *p, const char *end, const char *
     return p;
 }
 
-/* nan, nan(...), inf, infinity. */
+/* Parses nan, nan(...), inf and infinity. */
 static const char *number_parse_name(const char *p, const char *end, double *out)
 {
     const char *past = number_skip_word(p, end, "nan");
@@ -168,7 +169,7 @@ static const char *number_parse_name(const char *p, const char *end, double *out
     return past ? past : number_skip_word(p, end, "inf");
 }
 
-/* Visual C++ before 2015 printed 1.#INF, 1.#IND00, 1.#QNAN; p is at the '#'. */
+/* Parses 1.#INF, 1.#IND00 and 1.#QNAN, as Visual C++ before 2015 printed them. p is at the '#'. */
 static const char *number_parse_sharp(const char *p, const char *end, double *out)
 {
     *out = number_skip_word(p + 1, end, "inf") ? INFINITY : NAN;
@@ -176,7 +177,7 @@ static const char *number_parse_sharp(const char *p, const char *end, double *ou
     return p;
 }
 
-/* p is at the 'e'; stays there when no digit follows. */
+/* Parses an exponent. p is at the 'e'; it stays there when no digit follows. */
 static const char *number_parse_exponent(const char *p, const char *end, int64_t *exponent)
 {
     const char *digit = p + 1;
@@ -262,8 +263,8 @@ OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value)
 /* ---------------- a double to text */
 
 #ifdef __SIZEOF_INT128__
-/* m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The result has
- * at most 18 digits. */
+/* Rounds m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The
+ * result has at most 18 digits. */
 static uint64_t number_scale_up(uint64_t m, int e, int scale)
 {
     const number_wide product = (number_wide)m * number_power5[scale];

@@ -27,9 +27,9 @@
 #define NOT_REFINED OXL_OPTION_NOT_REFINED
 #define NOT_LOOKED OXL_OPTION_NOT_LOOKED
 #define ONE_BLOCK OXL_OPTION_ONE_BLOCK
-#define CPU_ONLY OXL_OPTION_CPU_ONLY
 
-/* The index-th row that a part brings, or NULL; from src/parts/table.c, which this layer reads as data. */
+/* Returns the index-th row that a part brings, or NULL; from src/parts/table.c, which this layer reads as
+ * data. */
 OXL_INTERNAL const oxl_option *parts_option(int index);
 
 #endif

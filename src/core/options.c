@@ -6,7 +6,7 @@
  * takes
  *   - a row here, or in the file of the part of training that it belongs to (src/parts); `use` names the
  *   commands that take it, and states whether the bytes of the result depend on it (RESULT), and where it
- *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK), on a device (CPU_ONLY);
+ *     does not apply: in a refinement (NOT_REFINED), in several blocks (ONE_BLOCK);
  *   - a field in oceanxl.h or oceanxl_job.h, and the code in src/ that reads it;
  *   - `make man`, and a test.
  *
@@ -107,7 +107,7 @@ const char *oxl_option_member(const oxl_option *option, char out[40])
 
 /* ---------------- defaults */
 
-/* In the place of an unknown one: options that every check refuses. */
+/* Returns options that every check refuses, in the place of an unknown preset's. */
 static oxl_job_options option_no_preset(void)
 {
     oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
@@ -175,7 +175,7 @@ static int option_whole(const char *text, double *out)
     return text[0] && text[strspn(text, "0123456789")] == 0 && option_unsigned(&text, out);
 }
 
-/* 0.004, or 1/255: the quotient of two floats. */
+/* Parses 0.004, or 1/255: the quotient of two floats. */
 static int option_fraction(const char *text, float *out)
 {
     double above, below = 1;
@@ -185,7 +185,7 @@ static int option_fraction(const char *text, float *out)
     return *text == 0;
 }
 
-/* "X,Y,Z" */
+/* Parses "X,Y,Z". */
 static int option_three(const char *text, double out[3])
 {
     for (int k = 0; k < 3; k++) {
@@ -217,7 +217,7 @@ static int option_read_point(const char *text, double *out)
     return 1;
 }
 
-/* "400x260" */
+/* Parses "400x260". */
 static int option_read_size(const oxl_option *o, const char *text, int *out)
 {
     double v[2];
@@ -257,7 +257,7 @@ static int option_read_choice(const oxl_option *o, const char *text, int *out)
     return choice >= 0;
 }
 
-/* 0.0002, or 90%, held as -0.9. */
+/* Parses 0.0002, or 90%, held as -0.9. */
 static int option_read_limit(const oxl_option *o, const char *text, float *out)
 {
     static const double percent = 1;
@@ -273,8 +273,8 @@ OXL_INTERNAL oxl_ucd option_default_ucd(void)
     return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
-/* on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on, corrected
- * during the run, with ",fixed" not; after "auto,": automatic with these. */
+/* Parses on, off or auto: the defaults, fixed; two weights 1 <= F_MID <= F_FAR <= UCD_CAP as 1.5,2: on,
+ * corrected during the run, with ",fixed" not; after "auto,": automatic with these. */
 OXL_INTERNAL int option_read_ucd(const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);

@@ -78,7 +78,7 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     return rc;
 }
 
-/* `inside` of `folder`, part by part: links are refused, folders made with `make`. */
+/* Walks from `folder` along the parts of `inside`: refuses links, makes folders with `make`. */
 static oxl_result os_walk_in(oxl_context *ctx, const char *folder, const char *inside, int make)
 {
     char *path = oxl_path_join(ctx, folder, inside);
@@ -180,7 +180,7 @@ OXL_INTERNAL void os_lock_write_owner(const struct os_lock *lock)
 
 /* ---------------- reading */
 
-/* A folder in the place of a file is what the user named, not a fault of the disk. */
+/* Says that a folder lies in the place of a file: that is what the user named, not a fault of the disk. */
 static oxl_result os_fail_to_read(oxl_context *ctx, const char *path)
 {
     return os_fail(ctx, errno == EISDIR ? OXL_ERR_INPUT : OXL_ERR_IO, path, "cannot read", errno);
@@ -381,7 +381,7 @@ struct os_sweeping {
     const char *folder, *names;
 };
 
-/* Whether the `size` bytes at `name` are one of the names, "*" and an ending, or that name. */
+/* Returns 1 if the `size` bytes at `name` are one of the names, "*" and an ending, or that name. */
 static int os_is_named(const char *names, const char *name, size_t size)
 {
     for (size_t length; *names; names += length, names += *names == ' ') {
@@ -394,7 +394,7 @@ static int os_is_named(const char *names, const char *name, size_t size)
     return 0;
 }
 
-/* NAME.PID.tmp, as os_writer_open names it. */
+/* Removes NAME.PID.tmp, as os_writer_open names it. */
 static void os_remove_temporary(void *user, const char *name)
 {
     const struct os_sweeping *s = user;

@@ -14,7 +14,7 @@ enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER, OS_SPECIAL /* a pipe, socket or d
 OXL_INTERNAL int os_is_separator(char c);
 OXL_INTERNAL int os_is_absolute(const char *path);
 OXL_INTERNAL int os_working_folder(char *out, size_t size); /* 0: success, here and below */
-/* size: of a file in bytes, or NULL */
+/* Returns the kind of a path. size: of a file in bytes, or NULL. */
 OXL_INTERNAL enum os_kind os_kind_of(const char *path, uint64_t *size);
 OXL_INTERNAL int os_make_one_folder(const char *path);
 /* Opens a new file for writing. What has its name is removed first, a link itself and not what it leads to.
@@ -30,7 +30,7 @@ OXL_INTERNAL const char *os_map(const char *path, size_t *size); /* read-only; N
 OXL_INTERNAL int os_unmap(const char *data, size_t size);        /* 1: success */
 OXL_INTERNAL int os_seek(FILE *file, uint64_t offset);           /* from the start */
 OXL_INTERNAL int os_sync(FILE *file);                            /* written data reach the disk */
-/* renames in it reach the disk, if the system supports this */
+/* Sends renames in the folder to the disk, if the system supports this. */
 OXL_INTERNAL void os_sync_folder(const char *path);
 
 /* Opens it, or creates it with `create`; a link, a pipe and a file of several names are refused, as writing

@@ -103,7 +103,7 @@ OXL_INTERNAL int os_remove(const char *path)
     return unlink(path);
 }
 
-/* Some network file systems cannot sync and return EINVAL, which is ignored. */
+/* Syncs a file. Some network file systems cannot and return EINVAL, which is ignored. */
 OXL_INTERNAL int os_sync(FILE *file)
 {
     return fsync(fileno(file)) == 0 || errno == EINVAL ? 0 : -1;
@@ -239,7 +239,7 @@ static double os_processors_of(double quota, double period)
     return quota > 0 && period > 0 ? ceil(quota / period) : 0;
 }
 
-/* "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none. */
+/* Reads "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none. */
 static double os_processors_in(const char *folder)
 {
     char path[3200];

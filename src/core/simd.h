@@ -96,7 +96,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     }
 #endif
 
-/* Index of the lowest set bit; bits is not 0. */
+/* Returns the index of the lowest set bit; bits is not 0. */
 SIMD_INLINE int simd_lowest_bit(uint32_t bits)
 {
 #ifdef __GNUC__

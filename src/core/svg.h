@@ -50,7 +50,7 @@ static inline const char *svg_rectangle(char out[SVG_ROOM], double x, double y, 
 }
 #define SVG_RECTANGLE(x, y, wide, tall, look) svg_rectangle((char[SVG_ROOM]){0}, x, y, wide, tall, look)
 
-/* Open, so that it can hold a title: </circle> closes it. */
+/* Opens a circle, so that it can hold a title: </circle> closes it. */
 static inline const char *svg_circle(char out[SVG_ROOM], double x, double y, double radius, const char *look)
 {
     snprintf(out, SVG_ROOM, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", PX(x), PX(y), PX(radius), look);
@@ -58,8 +58,8 @@ static inline const char *svg_circle(char out[SVG_ROOM], double x, double y, dou
 }
 #define SVG_CIRCLE(x, y, radius, look) svg_circle((char[SVG_ROOM]){0}, x, y, radius, look)
 
-/* Open: words, escaped, and </text> follow. (x, y): the left end of the base line, or where the look anchors
- * it. */
+/* Opens a text: words, escaped, and </text> follow. (x, y): the left end of the base line, or where the look
+ * anchors it. */
 static inline const char *svg_text(char out[SVG_ROOM], double x, double y, const char *look)
 {
     snprintf(out, SVG_ROOM, "<text x=\"%s\" y=\"%s\" %s>", PX(x), PX(y), look);
@@ -67,7 +67,8 @@ static inline const char *svg_text(char out[SVG_ROOM], double x, double y, const
 }
 #define SVG_TEXT(x, y, look) svg_text((char[SVG_ROOM]){0}, x, y, look)
 
-/* Length of a scale bar: of 1, 2 and 5 times the powers of ten the largest that is not above `most`. */
+/* Chooses the length of a scale bar: of 1, 2 and 5 times the powers of ten the largest that is not above
+ * `most`. */
 static inline double svg_scale_bar(double most)
 {
     double above = 1, below = 1; /* powers: quotients of them are the doubles next to 0.1, 0.02 and so on */

@@ -108,7 +108,7 @@ OXL_INTERNAL const char *path_in(char out[PATH_LENGTH], const char *folder, cons
     return rest >= 0 && at + (size_t)rest < PATH_LENGTH ? out : "/dev/null/a path of more than 4095 bytes";
 }
 
-/* Of `used` bytes; the quote that ends the word always has room. */
+/* Adds text after `used` bytes; the quote that ends the word always has room. */
 static size_t path_add(char *out, size_t size, size_t used, const char *text)
 {
     const size_t length = strlen(text);

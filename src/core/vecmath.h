@@ -38,7 +38,7 @@ static inline double vecmath_power_of_two(int k) /* -1022 <= k <= 1023 */
     return vecmath_from_bits((uint64_t)(k + 1023) << 52);
 }
 
-/* e^x within 1 ulp; 2^k e^r with |r| <= ln 2 / 2. Subnormal results are rounded once. */
+/* Computes e^x within 1 ulp; 2^k e^r with |r| <= ln 2 / 2. Subnormal results are rounded once. */
 static inline double vecmath_exp(double x)
 {
     double r, p;
@@ -65,10 +65,9 @@ static inline double vecmath_exp(double x)
     return p * vecmath_power_of_two(k / 2) * vecmath_power_of_two(k - k / 2);
 }
 
-/* Natural logarithm within 1 ulp; -inf at 0, NaN below. x = 2^k (1 + f) with 1 + f between sqrt(1/2) and
- * sqrt(2);
- * log(1 + f) = 2 atanh(s) with s = f / (2 + f), written as f - f^2/2 + s (f^2/2 + R) so that f itself is not
- * rounded. */
+/* Computes the natural logarithm within 1 ulp; -inf at 0, NaN below. x = 2^k (1 + f) with 1 + f between
+ * sqrt(1/2) and sqrt(2); log(1 + f) = 2 atanh(s) with s = f / (2 + f), written as f - f^2/2 + s (f^2/2 + R)
+ * so that f itself is not rounded. */
 static inline double vecmath_log(double x)
 {
     uint64_t bits;
@@ -105,8 +104,8 @@ static inline double vecmath_log(double x)
     return k * VECMATH_LN2_HIGH - ((half - (s * (half + r) + k * VECMATH_LN2_LOW)) - f);
 }
 
-/* x = quarter turns (pi/2) + rest; pi/2 is cut into three pieces of 33 bits, so that |quarter| < 2^20 times
- * each is exact. */
+/* Splits x into quarter turns (pi/2) and a rest; pi/2 is cut into three pieces of 33 bits, so that |quarter|
+ * < 2^20 times each is exact. */
 static inline int vecmath_quarters(double x, double *rest)
 {
     const double turn = 6.28318530717958647693;
@@ -149,7 +148,7 @@ static inline double vecmath_cos_rest(double x)
     return 1 - (0.5 * z - z * z * p);
 }
 
-/* Absolute error below 3e-16 for |x| < 1e6; above, it grows as 4e-17 |x|. */
+/* Computes sin x with an absolute error below 3e-16 for |x| < 1e6; above, it grows as 4e-17 |x|. */
 static inline double vecmath_sin(double x)
 {
     double r;
@@ -166,14 +165,14 @@ static inline double vecmath_cos(double x)
     return (quarter + 1) & 2 ? -y : y;
 }
 
-/* 1 / (1 + e^-x) without overflow and without cancellation near 0. */
+/* Computes 1 / (1 + e^-x) without overflow and without cancellation near 0. */
 static inline double vecmath_sigmoid(double x)
 {
     const double e = vecmath_exp(x < 0 ? x : -x);
     return (x < 0 ? e : 1) / (1 + e);
 }
 
-/* The inverse of sigmoid; -inf at 0, inf at 1, NaN outside. */
+/* Computes the inverse of sigmoid; -inf at 0, inf at 1, NaN outside. */
 static inline double vecmath_logit(double p)
 {
     return vecmath_log(p / (1 - p));

@@ -34,7 +34,7 @@ struct block {
     oxl_nonfinite nonfinite;
 };
 
-/* A file of the block's folder, which may have been deleted. */
+/* Writes a file of the block's folder, which may have been deleted. */
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
     const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
@@ -49,7 +49,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
                : rc;
 }
 
-/* The gains of the images, lamp and medium; without any, no file. */
+/* Writes the gains of the images, lamp and medium; without any, no file. */
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     const char *path = PATH(b->task->folder, "imaging.txt");
@@ -64,7 +64,7 @@ static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 
 static const char BLOCK_CHECKSUM[] = "  \"checksum\": \"";
 
-/* Of all before the member "checksum", the last one. */
+/* Returns 1 if the member "checksum", the last one, is that of all before it. */
 static int block_has_checksum(const char *json)
 {
     const char *at = NULL;
@@ -84,7 +84,7 @@ static uint64_t block_read_sum(const char *json, const char *name)
     return sscanf(text, "%llx", &sum) == 1 ? sum : 0;
 }
 
-/* Of a file of the folder; 0: it is not there. */
+/* Sums a file of the folder; 0: it is not there. */
 static oxl_result block_sum(oxl_context *ctx, const char *folder, const char *name, uint64_t *sum)
 {
     const char *path = PATH(folder, "%s", name);
@@ -109,7 +109,8 @@ static double block_number(const char *object, const char *name)
     return fabs(value) <= DBL_MAX ? value : 0;
 }
 
-/* 1: the members "job" and "found" are those of the key, which is their text as block.json has it. */
+/* Returns 1 if the members "job" and "found" are those of the key, which is their text as block.json has it.
+ */
 static int block_has_key(const char *json, const char *key)
 {
     static const char begin[] = "\"job\": ";
@@ -298,8 +299,8 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
     return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
 }
 
-/* Learning rates of the whole run before its cool-down, not those of a run of `steps`; momentum as in Kerbl
- * 2023. */
+/* Keeps the learning rates of the whole run before its cool-down, not those of a run of `steps`; momentum as
+ * in Kerbl 2023. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
     const double short_run_factor = schedule_short_run_factor(run);
@@ -316,7 +317,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* model without lobes and medium. *done: model_standard.ply is there. */
+/* Trains the model on without lobes and medium. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
     oxl_train_options o = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
@@ -359,7 +360,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 
 /* ---------------- both */
 
-/* A model that was trained to its end by a process that did not come further. */
+/* Reads a model that was trained to its end by a process that did not come further. */
 static oxl_result block_reopen(struct block *b, oxl_scene *scene, oxl_model *model)
 {
     const char *path = PATH(b->task->folder, "model.ply");

@@ -98,7 +98,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     return 1;
 }
 
-/* The least budget that does, in MiB. */
+/* Finds the least budget that does, in MiB. */
 static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o)
 {
     double low = 0, high = 1 << 24;
@@ -125,7 +125,7 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *
 
 /* ---------------- blocks that fit */
 
-/* 1 when each block does; else *worst is the load of one that does not. */
+/* Returns 1 if each block fits; else *worst is the load of one that does not. */
 static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
                            struct cost_load *worst)
 {
@@ -137,7 +137,7 @@ static int budget_fits_all(const oxl_context *ctx, const struct partition *p, co
     return 1;
 }
 
-/* 1: the number of blocks is left to memory, and it is known. */
+/* Returns 1 if the number of blocks is left to memory, and that is known. */
 static int budget_may_choose_blocks(const oxl_job_options *o)
 {
     return o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 &&

@@ -110,7 +110,7 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
     return cost;
 }
 
-/* 1: the options ask for several blocks. */
+/* Returns 1 if the options ask for several blocks. */
 static int cost_has_blocks(const oxl_job_options *o, size_t points)
 {
     const size_t most = (size_t)o->partition.block_points;

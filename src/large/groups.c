@@ -52,7 +52,7 @@ static const char *groups_path(char out[PATH_LENGTH], const struct groups *g, in
 
 static const char *const GROUPS_PART[TRAINED_PARTS] = {"model", "mean", "square"};
 
-/* Parameters and moments of a block. */
+/* Reads parameters and moments of a block. */
 static oxl_result groups_read(const struct groups *g, int block, struct trained_model *m)
 {
     oxl_context *ctx = g->job->ctx;

@@ -55,32 +55,33 @@ struct job {
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* Refuses folders of the run that are links: OUT itself may be one, as its user has chosen it. */
 OXL_INTERNAL oxl_result job_refuse_links(struct job *job);
-/* What is trained in a folder beside blocks 0 .. block_count - 1; takes the place of a block's number. */
+/* Names what is trained in a folder beside blocks 0 .. block_count - 1; takes the place of a block's number.
+ */
 enum { JOB_COARSE_MODEL = -2, JOB_MERGED_MODEL = -3 };
-/* OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, a temporary like PATH. */
+/* Makes OUT/blocks/KKK, OUT/blocks/coarse or OUT/blocks/whole, a temporary like PATH. */
 OXL_INTERNAL const char *job_block_folder(char out[PATH_LENGTH], const struct job *job, int block);
 #define JOB_BLOCK(job, block) job_block_folder((char[PATH_LENGTH]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
-/* block_read of the one block, the coarse or the merged model: none, with a warning, if the record or a model
- * that is used as it is was damaged. It is trained again, and becomes the same. */
+/* Reads the record of the one block, the coarse or the merged model: none, with a warning, if the record or
+ * a model that is used as it is was damaged. It is trained again, and becomes the same. */
 OXL_INTERNAL oxl_result job_read_record(struct job *job, const char *folder, struct block_record *out);
 OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *options);
-/* decides whether decoded images are kept in files */
+/* Decides whether decoded images are kept in files. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job);
 /* Limits the images in memory to `most` bytes, and in blocks to a block's part of the images that have a
  * file. Limits on Gaussians do
  * not depend on that: a machine with a full disk has no files. */
 OXL_INTERNAL void job_set_cache(const struct job *job, size_t most);
-/* the blocks' models and imaging, merged */
+/* Merges the blocks' models and imaging. */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out);
-/* The imaging of several blocks: log gains of mean 0, lamp and medium. */
+/* Joins the imaging of several blocks: log gains of mean 0, lamp and medium. */
 OXL_INTERNAL oxl_result job_join_imaging(struct job *job, struct imaging *out);
-/* A block's model, the coarse or the merged one; its standard model, where there is one. */
+/* Reads a block's model, the coarse or the merged one; its standard model, where there is one. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 OXL_INTERNAL oxl_result job_open_model(struct job *job, int block, int standard, oxl_large_model *out);
-/* a file of OUT */
+/* Writes a file of OUT. */
 OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t);
 OXL_INTERNAL void job_remove_decoded(struct job *job);
 OXL_INTERNAL void job_drop_checkpoints(struct job *job);
@@ -101,17 +102,17 @@ struct block_plan {
     uint8_t *shows;              /* (views) 1: the block's Gaussians may be visible in it */
     uint8_t *neighbour;          /* (blocks) 1: shares a view */
 };
-/* all blocks; writes plan.txt of each */
+/* Plans all blocks; writes plan.txt of each. */
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse);
-/* views 0: no plan */
+/* Reads a block's plan; views 0: there is none. */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out);
-/* 0: it is not of these views */
+/* Returns 0 if the plan is not of these views. */
 OXL_INTERNAL int block_plan_fits(const struct block_plan *plan, const oxl_scene *scene);
-/* fraction of the run */
+/* Returns the merged model's fraction of the run. */
 OXL_INTERNAL double block_plan_merged_fraction(const struct job *job);
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan);
 OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
-/* The coarse model's Gaussians in a block's box, and all others. */
+/* Splits the coarse model into the Gaussians in a block's box, and all others. */
 OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own,
                                          oxl_model *others);
 
@@ -121,7 +122,7 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job);
 /* groups.c: the merged model, where it does not fit into memory */
 OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder);
 OXL_INTERNAL oxl_result
-/* after all blocks of `--block`: the merged model; an error if a block is not finished */
+/* Trains the merged model after all blocks of `--block`; an error if a block is not finished. */
 rounds_collect(struct job *job);
 
 #endif

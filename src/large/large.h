@@ -44,7 +44,7 @@ OXL_INTERNAL void partition_to_frame(const struct partition *p, const double wor
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene,
                                        const oxl_partition_options *options, struct partition *out);
 OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p);
-/* the partition no longer refers to the scene */
+/* Frees what refers to the scene: the partition no longer does. */
 OXL_INTERNAL void partition_free_plan(oxl_context *ctx, struct partition *p);
 
 /* partition_file.c: partition.txt, which reads back to the same bits. */
@@ -66,8 +66,8 @@ OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, cons
 /* Merges model files into one, page by page; rows with a second lobe come first. */
 OXL_INTERNAL oxl_result merge_files(oxl_context *ctx, char *const *path, int count, const double origin[3],
                                     const char *out);
-/* inside (count): 1 for the Gaussians whose centres lie in the block's box; a centre that is not finite lies
- * in none. */
+/* Marks in inside (count) the Gaussians whose centres lie in the block's box; a centre that is not finite
+ * lies in none. */
 OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside);
 
 /* limit of what is searched for or believed: parameters alone would be 236 GB */
@@ -90,20 +90,20 @@ struct cost_load {               /* counts of a survey or of a block */
 struct cost {
     double gaussians, memory, seconds; /* at the end of the run; peak, bytes; with ctx's threads */
 };
-/* Steps of a run with so many images (docs/SCALE.md). */
+/* Returns the steps of a run with so many images (docs/SCALE.md). */
 OXL_INTERNAL int cost_iterations(const oxl_job_options *options, int images);
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene);
-/* p by partition_make */
+/* Counts the load of a block; p by partition_make. */
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block);
 OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *options,
                                        const struct cost_load *load);
-/* Peak memory, bytes, of a run that ends with so many Gaussians. */
+/* Predicts the peak memory, bytes, of a run that ends with so many Gaussians. */
 OXL_INTERNAL double cost_memory(const oxl_job_options *options, const struct cost_load *load,
                                 double gaussians);
-/* Gaussians that a run is expected to end with. */
+/* Predicts the Gaussians that a run ends with. */
 OXL_INTERNAL double cost_gaussians(const oxl_job_options *options, const struct cost_load *load);
-/* Duration for all blocks of the scene, from the steps of a look, or from the cost where there was none.
- * range: lower and upper limit. */
+/* Predicts the duration for all blocks of the scene, from the steps of a look, or from the cost where there
+ * was none. range: lower and upper limit. */
 OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *options,
                                  const struct cost *cost, const struct look *look, double range[2]);
 
@@ -112,20 +112,20 @@ OXL_INTERNAL double cost_seconds(const oxl_scene *scene, const oxl_job_options *
 /* Sets image cache and largest number of Gaussians so that the load fits options->ram (0: no limit); returns
  * 0 if it cannot. */
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
-/* 1: a run without trials, with so many Gaussians at its end, fits options->ram. */
+/* Returns 1 if a run without trials, with so many Gaussians at its end, fits options->ram. */
 OXL_INTERNAL int budget_fits(const struct cost_load *load, const oxl_job_options *o, double gaussians);
 OXL_INTERNAL size_t budget_cache(const oxl_job_options *o); /* of images, bytes */
-/* The most Gaussians of a run without trials that fit options->ram. */
+/* Returns the most Gaussians of a run without trials that fit options->ram. */
 OXL_INTERNAL double budget_max_gaussians(const struct cost_load *load, const oxl_job_options *o);
-/* As budget_fit for a model that may have fewer Gaussians than the survey has points. */
+/* Fits as budget_fit a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int budget_limit_gaussians(const oxl_context *ctx, const struct cost_load *load,
                                         oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load,
                                       const oxl_job_options *o);
-/* --ram; without it, and without a set number of blocks, the available memory if the run may exceed it; 0: no
- * limit. */
+/* Returns --ram; without it, and without a set number of blocks, the available memory if the run may exceed
+ * it; 0: no limit. */
 OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o);
-/* partition_make with blocks that each fit this limit. OXL_ERR_BUDGET: even the smallest blocks do not. */
+/* Makes a partition whose blocks each fit this limit. OXL_ERR_BUDGET: even the smallest blocks do not. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
 
@@ -158,20 +158,21 @@ struct block_task {
     int standard;
     double predicted_seconds, predicted_peak;
 };
-/* A run of `steps` further steps from a finished model: the number of Gaussians does not change. */
+/* Returns the options of a run of `steps` further steps from a finished model: the number of Gaussians does
+ * not change. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps);
-/* Equivalent number of steps of model_standard.ply after such a run. */
+/* Returns the equivalent number of steps of model_standard.ply after such a run. */
 OXL_INTERNAL int block_standard_steps(const oxl_train_options *run);
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key,
                                    struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no
  * block.json. */
-/* *whole: model.ply and imaging.txt are those that the record was written with. */
+/* Checks model.ply and imaging.txt. *whole: they are those that the record was written with. */
 OXL_INTERNAL oxl_result block_check(oxl_context *ctx, const char *folder, const struct block_record *record,
                                     int *whole);
 OXL_INTERNAL oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name,
                                           struct text *out);
-/* imaging.txt and block.json of a folder whose model.ply is there. */
+/* Writes imaging.txt and block.json of a folder whose model.ply is there. */
 OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene, const char *folder,
                                              const char *key, const struct block_record *record);
 /* Continues from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as
@@ -180,7 +181,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
 
 /* ---------------- look.c: a first look at a survey */
 
-/* What hinders a look is no error, but an interruption is. */
+/* Looks at a survey. What hinders a look is no error, but an interruption is. */
 OXL_INTERNAL oxl_result look_take(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   struct look *out);
 
@@ -191,11 +192,11 @@ OXL_INTERNAL struct render_source large_source(const oxl_large_model *large);
 
 /* ---------------- lock.c: a folder that one process writes to at a time */
 
-/* oxl_lock_folder; shared: other processes may share it, too. */
+/* Locks as oxl_lock_folder; shared: other processes may share it, too. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
-/* OXL_ERR_FAILED if the folder is inside OUT of a run that another process holds. */
+/* Returns OXL_ERR_FAILED if the folder is inside OUT of a run that another process holds. */
 OXL_INTERNAL oxl_result lock_check_parents(oxl_context *ctx, const char *folder);
-/* *out NULL with OXL_OK: another process holds it. */
+/* Locks the folder; *out NULL with OXL_OK: another process holds it. */
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
 

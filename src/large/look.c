@@ -68,7 +68,8 @@ static oxl_result look_train(struct train *t, int steps, double *took)
     return rc;
 }
 
-/* The gradients of the first two thirds are of Gaussians that are still at their places of the start. */
+/* Measures the share in the last third of the steps: the gradients before are of Gaussians that are still at
+ * their places of the start. */
 static oxl_result look_measure(struct train *t, oxl_train_options *o, int steps, struct look *out)
 {
     double took[LOOK_STEPS];

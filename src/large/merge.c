@@ -21,8 +21,8 @@ static int merge_is_inside(const struct partition *p, int block, const oxl_model
     return partition_contains(&p->block[block].box, frame);
 }
 
-/* Rows kept of a block's model. Rows with a second lobe come first in a model, so the block's are inserted
- * after the existing ones, and its other rows are appended. */
+/* Lists the rows kept of a block's model. Rows with a second lobe come first in a model, so the block's are
+ * inserted after the existing ones, and its other rows are appended. */
 struct merge_rows {
     size_t *row;                 /* (kept) of the block's model, ascending */
     size_t kept, lobes;          /* the first `lobes` of them carry one */

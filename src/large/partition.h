@@ -45,7 +45,7 @@ struct partition_plan {
     uint32_t *member;            /* points in the block's expanded box, ascending */
     uint8_t *role;               /* (blocks, views) enum partition_role */
 };
-/* The same scene in the same frame, cut otherwise, without log lines. Shares the visibility of `of`, which
+/* Cuts the same scene in the same frame otherwise, without log lines. Shares the visibility of `of`, which
  * must outlive `out`. */
 OXL_INTERNAL oxl_result partition_variant(oxl_context *ctx, const struct partition *of,
                                           const oxl_partition_options *options, struct partition *out);

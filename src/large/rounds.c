@@ -284,7 +284,7 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     return rc;
 }
 
-/* Rounds that a block has finished. */
+/* Counts the rounds that a block has finished. */
 static oxl_result rounds_completed(struct rounds *r, int block, int *done)
 {
     const char *folder = JOB_BLOCK(r->job, block);

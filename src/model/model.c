@@ -468,7 +468,7 @@ static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
     }
 }
 
-/* Squared distances in ascending order, so that their sum does not depend on the search order. */
+/* Holds squared distances in ascending order, so that their sum does not depend on the search order. */
 struct model_nearest {
     const double *x;
     size_t self;

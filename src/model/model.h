@@ -13,7 +13,7 @@
  * ones: zero, identity rotation).
  * model_reserve keeps rows and does not shrink; planes move. model_copy overwrites `to` without freeing
  * it. */
-/* all zero but rotation w = 1 */
+/* Sets rows to 0, with a rotation of w = 1. */
 OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end);
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity);
 /* Changes the SH degree; new planes are zero. */
@@ -23,35 +23,36 @@ OXL_INTERNAL int model_row_is_finite(const oxl_model *model, size_t row); /* inc
 /* Keeps the rows with keep (count) not 0 in their order, with their lobes; the others are cleared. */
 OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep);
 
-/* Bytes of a Gaussian in a model file, as model_write.c writes it; of its second lobe there. */
+/* Counts the bytes of a Gaussian in a model file, as model_write.c writes it; of its second lobe there. */
 enum { MODEL_LOBE_BYTES = 16 };
 OXL_INTERNAL double model_row_bytes(int sh_degree);
 
-/* The second lobe, allocated for the first `lobes` rows only, up to a whole pack. */
+/* Counts the planes of the second lobe, which is allocated for the first `lobes` rows only, up to a whole
+ * pack. */
 enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
 #define MODEL_OPACITY 0.1              /* of a new Gaussian; Kerbl 2023 */
 #define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
 #define MODEL_LOBE_RATE_SCALE 0.005f   /* of OXL_LOBE + 1..3 */
-/* Rows 0..lobes-1 get a lobe; new ones are zero. */
+/* Gives rows 0..lobes-1 a lobe; new ones are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
 OXL_INTERNAL void model_drop_lobes(oxl_model *model);
 /* Moves the rows with active (count) not 0 to the front, each part in its order, and gives them lobes of
  * zeros. The model must have no lobes. */
 OXL_INTERNAL oxl_result model_make_lobes(oxl_context *ctx, oxl_model *model, const uint8_t *active);
 
-/* A model in training, with Adam's first and second moments: running means of the gradient and of its square,
- * in the same planes. */
+/* Holds a model in training with Adam's first and second moments: running means of the gradient and of its
+ * square, in the same planes. */
 struct trained_model {
     oxl_model model, mean, square;
 };
 enum { TRAINED_PARTS = 3 };
-/* model, mean, square */
+/* Returns the model, its mean or its square for k of 0, 1, 2. */
 OXL_INTERNAL oxl_model *model_trained_part(struct trained_model *t, int k);
-/* moments of 0 for its model */
+/* Creates moments of 0 for its model. */
 OXL_INTERNAL oxl_result model_trained_begin(oxl_context *ctx, struct trained_model *t);
 OXL_INTERNAL void model_trained_free(oxl_context *ctx, struct trained_model *t);
 OXL_INTERNAL oxl_result model_trained_set_degree(oxl_context *ctx, struct trained_model *t, int sh_degree);
-/* The model's lobes get these factors. On failure rows may be in another order. */
+/* Gives the model's lobes these factors. On failure rows may be in another order. */
 OXL_INTERNAL oxl_result model_trained_make_lobes(oxl_context *ctx, struct trained_model *t,
                                                  const uint8_t *active, float opacity_factor,
                                                  float scale_factor);
@@ -63,13 +64,13 @@ OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4]
 OXL_INTERNAL unsigned char model_byte(double x);                                   /* the nearest */
 /* Names the anti-aliasing in comments of PLY files, as Brush writes it; "mip" or "default" follows. */
 #define MODEL_RENDER_MODE "SplatRenderMode: "
-/* The background's comment for a file, after the text `before`; nothing where it is not known. */
+/* Writes the background's comment for a file, after the text `before`; nothing where it is not known. */
 OXL_INTERNAL void model_write_background(struct text *t, const char *before, const oxl_model *model);
-/* The view's comment; nothing where there is none. */
+/* Writes the view's comment; nothing where there is none. */
 OXL_INTERNAL void model_write_view(struct text *t, const char *before, const oxl_model *model);
 /* Copies what a model is rendered with: background, anti-aliasing and the viewers' first view. */
 OXL_INTERNAL void model_copy_rendering(const oxl_model *from, oxl_model *to);
-/* Origin, scale, background or view from a comment of a file; other comments are ignored. */
+/* Reads origin, scale, background or view from a comment of a file; other comments are ignored. */
 OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment,
                                      oxl_model *model);
 

@@ -32,15 +32,11 @@ OXL_INTERNAL double dropout_rate(const oxl_train_options *o, const oxl_scene *sc
     return DROPOUT_AUTO * OXL_CLAMP(epochs / DROPOUT_EPOCHS - 1, 0, 1);
 }
 
-/* Sets the rate; 0 on a device, which renders all Gaussians. */
 static oxl_result dropout_begin(struct train *t, void *state)
 {
     struct dropout *d = state;
-    const int device = renderer_has_device(t->renderer);
-    d->rate = device && t->options->dropout < 0 ? 0 : dropout_rate(t->options, t->scene);
-    if (!device || !(d->rate > 0)) return OXL_OK;
-    return oxl_fail(t->ctx, OXL_ERR_USAGE,
-                    "a device does not leave out Gaussians\nfix: --dropout auto, or --backend cpu");
+    d->rate = dropout_rate(t->options, t->scene);
+    return OXL_OK;
 }
 
 static oxl_result dropout_before_render(struct train *t, void *state, struct part_view *v)
@@ -66,15 +62,12 @@ static void dropout_record(struct train *t, void *state)
     char why[320];
     snprintf(why, sizeof why, "%d training views of %.0f steps, %.1f images per point", views,
              (double)t->options->iterations / OXL_MAX(views, 1), t->scene->stats.mean_track);
-    selection_record(t, "dropout", NUMBER(d->rate),
-                     t->options->dropout >= 0           ? "as set"
-                     : renderer_has_device(t->renderer) ? TRAIN_ON_DEVICE
-                                                        : why);
+    selection_record(t, "dropout", NUMBER(d->rate), t->options->dropout >= 0 ? "as set" : why);
 }
 
 /* clang-format off */
 static const oxl_option dropout_options[] = {
-{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | CPU_ONLY | NOT_REFINED | NOT_LOOKED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0 to this; auto: up to 0.4 in long runs of one block with fewer than 30 training views and fewer than 4.6 images per point", NULL},
+{"dropout", "auto|RATE", OXL_OPTION_FLOAT, OPTION_AT(train.dropout), 0, 0.8, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED | NOT_LOOKED, "Schedule", "fraction of the Gaussians left out of a step, rising from 0 to this; auto: up to 0.4 in long runs of one block with fewer than 30 training views and fewer than 4.6 images per point", NULL},
 {0}};
 /* clang-format on */
 

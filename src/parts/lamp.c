@@ -11,6 +11,9 @@
  * (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, and at r0 the falloff is 1;
  * so the lamp changes neither the brightness of the scene nor the mean gain.
  *
+ * Rendering on a device, a step's lamp does not depend on the gradient of the step before, which is read
+ * while the device works on the step; see exposure.c.
+ *
  * Invariant: off changes no byte of the result. The state is archived.
  */
 #include "lamp.h"
@@ -80,6 +83,27 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
     l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MAX);
 }
 
+/* Takes the step of the pending gradient, unless its step is later than `last`. */
+static void lamp_apply_pending(struct lamp_fit *l, int last)
+{
+    struct lamp_gradient *p = &l->pending;
+    if (p->step == 0 || p->step > last) return;
+    lamp_step(l, &l->group[p->group], p->progress, p->shape, p->falloff);
+    p->step = 0;
+}
+
+static void lamp_archive_pending(struct archive *a, struct lamp_fit *l)
+{
+    struct lamp_gradient *p = &l->pending;
+    archive_int(a, &p->step);
+    archive_int(a, &p->group);
+    archive_doubles(a, &p->progress, 1);
+    archive_doubles(a, p->shape, LAMP_TERMS);
+    archive_doubles(a, &p->falloff, 1);
+    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups);
+    archive_expect(a, p->progress >= 0 && p->progress <= 2);
+}
+
 OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
 {
     if (!used) return;
@@ -101,6 +125,7 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
     archive_doubles(a, &l->falloff_square, 1);
     archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MAX && fabs(l->falloff_mean) <= DBL_MAX &&
                           l->falloff_square >= 0);
+    lamp_archive_pending(a, l);
 }
 
 /* ---------------- the part */
@@ -119,24 +144,17 @@ static void lamp_part_archive(struct archive *a, struct train *t, void *state)
     lamp_archive(a, state, t->options->lamp != OXL_OFF);
 }
 
-/* Wants the lamp's shape from the tracks, where the CPU renders: a device has no lamp. */
 static int lamp_tracks(const struct train *t)
 {
-    const int cpu = !renderer_has_device(t->renderer);
-    return t->options->lamp == OXL_ON || (t->options->lamp && cpu) ? PHOTOMETRY_LAMP : 0;
+    return t->options->lamp != OXL_OFF ? PHOTOMETRY_LAMP : 0;
 }
 
 static void lamp_use_tracks(struct train *t, void *state, const struct photometry *p)
 {
     struct lamp_fit *l = state;
-    char why[400] = TRAIN_ON_DEVICE;
+    char why[400] = "";
     if (lamp_tracks(t)) lamp_set_from_tracks(l, t->options->lamp, p, why, sizeof why);
     selection_record_auto(t, "lamp", t->options->lamp, l->on, why);
-}
-
-static int lamp_needs(const void *state)
-{
-    return ((const struct lamp_fit *)state)->on ? PART_NEEDS_HOST : 0;
 }
 
 static void lamp_form_image(const void *state, struct imaging *m)
@@ -157,12 +175,25 @@ static oxl_result lamp_before_render(struct train *t, void *state, struct part_v
     return OXL_OK;
 }
 
-static void lamp_after_backward(struct train *t, void *state, struct part_view *v)
+static void lamp_before_step(struct train *t, void *state, struct train_deferred *step, int learns)
 {
-    const struct lamp *lamp = lamp_of_view(t, state, v->view);
-    if (lamp)
-        lamp_step(state, lamp, v->progress, renderer_lamp_gradient(t->renderer),
-                  renderer_medium_gradient(t->renderer)[MEDIUM_FALLOFF]);
+    (void)step;
+    if (learns) lamp_apply_pending(state, t->step - 2);
+}
+
+static void lamp_after_loss(struct train *t, void *state, const struct train_deferred *step,
+                            const struct renderer_loss *loss)
+{
+    struct lamp_fit *l = state;
+    const struct lamp *lamp = lamp_of_view(t, l, step->view);
+    if (!lamp) return;
+    lamp_apply_pending(l, INT_MAX);
+    l->pending = (struct lamp_gradient){.step = step->step,
+                                        .group = (int)(lamp - l->group),
+                                        .progress = (double)step->step / t->options->iterations,
+                                        .falloff = loss->dmedium[MEDIUM_FALLOFF]};
+    memcpy(l->pending.shape, loss->dlamp, sizeof l->pending.shape);
+    if (!renderer_has_device(t->renderer)) lamp_apply_pending(l, INT_MAX);
 }
 
 static void lamp_describe(struct train *t, void *state)
@@ -176,7 +207,7 @@ static void lamp_describe(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option lamp_options[] = {
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY | NOT_LOOKED, "Scene content", "fit a light that moves with the camera: a smooth gain over the image, falloff with distance; auto: if the colours of tracks show it", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_LOOKED, "Scene content", "fit a light that moves with the camera: a smooth gain over the image, falloff with distance; auto: if the colours of tracks show it", NULL},
 {0}};
 /* clang-format on */
 
@@ -188,8 +219,8 @@ OXL_INTERNAL const struct part part_lamp = {.name = "lamp",
                                             .archive = lamp_part_archive,
                                             .tracks = lamp_tracks,
                                             .use_tracks = lamp_use_tracks,
-                                            .needs = lamp_needs,
+                                            .set_gain = lamp_before_step,
                                             .form_image = lamp_form_image,
                                             .before_render = lamp_before_render,
-                                            .after_backward = lamp_after_backward,
+                                            .after_loss = lamp_after_loss,
                                             .describe = lamp_describe};

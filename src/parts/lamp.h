@@ -4,6 +4,11 @@
 
 #include "../train/part.h"
 
+struct lamp_gradient {
+    int step, group; /* step 0: none; whose camera's */
+    double progress, shape[LAMP_TERMS], falloff;
+};
+
 struct lamp_fit {
     /* has_falloff: falloff is trained; frozen: nothing is */
     int on, has_falloff, frozen, steps, groups;
@@ -12,6 +17,7 @@ struct lamp_fit {
     struct lamp group[LAMP_MAX];
     double mean[LAMP_MAX][LAMP_TERMS], square[LAMP_MAX][LAMP_TERMS]; /* Adam's moments */
     double falloff, falloff_mean, falloff_square, reference;
+    struct lamp_gradient pending; /* gradient of the last step, not yet applied */
 };
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium,
                              const struct imaging *continued);

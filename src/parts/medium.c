@@ -186,17 +186,15 @@ static void medium_part_archive(struct archive *a, struct train *t, void *state)
     medium_fit_archive(a, state, t->options->medium != OXL_OFF);
 }
 
-/* Wants the medium from the tracks, where the CPU renders: a device has none. */
 static int medium_tracks(const struct train *t)
 {
-    const int cpu = !renderer_has_device(t->renderer);
-    return t->options->medium == OXL_ON || (t->options->medium && cpu) ? PHOTOMETRY_MEDIUM : 0;
+    return t->options->medium != OXL_OFF ? PHOTOMETRY_MEDIUM : 0;
 }
 
 static void medium_use_tracks(struct train *t, void *state, const struct photometry *p)
 {
     struct medium_fit *f = state;
-    char why[400] = TRAIN_ON_DEVICE;
+    char why[400] = "";
     if (medium_tracks(t)) medium_fit_set_from_tracks(f, scene_depth_span(t->scene), p, why, sizeof why);
     selection_record_auto(t, "medium", t->options->medium, f->on, why);
     if (f->on && fabs(p->drift) > MEDIUM_FIT_DRIFT)
@@ -207,9 +205,11 @@ static void medium_use_tracks(struct train *t, void *state, const struct photome
             p->drift);
 }
 
+/* Values that are trained are those of the step before. */
 static int medium_needs(const void *state)
 {
-    return ((const struct medium_fit *)state)->on ? PART_NEEDS_WAIT : 0;
+    const struct medium_fit *f = state;
+    return f->on && !f->fixed ? PART_NEEDS_WAIT : 0;
 }
 
 static void medium_form_image(const void *state, struct imaging *m)
@@ -269,7 +269,7 @@ static void medium_describe(struct train *t, void *state)
 
 /* clang-format off */
 static const oxl_option medium_options[] = {
-{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | CPU_ONLY | NOT_LOOKED, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it", NULL},
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT | NOT_LOOKED, "Scene content", "fit the water: attenuation and backscatter, nine parameters; auto: if the colours of tracks show it", NULL},
 {0}};
 /* clang-format on */
 

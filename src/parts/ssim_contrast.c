@@ -98,20 +98,13 @@ OXL_INTERNAL double ssim_contrast_of_detail(double measured)
                                                           : SSIM_CONTRAST_WANG;
 }
 
-/* A device has Wang's. */
 static oxl_result ssim_contrast_begin(struct train *t, void *state)
 {
     struct ssim_contrast *s = state;
     const float given = t->options->ssim_contrast;
-    const int device = renderer_has_device(t->renderer);
     oxl_result rc = OXL_OK;
     s->contrast = given >= 0 ? (double)given : SSIM_CONTRAST_WANG;
-    if (device && given >= 0 && given != (float)SSIM_CONTRAST_WANG)
-        return oxl_fail(t->ctx, OXL_ERR_USAGE,
-                        "a device has an SSIM of contrast %g\nfix: --ssim-contrast auto, or --backend cpu",
-                        SSIM_CONTRAST_WANG);
-    if (given < 0 && !device && !t->is_look)
-        rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
+    if (given < 0 && !t->is_look) rc = ssim_contrast_measure(t->ctx, t->scene, &s->measured, &s->views);
     if (s->views > 0) s->contrast = ssim_contrast_of_detail(s->measured);
     renderer_set_contrast(t->renderer, s->contrast);
     return rc;
@@ -147,14 +140,12 @@ static void ssim_contrast_record(struct train *t, void *state)
         s->measured, s->views, s->is_unlit ? ", no lamp is known of" : "", SSIM_CONTRAST_FAINT,
         SSIM_CONTRAST_WANG);
     selection_record(t, "ssim_contrast", NUMBER(floor(s->contrast * 1e5 + 0.5) / 1e5),
-                     t->options->ssim_contrast >= 0     ? "as set"
-                     : renderer_has_device(t->renderer) ? TRAIN_ON_DEVICE
-                                                        : why);
+                     t->options->ssim_contrast >= 0 ? "as set" : why);
 }
 
 /* clang-format off */
 static const oxl_option ssim_contrast_options[] = {
-{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT | CPU_ONLY, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images where it is below 0.011 and a lamp shows in the tracks, so that faint ground is learned; otherwise 0.03", NULL},
+{"ssim-contrast", "auto|SD", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_contrast), 0.001, 0.1, EACH("auto"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "standard deviation of detail, as a fraction of white, below which SSIM in the loss hardly counts it; auto: the median of the images where it is below 0.011 and a lamp shows in the tracks, so that faint ground is learned; otherwise 0.03", NULL},
 {0}};
 /* clang-format on */
 

@@ -7,12 +7,38 @@
 #include "../survey/image.h"
 #include "../model/model.h"
 
+/* Settings of a view beyond its camera: from the setters of renderer.c. */
+struct renderer_settings {
+    const struct kernel_camera *camera; /* units and limits of the full image, where it is a window */
+    const struct medium *medium;        /* NULL: none, and no falloff */
+    int medium_trains;                  /* 1: backward computes the gradient of its parameters, too */
+    int has_lamp;                       /* 1: the loss may have one */
+    double dropout;
+    uint64_t dropout_seed;
+    int dropout_step;
+};
+
+/* What lies between the rendered image and the loss. */
+struct renderer_gains {
+    const float *gain;  /* (3); NULL: 1 */
+    const float *shape; /* (LAMP_TERMS) the lamp's; NULL: none */
+    struct lamp_area area;
+    double contrast; /* SSIM's; 0: 0.03 */
+};
+
+struct renderer_depths {
+    const struct depth_point *point; /* (count) */
+    int count;
+    double weight;
+};
+
 /* Each does what the renderer function of the same name does; take_image what renderer_set_image does. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera,
-                          const oxl_render_options *options, int steps);
+                          const oxl_render_options *options, const struct renderer_settings *settings,
+                          int steps);
     oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
     oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);
@@ -20,10 +46,12 @@ struct renderer_device {
     /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL:
      * the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
-    oxl_result (*loss)(void *device, const float *rgb, const float *weight, const float *gain,
-                       float ssim_weight, struct renderer_loss *out);
-    oxl_result (*backward)(void *device, const float *drgb);
+    oxl_result (*loss)(void *device, const float *rgb, const float *weight,
+                       const struct renderer_gains *gains, float ssim_weight, struct renderer_loss *out);
+    oxl_result (*backward)(void *device, const float *drgb, const struct renderer_depths *depths);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
+    /* Of the last loss and backward; waits. */
+    oxl_result (*imaging_gradient)(void *device, double dlamp[LAMP_TERMS], double dmedium[MEDIUM_SUMS]);
     oxl_result (*score)(void *device, const float *drgb, float *score);
     oxl_result (*step)(void *device, struct trained_model *trained, const struct adam_params *adam,
                        struct renderer_nonfinite *out);

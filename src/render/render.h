@@ -70,11 +70,20 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
                                            const struct training_image *image,
                                            const struct image_window *window, int halved);
 
+enum {                         /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
+       MEDIUM_ATTENUATION = 0, /* three channels each */
+       MEDIUM_BACKSCATTER = 3,
+       MEDIUM_VEILING_LIGHT = 6,
+       MEDIUM_FALLOFF = 9,
+       MEDIUM_SUMS = 10
+};
 /* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the
  * image of renderer_set_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
-    double dlog_gain[3]; /* dL/d(log gain), with renderer_set_gain */
+    double dlog_gain[3];         /* dL/d(log gain), with renderer_set_gain */
+    double dlamp[LAMP_TERMS];    /* dL/d(shape), with renderer_set_lamp; here after the step */
+    double dmedium[MEDIUM_SUMS]; /* of a medium that trains, likewise */
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb,
                                       const float *weight, float ssim_weight, struct renderer_loss *out);
@@ -205,8 +214,8 @@ OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
 /* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before
  * the first forward: the CPU renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
-/* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c). CPU
- * only. The points are copied. */
+/* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c).
+ * The points are copied. */
 struct depth_point {
     float x, y, z; /* px of the rendered image, camera z */
 };
@@ -215,24 +224,16 @@ OXL_INTERNAL void renderer_set_depths(struct renderer *r, const struct depth_poi
                                       double weight);
 /* The next forward does not render this fraction of the Gaussians, chosen by seed and step, and divides the
  * opacities of the others by
- * 1 - fraction. CPU only. */
+ * 1 - fraction. */
 OXL_INTERNAL void renderer_set_dropout(struct renderer *r, double fraction, uint64_t seed, int step);
 /* From the next loss on, the rendered image is first multiplied by a gain per channel; NULL: no gain. */
 OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3]);
-/* From the next loss on, SSIM's C2 is the square of this standard deviation; 0: of 0.03. CPU only. */
+/* From the next loss on, SSIM's C2 is the square of this standard deviation; 0: of 0.03. */
 OXL_INTERNAL void renderer_set_contrast(struct renderer *r, double contrast);
 
-/* ---------------- medium.c, exposure.c: medium and lamp; on the CPU */
+/* ---------------- medium.c, exposure.c: medium and lamp */
 
-enum {                         /* gradients of a medium: where they are in an array of MEDIUM_SUMS */
-       MEDIUM_ATTENUATION = 0, /* three channels each */
-       MEDIUM_BACKSCATTER = 3,
-       MEDIUM_VEILING_LIGHT = 6,
-       MEDIUM_FALLOFF = 9,
-       MEDIUM_SUMS = 10
-};
-
-/* From the next forward on; CPU only. trains: the gradient of its parameters is computed, too. */
+/* From the next forward on. trains: the gradient of its parameters is computed, too. */
 OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium, int trains);
 /* (MEDIUM_SUMS) gradient of the last backward, complete after the step: attenuation, backscatter, veiling
  * light, falloff. */
@@ -240,8 +241,10 @@ OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 /* From the next loss on, the rendered image is also multiplied by the lamp's gain at each pixel; NULL: no
  * lamp. Borrowed. */
 OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
-/* (14) dL/d(shape) of the last loss. */
+/* (14) dL/d(shape) of the last loss, complete after the step. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
+/* Copies both gradients into the loss of a step that is complete. */
+OXL_INTERNAL void renderer_add_imaging_gradients(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
  * backwards: recovers the colours behind medium and lamp. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,

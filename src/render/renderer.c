@@ -407,13 +407,22 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                            const oxl_camera *camera, const oxl_render_options *options)
 {
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const struct renderer_settings settings = {.camera = &r->kernel_camera,
+                                               .medium = render_has_medium(r) ? &r->medium : NULL,
+                                               .medium_trains = r->medium_trains,
+                                               .has_lamp = r->lamp != NULL,
+                                               .dropout = r->dropout,
+                                               .dropout_seed = r->dropout_seed,
+                                               .dropout_step = r->dropout_step};
     const oxl_result rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
+    render_set_full_size(&r->kernel_camera, camera, r->full);
+    render_set_alpha_min(&r->kernel_camera, options->alpha_min);
     r->in = render_gaussians(model, options->sh_degree);
     r->packs = render_packs(model->count);
     r->bins.packs = r->packs;
-    return r->backend->forward(r->device, model, camera, options, r->steps);
+    return r->backend->forward(r->device, model, camera, options, &settings, r->steps);
 }
 
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model,
@@ -424,9 +433,6 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
         return oxl_fail(ctx, OXL_ERR_USAGE, "a context is not rendered with parallel rays");
     if (r->device && options->parallel > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "parallel rays are not rendered on a device\nfix: --backend cpu");
-    if (r->device && render_has_medium(r))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "a medium and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_fall_back_to_cpu(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc == OXL_OK && r->device) ctx->backend->rendered_on |= RENDERED_ON_DEVICE;

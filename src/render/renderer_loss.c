@@ -61,6 +61,12 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
     return r->dlamp;
 }
 
+OXL_INTERNAL void renderer_add_imaging_gradients(const struct renderer *r, struct renderer_loss *loss)
+{
+    memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
+    memcpy(loss->dmedium, r->dmedium, sizeof loss->dmedium);
+}
+
 static struct lamp_area render_lamp_area(const struct renderer *r)
 {
     const int width = r->kernel_camera.width, height = r->kernel_camera.height;
@@ -68,8 +74,7 @@ static struct lamp_area render_lamp_area(const struct renderer *r)
     return (struct lamp_area){width, height, r->full[0], r->full[1], r->at[0], r->at[1]};
 }
 
-/* Computes the loss with exposure gains and lamp, on the CPU: with a lamp a device's image is downloaded
- * and the gradient uploaded. */
+/* Computes the loss with exposure gains and lamp. */
 static oxl_result render_loss_with_gains(oxl_context *ctx, struct renderer *r, const float *rgb,
                                          const float *weight, float ssim_weight, double dlog_gain[3],
                                          struct loss_value *out)
@@ -114,8 +119,11 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     struct loss_value value;
     oxl_result rc;
     *out = (struct renderer_loss){0};
-    if (r->device && !r->lamp)
-        return r->backend->loss(r->device, rgb, weight, r->has_gain ? r->gain : NULL, ssim_weight, out);
+    if (r->device) {
+        const struct renderer_gains gains = {r->has_gain ? r->gain : NULL, r->lamp ? r->lamp->shape : NULL,
+                                             render_lamp_area(r), r->contrast};
+        return r->backend->loss(r->device, rgb, weight, &gains, ssim_weight, out);
+    }
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, &r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK && render_has_gains(r))
@@ -174,7 +182,11 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     const int64_t tasks = render_tasks(r);
     struct gaussians out;
     oxl_result rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
-    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !r->lamp ? drgb : r->drgb);
+    if (rc == OXL_OK && r->device) {
+        const struct renderer_depths depths = {r->depth_point, r->depth_points, r->depth_weight};
+        r->depth_points = 0;
+        return r->backend->backward(r->device, drgb, &depths);
+    }
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
@@ -196,10 +208,19 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
+/* Reads the gradients of lamp and medium from a device, where there are any. */
+OXL_INTERNAL oxl_result render_read_imaging_gradient(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    return r->device ? r->backend->gradient(r->device, gradient) : OXL_OK;
+    if (!r->device || r->deferred || !(r->lamp || r->medium_trains)) return OXL_OK;
+    return r->backend->imaging_gradient(r->device, r->dlamp, r->dmedium);
+}
+
+OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
+{
+    oxl_result rc = OXL_OK;
+    if (r->device) rc = r->backend->gradient(r->device, gradient);
+    return rc == OXL_OK ? render_read_imaging_gradient(ctx, r) : rc;
 }
 
 /* ---------------- score */

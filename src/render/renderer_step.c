@@ -79,7 +79,10 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, stru
                                 (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
     struct gaussians part;
     oxl_result rc;
-    if (r->device) return r->backend->step(r->device, trained, adam, out);
+    if (r->device) {
+        rc = r->backend->step(r->device, trained, adam, out);
+        return rc == OXL_OK ? render_read_imaging_gradient(ctx, r) : rc;
+    }
     rc = r->unprojected ? render_reserve_part(ctx, r) : OXL_OK;
     if (rc != OXL_OK) return rc;
     part = render_gaussians(&r->part, r->in.sh_degree);

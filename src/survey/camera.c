@@ -20,7 +20,8 @@
 
 /* ---------------- the table of models */
 
-/* In the order of COLMAP's MODEL_ID, which cameras.bin holds (colmap/colmap, src/colmap/sensor/models.h). */
+/* Lists the camera models in the order of COLMAP's MODEL_ID, which cameras.bin holds (colmap/colmap,
+ * src/colmap/sensor/models.h). */
 static const struct camera_model camera_models[] = {
     {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},           /* f cx cy */
     {"PINHOLE", 4, 2, CAMERA_IDEAL},                  /* fx fy cx cy */
@@ -81,8 +82,8 @@ OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double o
 
 /* ---------------- direction to pixel */
 
-/* atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an argument below
- * 0.2. */
+/* Computes atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an
+ * argument below 0.2. */
 OXL_INTERNAL double camera_atan(double x)
 {
     double square, sum = 0;
@@ -94,7 +95,7 @@ OXL_INTERNAL double camera_atan(double x)
 
 #define CAMERA_SMALL 1e-8 /* radians: its square is below the last bit of 1 */
 
-/* theta_d / r: 1 at the axis. */
+/* Returns theta_d / r: 1 at the axis. */
 static double camera_fisheye_scale(const double *k, int count, double r)
 {
     const double theta = camera_atan(r), square = theta * theta;
@@ -104,8 +105,8 @@ static double camera_fisheye_scale(const double *k, int count, double r)
     return theta * (1 + polynomial) / r;
 }
 
-/* tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t / (1 - t^2)
- * three times. */
+/* Computes tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t /
+ * (1 - t^2) three times. */
 OXL_INTERNAL double camera_tan(double x)
 {
     const double square = x / 8 * (x / 8);
@@ -128,7 +129,7 @@ static double camera_fov_scale(double omega, double r)
     return camera_atan(2 * r * camera_tan(w / 2)) / (r * w);
 }
 
-/* x, y: on the fisheye plane, in and out. k: k1 k2 p1 p2 k3 k4 sx1 sy1. */
+/* Distorts x, y on the fisheye plane, in and out. k: k1 k2 p1 p2 k3 k4 sx1 sy1. */
 static void camera_thin_prism(const double *k, double *x, double *y)
 {
     const double u = *x, v = *y, r2 = u * u + v * v,
@@ -137,7 +138,8 @@ static void camera_thin_prism(const double *k, double *x, double *y)
     *y += v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2;
 }
 
-/* k: k0-k5 p0 p1 s0-s3; terms that are not radial are evaluated at the radially distorted point. */
+/* Distorts x, y. k: k0-k5 p0 p1 s0-s3; terms that are not radial are evaluated at the radially distorted
+ * point. */
 static void camera_rad_tan(const double *k, double *x, double *y)
 {
     const double theta2 = *x * *x + *y * *y;
@@ -217,8 +219,8 @@ enum {
 
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
-/* 1: the direction is inside the field of view: within the centres of the outermost pixels, and where the
- * polynomial is monotonic. */
+/* Returns 1 if the direction is inside the field of view: within the centres of the outermost pixels, and
+ * where the polynomial is monotonic. */
 static int camera_in_field(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
@@ -258,9 +260,9 @@ static int camera_trace(const struct colmap_camera *camera, const double target[
     return CAMERA_FOLD;
 }
 
-/* Distance in px from the principal point to each side of a rectangle inside the field of view. Where the
- * image border is the limit, that side moves inwards; where the polynomial is (a curve around the axis), all
- * four sides move inwards by the same factor. */
+/* Measures the distance in px from the principal point to each side of a rectangle inside the field of view.
+ * Where the image border is the limit, that side moves inwards; where the polynomial is (a curve around the
+ * axis), all four sides move inwards by the same factor. */
 static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 {
     double k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
@@ -298,7 +300,7 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
     for (int i = 0; i < 4; i++) side[i] *= folded;
 }
 
-/* Whole pixels; the remainder is divided between both sides. */
+/* Rounds to whole pixels; the remainder is divided between both sides. */
 static void camera_round(const double side[4], oxl_camera *c)
 {
     c->width = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);

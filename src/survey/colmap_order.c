@@ -17,7 +17,7 @@ static int order_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Rank of an id, from one bit per possible id. */
+/* Ranks an id, from one bit per possible id. */
 struct order_ranks {
     int64_t low;
     uint64_t *met;    /* (words) */
@@ -39,8 +39,8 @@ static size_t order_rank(const struct order_ranks *ranks, int64_t id)
            (size_t)order_ones(ranks->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
 }
 
-/* In place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache size; then
- * each swap within a bucket puts one point in its final position. */
+/* Sorts in place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache
+ * size; then each swap within a bucket puts one point in its final position. */
 static void order_points_by_rank(struct colmap *c, const struct order_ranks *ranks)
 {
     enum { BUCKETS = 512 };

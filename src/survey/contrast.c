@@ -62,7 +62,7 @@ static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c
     }
 }
 
-/* Points with all their chosen views; every k-th point if there are too many. */
+/* Takes points with all their chosen views; every k-th point if there are too many. */
 static void contrast_choose_samples(const struct colmap *c, struct contrast_work *w)
 {
     const size_t step = c->track_count / CONTRAST_SAMPLE + 1;
@@ -121,8 +121,8 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
     return OXL_OK;
 }
 
-/* Log of the standard deviation of the cells' brightness; invalid unless the patch is inside the image and
- * unmasked. */
+/* Takes the logarithm of the standard deviation of the cells' brightness; invalid unless the patch is inside
+ * the image and unmasked. */
 static void contrast_of_patch(const struct training_image *image, const uint32_t *integral,
                               struct contrast_sample *s)
 {
@@ -149,7 +149,7 @@ static void contrast_of_patch(const struct training_image *image, const uint32_t
     s->value = 0.5 * vecmath_log(OXL_MAX((squares - sum * sum / n) / n, 0) + CONTRAST_FLOOR);
 }
 
-/* All samples of one image. */
+/* Measures all samples of one image. */
 static void contrast_of_image(const oxl_context *ctx, const struct training_image *image, int view,
                               struct contrast_work *w)
 {
@@ -164,7 +164,7 @@ static void contrast_of_image(const oxl_context *ctx, const struct training_imag
     }
 }
 
-/* View by view, so that each image is loaded once; unreadable images are left out. */
+/* Measures view by view, so that each image is loaded once; unreadable images are left out. */
 static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;

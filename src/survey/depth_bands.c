@@ -23,7 +23,7 @@ static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int v
     b->sample[b->count++] = (struct depth_sample){view, (int)p[1] * c->width + (int)p[0], (float)x[2]};
 }
 
-/* view: index by survey image; -1: none. */
+/* Adds the entries of tracks. view: index by survey image; -1: none. */
 static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c,
                                   const int *view)
 {
@@ -85,7 +85,7 @@ OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b)
     *b = (struct depth_bands){0};
 }
 
-/* Points in the same pixel: the one nearest to the camera is used. */
+/* Finds the first sample of a view, of those sorted by view. */
 static size_t depth_bands_first(const struct depth_bands *b, int view)
 {
     size_t low = 0, high = b->count;

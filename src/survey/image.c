@@ -56,8 +56,8 @@ static const char *image_png_error(const struct os_file_map *file, int sums)
     return p == end || !image_is_png(file) ? NULL : "it ends too early";
 }
 
-/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols;
- * again. *tables: a bit for each. */
+/* Returns 1 if Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as
+ * many symbols; again. *tables: a bit for each. */
 static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
     while (p < end) {
@@ -70,8 +70,8 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Whether a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind, or
- * none where it refines DC. */
+/* Returns 1 if a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind,
+ * or none where it refines DC. */
 static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables,
                                 int progressive)
 {
@@ -85,10 +85,10 @@ static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end
     return 1;
 }
 
-/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer
- * overrun), reads tables that are not defined, accepts a second frame header after allocating for the first,
- * and reports a truncated file as "expected marker". Iterates over the markers; a preview inside a segment is
- * skipped with it. */
+/* Finds an error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman
+ * table (buffer overrun), reads tables that are not defined, accepts a second frame header after allocating
+ * for the first, and reports a truncated file as "expected marker". Iterates over the markers; a preview
+ * inside a segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
@@ -156,7 +156,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     return OXL_OK;
 }
 
-/* 16 bits to 8, rounded to nearest: 0..65535 to 0..255, in place. */
+/* Rounds 16 bits to 8, to nearest: 0..65535 to 0..255, in place. */
 static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
 {
     uint8_t *narrow = (uint8_t *)wide;
@@ -168,7 +168,7 @@ static uint8_t *image_to_8_bits(uint16_t *wide, size_t count)
     return narrow;
 }
 
-/* The palette chunk of a PNG, from its length on; NULL: none before the pixels. */
+/* Finds the palette chunk of a PNG, from its length on; NULL: none before the pixels. */
 static const unsigned char *image_find_palette(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
@@ -181,7 +181,7 @@ static const unsigned char *image_find_palette(const struct os_file_map *file)
     return NULL;
 }
 
-/* stb 2.27 reads past the end of a short palette, so the palette is extended to 256 entries with black. */
+/* Extends a short palette to 256 entries with black: stb 2.27 reads past its end. */
 static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     enum { FULL = 3 * 256 };
@@ -202,8 +202,8 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
     return OXL_OK;
 }
 
-/* Whether a PNG's pixels have an alpha channel, or its colours one that is transparent (tRNS): of its bytes
- * up to the first IDAT, each chunk's head at least. */
+/* Returns 1 if a PNG's pixels have an alpha channel, or its colours one that is transparent (tRNS): of its
+ * bytes up to the first IDAT, each chunk's head at least. */
 static int image_bytes_have_alpha(const unsigned char *data, size_t size)
 {
     enum { SIGNATURE = 8, COLOUR = 25, GREY_ALPHA = 4, RGB_ALPHA = 6, HEAD = 8, CHUNK = 12 };
@@ -226,8 +226,8 @@ OXL_INTERNAL int image_has_alpha(const char *path)
     return image_bytes_have_alpha(head, size);
 }
 
-/* A file that is not there or cannot be opened is no bad input: it may come back. A pipe would wait forever.
- * */
+/* Reads an image file. One that is not there or cannot be opened is no bad input: it may come back. A pipe
+ * would wait forever. */
 static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     char text[sizeof ctx->error];
@@ -240,7 +240,7 @@ static oxl_result image_read_file(oxl_context *ctx, const char *path, struct os_
     return oxl_fail(ctx, OXL_ERR_IO, "%s", text);
 }
 
-/* An image of another shape than the camera's is refused before it is decoded; from NULL: of any shape. */
+/* Decodes an image; refuses one of another shape than the camera's before that. from NULL: any shape. */
 static oxl_result image_decode_of(oxl_context *ctx, const char *path, int channels,
                                   const struct colmap_camera *from, struct pixels *out)
 {
@@ -297,8 +297,8 @@ OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *widt
 
 /* ---------------- reduce */
 
-/* One output pixel along one axis covers [at n_in, (at + 1) n_in) in units of 1/n_out of an input pixel, so
- * that all overlaps are whole numbers, with the sum n_in. */
+/* Holds what one output pixel covers along one axis: [at n_in, (at + 1) n_in) in units of 1/n_out of an
+ * input pixel, so that all overlaps are whole numbers, with the sum n_in. */
 struct image_span {
     int first, last;                    /* input pixels touched, both included */
     unsigned weight_first, weight_last; /* of those two; the ones between weigh n_out */
@@ -318,7 +318,7 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
     return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
 }
 
-/* Shared by all output rows: spans of the columns, and one accumulation row per thread. */
+/* Is shared by all output rows: spans of the columns, and one accumulation row per thread. */
 struct image_reduction {
     const struct pixels *in;
     const struct training_image *out;
@@ -343,7 +343,7 @@ SIMD_BODY void image_add_row_body(const int fused, const struct image_row_sum *s
 
 SIMD_DISPATCH(static, image_add_row, struct image_row_sum)
 
-/* The weighted sum of the rows in the span. The weights sum to in->height, so 32 bits suffice. */
+/* Adds the weighted rows of the span. The weights sum to in->height, so 32 bits suffice. */
 static void image_add_rows(int isa, const struct image_reduction *r, const struct image_span *rows,
                            uint32_t *line)
 {
@@ -356,7 +356,7 @@ static void image_add_rows(int isa, const struct image_reduction *r, const struc
                                                    .weight = image_span_weight(rows, i, r->out->height)});
 }
 
-/* The mean of the image over each output pixel's area, exact before it is rounded. */
+/* Averages the image over each output pixel's area, exactly before it is rounded. */
 static void image_reduce_row(int isa, const struct image_reduction *r, int y)
 {
     const struct image_span rows = image_span_of(y, r->in->height, r->out->height);
@@ -394,7 +394,7 @@ done:
     return rc;
 }
 
-/* A pixel that overlaps a black mask pixel is masked, since its colour contains masked content. */
+/* Masks a pixel that overlaps a black mask pixel, since its colour contains masked content. */
 static void image_reduce_mask_row(const struct pixels *mask, const struct training_image *out, int y)
 {
     const struct image_span rows = image_span_of(y, mask->height, out->height);
@@ -434,7 +434,7 @@ static void image_add_bilinear(const struct pixels *in, const double p[2], uint3
                   wy * ((IMAGE_FRACTION - wx) * a[down] + wx * a[down + right]);
 }
 
-/* 1: p (px of the source image) is inside the image and not masked. */
+/* Returns 1 if p (px of the source image) is inside the image and not masked. */
 static int image_is_valid_at(const struct image_warp *w, const double p[2])
 {
     if (!(p[0] >= 0 && p[0] <= w->source->width && p[1] >= 0 && p[1] <= w->source->height)) return 0;
@@ -446,7 +446,7 @@ static int image_is_valid_at(const struct image_warp *w, const double p[2])
     return 1;
 }
 
-/* Each pixel is the mean of samples x samples bilinear samples on a regular grid. */
+/* Averages samples x samples bilinear samples on a regular grid for each pixel. */
 static void image_warp_row(const struct image_warp *w, const struct training_image *out, int y)
 {
     const size_t plane = (size_t)out->width * out->height;
@@ -488,7 +488,7 @@ static struct image_warp image_warp_of(const struct pixels *image, const struct 
 
 /* ---------------- a training image */
 
-/* The image may be resized since the COLMAP run, but not cropped or rotated. */
+/* Refuses an image that was cropped or rotated since the COLMAP run; it may have been resized. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from)
 {
@@ -504,8 +504,8 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
             : "use the images that COLMAP was given");
 }
 
-/* As the EXIF orientation says, where the camera's shape shows that the model was made from it upright. The
- * mask too, if it has the shape of the stored image. */
+/* Turns an image as its EXIF orientation says, where the camera's shape shows that the model was made from
+ * it upright. The mask too, if it has the shape of the stored image. */
 static oxl_result image_turn_to_camera(oxl_context *ctx, const char *path, const struct colmap_camera *from,
                                        struct pixels *image, struct pixels *mask)
 {
@@ -530,7 +530,7 @@ static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, i
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", to->width, to->height);
 }
 
-/* A mask without black pixels is freed. */
+/* Frees a mask without black pixels. */
 static void image_drop_empty_mask(oxl_context *ctx, struct training_image *image)
 {
     if (!image->mask || memchr(image->mask, 0, (size_t)image->width * image->height)) return;
@@ -538,7 +538,7 @@ static void image_drop_empty_mask(oxl_context *ctx, struct training_image *image
     image->mask = NULL;
 }
 
-/* Reduction and undistortion can make a mask completely black. */
+/* Checks for a mask that reduction and undistortion have made completely black. */
 static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct training_image *image)
 {
     if (!image->mask || memchr(image->mask, 255, (size_t)image->width * image->height)) return OXL_OK;
@@ -552,7 +552,7 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
 
 enum { IMAGE_OPAQUE = 128 }; /* least alpha of a pixel that is not masked */
 
-/* Four channels to three, in place: premultiplied with their alpha, over the background. */
+/* Turns four channels into three, in place: premultiplied with their alpha, over the background. */
 static void image_composite(struct pixels *image, const uint8_t background[3])
 {
     const size_t count = (size_t)image->width * (size_t)image->height;
@@ -565,8 +565,8 @@ static void image_composite(struct pixels *image, const uint8_t background[3])
     image->channels = 3;
 }
 
-/* Four channels to three; *out becomes a mask of the image's size, black where that is or where the image is
- * transparent. Free its data with oxl_free. */
+/* Turns four channels into three; *out becomes a mask of the image's size, black where that is or where the
+ * image is transparent. Free its data with oxl_free. */
 static oxl_result image_move_alpha(oxl_context *ctx, const char *path, struct pixels *image,
                                    const struct pixels *mask, struct pixels *out)
 {
@@ -585,7 +585,7 @@ static oxl_result image_move_alpha(oxl_context *ctx, const char *path, struct pi
     return OXL_OK;
 }
 
-/* *mask: of the file mask_path or empty; *alpha_mask: of both, where alpha masks. */
+/* Decodes image and mask. *mask: of the file mask_path or empty; *alpha_mask: of both, where alpha masks. */
 static oxl_result image_decode_masked(oxl_context *ctx, const char *path, const char *mask_path,
                                       const struct colmap_camera *from, const struct image_alpha *alpha,
                                       struct pixels *image, struct pixels *mask, struct pixels *alpha_mask)
@@ -658,7 +658,7 @@ OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct train
                     : 0.0f;
 }
 
-/* In place: each pixel is written after its four source pixels are read. */
+/* Halves in place: each pixel is written after its four source pixels are read. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
 {
     const size_t w = (size_t)width, small_w = w / 2, small_h = (size_t)height / 2;

@@ -10,22 +10,22 @@ struct pixels { /* 8 bits, interleaved */
     int width, height, channels;
     uint8_t *data;
 };
-/* channels 0: 4 where the file has alpha, else 3. */
+/* Decodes a file. channels 0: 4 where the file has alpha, else 3. */
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
-/* reads the header only */
+/* Reads the size from the header only. */
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height);
 /* Fails unless the file's size is the camera's, reduced or enlarged: not cropped or rotated. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from);
 OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p);
 
-/* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 used, 0 masked). */
+/* Holds a training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 used, 0 masked). */
 struct training_image {
     int width, height;
     uint8_t *rgb;
     uint8_t *mask;
 };
-/* What transparent pixels of an image are: `background`, or masked where alpha is below a half. */
+/* Says what transparent pixels of an image are: `background`, or masked where alpha is below a half. */
 struct image_alpha {
     int masks;
     uint8_t background[3];
@@ -41,13 +41,13 @@ OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *i
 struct image_window { /* a part of an image, px; width 0: nothing of it */
     int x, y, width, height;
 };
-/* rgb (3,h,w), weight (h,w) or NULL: of the window, or of the whole image with NULL. */
+/* Converts the window, or with NULL the whole image, to rgb (3,h,w) and weight (h,w) or NULL. */
 OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image,
                                       const struct image_window *window, float *rgb, float *weight);
-/* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd
- * edges are dropped. */
+/* Halves the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. weight may be
+ * NULL, above too. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
-/* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
+/* Does the inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
 /* Deflates with free bytes around (*out by oxl_alloc). */
@@ -58,7 +58,7 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
 
 /* ---------------- image_cache.c: which images are in memory */
 
-/* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of
+/* Bounds from above the memory for images of `pixels` in total, without masks, with decoding of files of
  * file_pixels. */
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
@@ -75,16 +75,17 @@ struct image_cache {
     int count;
     size_t held, limit; /* bytes in memory; bytes allowed */
 };
-/* Empty, without a limit. */
+/* Creates an empty cache without a limit. */
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, const struct image_loader *loader,
                                           struct image_cache *out);
 OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache);
-/* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
+/* Returns a view's image, borrowed until the next request of another view or image_cache_ahead; NULL: error
+ * set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache,
                                                           int view);
 /* Forgets all images. */
 OXL_INTERNAL void image_cache_clear(oxl_context *ctx, struct image_cache *cache);
-/* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is
+/* Loads the next images in parallel if the first view is not in memory. Errors are reported when an image is
  * requested. */
 OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
 

@@ -39,7 +39,7 @@ OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const s
     return checksum_add(sum, from->parameter, sizeof from->parameter);
 }
 
-/* Everything but the checksum, in the file's order; sum may be NULL. */
+/* Reads or writes the planes in the order of the file, and adds them to *sum. */
 static int image_file_planes(FILE *file, struct training_image *image, int writing, uint64_t *sum)
 {
     uint8_t *plane[] = {image->rgb, image->mask};

@@ -18,7 +18,7 @@ static unsigned header_number(const unsigned char *p, int bytes, int big_endian)
     return value;
 }
 
-/* Of TIFF data, its first directory; 1: upright, or not stated. */
+/* Finds the orientation in TIFF data, its first directory; 1: upright, or not stated. */
 static int header_orientation(const unsigned char *tiff, size_t size)
 {
     const int big = size >= 8 && tiff[0] == 'M';

@@ -4,7 +4,7 @@
 
 #include "image.h"
 
-/* From the first bytes of a file. */
+/* Holds what the first bytes of a file say. */
 struct image_header {
     int width, height;
     int bits;        /* of a channel */

@@ -32,7 +32,7 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
 }
 
-/* to: as many views. */
+/* Copies to an imaging of as many views. */
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
 {
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
@@ -56,7 +56,7 @@ static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
     return (hash ^ byte) * UINT64_C(1099511628211);
 }
 
-/* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera,
+/* Joins CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera,
  * L/0012.png and R/0012.png are not. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
@@ -72,7 +72,7 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
     return hash;
 }
 
-/* The longest number in the name, without leading zeros, the last of equally long ones; 0: none. */
+/* Returns the longest number in the name, without leading zeros, the last of equally long ones; 0: none. */
 static uint64_t imaging_timestamp(const char *name)
 {
     const char *base = path_base_name(name), *best = NULL;
@@ -106,7 +106,7 @@ static int imaging_compare_moments(const void *a, const void *b)
     return order ? order : (x->view > y->view) - (x->view < y->view);
 }
 
-/* Two images of one moment are a pair, if their cameras differ. */
+/* Makes two images of one moment a pair, if their cameras differ. */
 static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     struct imaging_timestamp *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
@@ -126,9 +126,8 @@ static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene,
     return OXL_OK;
 }
 
-/* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or
- * names are random, the keys
- * have no meaning: all views count as one camera's. */
+/* Counts all views as one camera's where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where
+ * COLMAP gave each image its own, or names are random: there the keys have no meaning. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
     uint64_t *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
@@ -144,7 +143,8 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
 
 /* ---------------- gains */
 
-/* The nearest view of known gain after `view`, in steps of `way`, of the same camera or of any; -1: none. */
+/* Finds the nearest view of known gain after `view`, in steps of `step`, of the same camera or of any; -1:
+ * none. */
 static int imaging_neighbour(const struct imaging *m, int view, int step, int any)
 {
     for (int i = view + step; i >= 0 && i < m->views; i += step)
@@ -172,7 +172,7 @@ static int imaging_partner(const struct imaging *m, int view)
     return partner >= 0 && m->known[partner] ? partner : -1;
 }
 
-/* How far a known view's log gains are off its neighbours' line. */
+/* Measures how far a known view's log gains are off its neighbours' line. */
 static void imaging_deviation(const struct imaging *m, int view, double out[3])
 {
     float between[3];
@@ -180,7 +180,7 @@ static void imaging_deviation(const struct imaging *m, int view, double out[3])
     for (int c = 0; c < 3; c++) out[c] = (double)m->log_gain[3 * view + c] - (double)between[c];
 }
 
-/* Least squares of a known view's deviation by its partner's, 0 to 1. */
+/* Fits a known view's deviation by its partner's, least squares, 0 to 1. */
 static double imaging_fraction(const struct imaging *m)
 {
     double xx = 0, xy = 0;
@@ -245,7 +245,7 @@ OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
 static const int lamp_terms[LAMP_TERMS][2] = {{0, 1}, {0, 2}, {0, 3}, {0, 4}, {1, 0}, {1, 1}, {1, 2},
                                               {1, 3}, {2, 0}, {2, 1}, {2, 2}, {3, 0}, {3, 1}, {4, 0}};
 
-/* Legendre polynomial n = sum over k of this [n][k] x^k. */
+/* States the coefficients: Legendre polynomial n = sum over k of this [n][k] x^k. */
 static const float lamp_legendre[LAMP_DEGREE + 1][LAMP_DEGREE + 1] = {
     {1}, {0, 1}, {-0.5f, 0, 1.5f}, {0, -1.5f, 0, 2.5f}, {0.375f, 0, -3.75f, 0, 4.375f}};
 
@@ -294,6 +294,11 @@ OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double
             sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
 }
 
+OXL_INTERNAL double lamp_coefficient(int term, int j, int k)
+{
+    return (double)lamp_legendre[lamp_terms[term][0]][j] * (double)lamp_legendre[lamp_terms[term][1]][k];
+}
+
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain)
 {
     for (int y = 0; y < area->height; y++) {
@@ -307,8 +312,8 @@ OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_are
     }
 }
 
-/* 1: the view is the first of its camera, which has enough of the training views for a lamp of its own, but
- * not all. */
+/* Returns 1 if the view is the first of its camera, which has enough of the training views for a lamp of its
+ * own, but not all. */
 static int lamp_is_separate(const oxl_scene *scene, int view)
 {
     const uint64_t camera = imaging_camera(scene, view);

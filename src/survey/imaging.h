@@ -21,9 +21,9 @@ struct medium {
     float training_range;
 };
 enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MAX = 8, LAMP_VIEWS = 8 };
-/* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its
- * constant. Its terms are products of Legendre polynomials in x and y, each -1..1 across the image, so that
- * the mean over the image is 0: by degree in y, then in x. */
+/* Describes a light that moves with the camera: the log gain over the image, a polynomial of degree 4
+ * without its constant. Its terms are products of Legendre polynomials in x and y, each -1..1 across the
+ * image, so that the mean over the image is 0: by degree in y, then in x. */
 struct lamp {
     int view; /* the first of the camera's; -1: of all cameras that have none of their own */
     float shape[LAMP_TERMS];
@@ -40,10 +40,10 @@ struct imaging {
     uint64_t *camera;
     int *partner; /* (views) the image of another camera at the same moment; -1: none or several */
 };
-/* off, none known */
+/* Creates an imaging that is off, with no view's gain known. */
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out);
-/* A key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name without
- * digits. */
+/* Returns a key that is equal for views of one camera: from COLMAP's CAMERA_ID, the folder and the name
+ * without digits. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 /* Sets m->camera and m->partner. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
@@ -61,45 +61,47 @@ OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view,
                                       float log_gain[3]); /* from its neighbours, even if the view is known */
 OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float gain[3]);
-/* log gain, of the known views */
+/* Averages the log gain of the known views. */
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel);
-/* multiplies an image rendered at mean exposure */
+/* Multiplies an image that was rendered at mean exposure. */
 OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image);
-/* The polynomial at (x, y); both run from -1 to 1 across the image. */
+/* Evaluates the polynomial at (x, y); both run from -1 to 1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
-/* The pixels from (x, y), width x height, of an image of full_width x full_height. */
+/* Names the pixels from (x, y), width x height, of an image of full_width x full_height. */
 struct lamp_area {
     int width, height, full_width, full_height;
     float x, y;
 };
-/* -1..1 over `count` pixels. */
+/* Maps a pixel to -1..1 over `count` pixels. */
 static inline float lamp_coordinate(float at, int count)
 {
     return (2 * at + 1) / (float)count - 1;
 }
-/* gain (H,W): exp of the polynomial. */
+/* Returns the coefficient of y^j x^k in a term. */
+OXL_INTERNAL double lamp_coefficient(int term, int j, int k);
+/* Evaluates exp of the polynomial: gain (H,W). */
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], const struct lamp_area *area, float *gain);
-/* Row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */
+/* Prepares row y of the area: its log gain is the sum over k of a[k] x^k, x by lamp_coordinate. */
 OXL_INTERNAL void lamp_row(const float shape[LAMP_TERMS], const struct lamp_area *area, int y,
                            float a[LAMP_DEGREE + 1]);
-/* sum (14): adds each term x values of row y, by power[k], the sum of the values times x^k. */
+/* Adds each term x values of row y to sum (14), by power[k], the sum of the values times x^k. */
 OXL_INTERNAL void lamp_add_row(const struct lamp_area *area, int y, const double power[LAMP_DEGREE + 1],
                                double sum[LAMP_TERMS]);
 /* Sets flat lamps: the first for all cameras with fewer than LAMP_VIEWS training views, then one per other
  * camera. Returns their number. */
 OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP_MAX]);
-/* Index of the view's lamp; -1: none. */
+/* Returns the index of the view's lamp; -1: none. */
 OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
-/* NULL: none */
+/* Returns the view's lamp; NULL: none. */
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
                                            int view,
                                            /* multiplies a rendered image; before the gain */
                                            oxl_image *image);
-/* gives the known views this mean */
+/* Gives the known views this mean. */
 OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
-/* 1: images are not the scene's colours */
+/* Returns 1 if images are not the scene's colours. */
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
 OXL_INTERNAL int imaging_alters_colours(
     /* 1: a medium, or light that falls off with range: viewers need a separate model */

@@ -55,8 +55,8 @@ static const double photometry_evidence[3] = {0.1, 0.15, 0.02};
 
 /* ---------------- which points in which images */
 
-/* If there are too many, every k-th of each camera: of all, they might be those of one camera of a stereo
- * pair. */
+/* Chooses, if there are too many, every k-th view of each camera: of all, they might be those of one camera
+ * of a stereo pair. */
 OXL_INTERNAL void photometry_choose_views(const oxl_scene *scene, const struct colmap *c,
                                           struct photometry_work *w)
 {
@@ -91,7 +91,7 @@ static void photometry_project(const oxl_scene *scene, const struct photometry_w
     lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, s->term);
 }
 
-/* Points with all their chosen views; every k-th point if there are too many. */
+/* Takes points with all their chosen views; every k-th point if there are too many. */
 static void photometry_choose_samples(const oxl_scene *scene, double median, struct photometry_work *w)
 {
     const struct colmap *c = scene_colmap(scene);
@@ -116,7 +116,7 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
     }
 }
 
-/* Mean colour of the patch. */
+/* Averages the colour of the patch. */
 static void photometry_sample_colour(const struct training_image *image, struct photometry_sample *s)
 {
     const size_t plane = (size_t)image->width * (size_t)image->height;
@@ -155,7 +155,7 @@ static oxl_result photometry_sample_colours(oxl_context *ctx, oxl_scene *scene, 
     return OXL_OK;
 }
 
-/* Unusable samples go, and points that have too few left. */
+/* Removes unusable samples, and points that have too few left. */
 static void photometry_compact(struct photometry_work *w)
 {
     size_t kept = 0;
@@ -212,7 +212,7 @@ static int photometry_track(const struct photometry_work *w, size_t first)
     return (int)(end - first);
 }
 
-/* Huber's cost in units of sigma^2; also sets weights for the next step where `reweigh`. */
+/* Sums Huber's cost in units of sigma^2; also sets weights for the next step where `reweigh`. */
 static double photometry_cost(struct photometry_work *w, const double *at, int reweigh)
 {
     struct photometry_point p;
@@ -233,7 +233,7 @@ static double photometry_cost(struct photometry_work *w, const double *at, int r
     return sum;
 }
 
-/* Standard deviation of the residuals, from the median of their absolute values. */
+/* Estimates the standard deviation of the residuals, from the median of their absolute values. */
 static double photometry_sigma(struct photometry_work *w, const double *at, double *scratch)
 {
     struct photometry_point p;
@@ -266,7 +266,7 @@ static double *photometry_row(struct photometry_work *w, int row)
  * from 3 on, in the order of the parameters from 9 on. */
 enum { PHOTOMETRY_SHARED = 3 + LAMP_MAX * LAMP_TERMS };
 
-/* A row of the normal equations: adds by x v, of `terms` lamp terms from `first` on. */
+/* Adds by x v, of `terms` lamp terms from `first` on, to a row of the normal equations. */
 static void photometry_add_terms(double *row, int first, int terms, double by, const double *v)
 {
     double *to = row + 9 + first;
@@ -274,7 +274,7 @@ static void photometry_add_terms(double *row, int first, int terms, double by, c
     for (int t = 0; t < terms; t++) to[t] += by * from[t];
 }
 
-/* A row: subtracts what the point's colour takes, by x u / aa. */
+/* Subtracts from a row what the point's colour takes, by x u / aa. */
 static void photometry_subtract(double *row, int c, int count, double by, const double *u, double aa)
 {
     double *to = row + 6;
@@ -341,7 +341,7 @@ static double photometry_prior_sigma(const struct photometry_work *w, int index)
     return photometry_prior[index < 9 ? index / 3 : index >= w->gains ? 3 : index < 9 + LAMP_TERMS ? 4 : 5];
 }
 
-/* Mean of the prior; that of bB is bD. */
+/* Returns the mean of the prior; that of bB is bD. */
 static double photometry_prior_mean(const double *at, int index)
 {
     /* 0.5 over the median range; 0.3 of white */
@@ -392,7 +392,7 @@ static void photometry_normal_equations(struct photometry_work *w)
     }
 }
 
-/* In place: the lower factor. 0: not positive definite. */
+/* Factors in place: the lower factor. 0: not positive definite. */
 static int photometry_factor(double *m, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -420,7 +420,7 @@ static void photometry_solve(const double *m, int n, double *x)
     }
 }
 
-/* Damped steps from w->at; the cost in the end. */
+/* Takes damped steps from w->at; returns the cost in the end. */
 static double photometry_descend(struct photometry_work *w, double *scratch)
 {
     double damping = PHOTOMETRY_DAMPING, cost;
@@ -450,8 +450,8 @@ static double photometry_descend(struct photometry_work *w, double *scratch)
     return cost;
 }
 
-/* Standard errors of the nine logs; residuals of a point may be alike, so each point counts as one
- * observation. */
+/* Computes the standard errors of the nine logs; residuals of a point may be alike, so each point counts as
+ * one observation. */
 static void photometry_errors(struct photometry_work *w, struct photometry *out)
 {
     const double alike = sqrt((double)w->samples / (double)OXL_MAX(out->points, 1));
@@ -475,7 +475,7 @@ static double photometry_fit(struct photometry_work *w, int parts, double *scrat
     return w->sigma;
 }
 
-/* Whether the cameras' lamps differ, from the fit of one. */
+/* Decides whether the cameras' lamps differ, from the fit of one. */
 static void photometry_fit_separate_lamps(struct photometry_work *w, int requested, double *scratch,
                                           struct photometry *out)
 {
@@ -489,7 +489,7 @@ static void photometry_fit_separate_lamps(struct photometry_work *w, int request
     else memcpy(w->at, one, sizeof one);
 }
 
-/* All parts, then each left out, then those that the residuals are evidence for. */
+/* Fits all parts, then without each, then those that the residuals are evidence for. */
 static void photometry_choose_parts(struct photometry_work *w, int requested, double *scratch,
                                     struct photometry *out)
 {
@@ -511,7 +511,7 @@ static void photometry_choose_parts(struct photometry_work *w, int requested, do
     photometry_fit(w, out->parts, scratch);
 }
 
-/* Pearson's, over the images; 0: gains are not fitted, or nothing varies. */
+/* Computes Pearson's correlation over the images; 0: gains are not fitted, or nothing varies. */
 static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
 {
     double x[PHOTOMETRY_VIEWS] = {0}, y[PHOTOMETRY_VIEWS], mean[2] = {0, 0}, xx = 0, xy = 0, yy = 0;

@@ -20,7 +20,8 @@ struct photometry {
     double residual;   /* fraction of white, robust: with all parts, */
     double without[3]; /* and without the medium, lamp, gains (0: not requested) */
 };
-/* parts: PHOTOMETRY_* that may be used. Free the result with photometry_free. */
+/* Fits what the tracks support. parts: PHOTOMETRY_* that may be used. Free the result with photometry_free.
+ */
 OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts,
                                            struct photometry *out);
 OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p);

@@ -38,7 +38,8 @@ OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double
     return count ? ascending[stats_rank(count, quantile)] : 0;
 }
 
-/* Hoare 1961. Equal values stop both scans, so that many duplicates do not degrade the run time. */
+/* Selects a quantile [Hoare 1961]. Equal values stop both scans, so that many duplicates do not degrade the
+ * run time. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile)
 {
     const size_t nth = count ? stats_rank(count, quantile) : 0;
@@ -106,7 +107,7 @@ static size_t stats_drop_outliers(double *centre, size_t n, const double middle[
     return kept;
 }
 
-/* The largest distance from the mean, as in 3DGS. */
+/* Returns the largest distance from the mean, as in 3DGS. */
 static double stats_radius(const double *centre, size_t n)
 {
     double mean[3] = {0, 0, 0}, radius = 0;

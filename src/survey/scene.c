@@ -103,7 +103,8 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
     return &scene->colmap.camera[scene->source[view].camera];
 }
 
-/* By fixed-point iteration, which converges because distortion is smaller than the distance from the axis. */
+/* Inverts the distortion by fixed-point iteration, which converges because distortion is smaller than the
+ * distance from the axis. */
 oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y,
                          double start[3], double direction[3])
 {

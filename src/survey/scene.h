@@ -56,48 +56,50 @@ struct scene_order { /* images by name; equal names by file order */
 };
 OXL_INTERNAL int scene_compare_order(const void *a, const void *b);
 OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count);
-/* From scene->colmap. */
+/* Makes the views from scene->colmap. */
 OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
                                           const oxl_scene_options *options);
 /* Builds a scene from scene->colmap and its folders: views, points around the origin, statistics. */
 OXL_INTERNAL oxl_result scene_build(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options);
-/* As the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both are given. */
+/* Holds out the views that the survey states, or every test_every-th (-1: every 8th); OXL_ERR_USAGE: both
+ * are given. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every);
 
 /* ---------------- scene.c, scene_load.c, scene_images.c: views, points, images */
 
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
-/* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
+/* Projects a point of scene_colmap by camera_project; 0 also where it is far outside the image. */
 OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3],
                                      double pixel[2]);
-/* The row of `colmap` that a view comes from; scenes from files only. */
+/* Returns the row of `colmap` that a view comes from; scenes from files only. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
-/* A view's image from the cache, loaded if it is not there: borrowed until the next request of another view;
- * NULL: error set. */
+/* Returns a view's image from the cache, loaded if it is not there: borrowed until the next request of
+ * another view; NULL: error set. */
 OXL_INTERNAL const struct training_image *scene_image(oxl_context *ctx, oxl_scene *scene, int view);
-/* 1: with `more` images that cannot be read, too large a fraction of those in the model is missing. */
+/* Returns 1 if with `more` images that cannot be read, too large a fraction of those in the model is
+ * missing. */
 OXL_INTERNAL int scene_misses_too_many(const oxl_scene *scene, int more);
-/* image_cache_ahead */
+/* Loads the next images, as image_cache_ahead. */
 OXL_INTERNAL void scene_images_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene, size_t count);
-/* The same from its file, undistorted, reduced and masked (image_training_free). */
+/* Loads the same from its file, undistorted, reduced and masked (image_training_free). */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view,
                                          struct training_image *out);
-/* NULL: none */
+/* Finds the mask of a view; NULL: none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out);
-/* For each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free with
- * oxl_free. */
+/* Lists for each image of scene_colmap its view, or -1 where that is not in the split. NULL: error set. Free
+ * with oxl_free. */
 OXL_INTERNAL int *scene_views_by_image(oxl_context *ctx, const oxl_scene *scene, oxl_split split);
-/* view (all views); returns their number */
+/* Lists the views of the split in view (all views); returns their number. */
 OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view);
-/* of decoded images; scenes from arrays keep all */
+/* Limits the cache of decoded images; scenes from arrays keep all. */
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes);
-/* of its camera's first image; 0: from arrays */
+/* Counts the pixels of its camera's first image; 0: from arrays. */
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view);
-/* camera z of points in training views */
+/* Returns a quantile of the camera z of points in training views. */
 OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile);
-/* Ratio of the depths' 0.9 to their 0.1 quantile; 1 without points. */
+/* Returns the ratio of the depths' 0.9 to their 0.1 quantile; 1 without points. */
 OXL_INTERNAL double scene_depth_span(const oxl_scene *scene);
 /* Below this ratio a medium is not identifiable, and `auto` is off (docs/IMAGING.md). */
 #define SCENE_DEPTH_SPAN_MIN 2

@@ -54,8 +54,8 @@ static void alpha_add_points(const oxl_scene *scene, int view, const struct pixe
     }
 }
 
-/* Of up to ALPHA_SAMPLE of the `count` training views with alpha, evenly. Unreadable images are reported
- * where they are trained on. */
+/* Measures up to ALPHA_SAMPLE of the `count` training views with alpha, evenly. Unreadable images are
+ * reported where they are trained on. */
 static oxl_result alpha_measure(oxl_context *ctx, const oxl_scene *scene, const int *view, int count,
                                 struct alpha_sum *sum)
 {
@@ -74,7 +74,7 @@ static oxl_result alpha_measure(oxl_context *ctx, const oxl_scene *scene, const 
     return OXL_OK;
 }
 
-/* Whether the transparent pixels hide a part of the scene, and why. */
+/* Decides whether the transparent pixels hide a part of the scene, and says why. */
 static int alpha_hides_scene(const struct alpha_sum *s, char *why, size_t size)
 {
     const double points = s->points[0] + s->points[1], pixels = s->pixels[0] + s->pixels[1];
@@ -85,7 +85,7 @@ static int alpha_hides_scene(const struct alpha_sum *s, char *why, size_t size)
     return s->points[1] * s->pixels[0] > ALPHA_HIDES * s->points[0] * s->pixels[1] && s->points[1] > 0;
 }
 
-/* view (view_count): the training views whose images have alpha; returns their number. */
+/* Lists the training views whose images have alpha in view (view_count); returns their number. */
 static int alpha_find_views(oxl_scene *scene, int *view)
 {
     int count = 0;

@@ -4,7 +4,7 @@
 #include "image.h"
 #include "scene.h"
 
-/* masks/NAME.png, NAME with or without its extension; else the one that the survey's files name. */
+/* Finds masks/NAME.png, NAME with or without its extension; else the one that the survey's files name. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, int view, char **out)
 {
     const char *name = scene->view[view].name;
@@ -32,8 +32,8 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, co
                                      : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
 }
 
-/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file
- * that cannot be written is not needed. */
+/* Loads the full image of a view, from the file that an earlier request has left, or decoded and left there.
+ * A file that cannot be written is not needed. */
 static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path,
                                const char *mask, struct training_image *out)
 {

@@ -63,8 +63,8 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
     return OXL_OK;
 }
 
-/* The origin: median of the points, or of the camera centres without points. All coordinates are made
- * relative to it. */
+/* Makes all coordinates relative to the origin: the median of the points, or of the camera centres without
+ * points. */
 static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c = &scene->colmap;
@@ -89,8 +89,8 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     return rc;
 }
 
-/* GLOMAP and others write 0 0 0 for all points. Black Gaussians would stay black, since the clamp of colours
- * at 0 has gradient 0. */
+/* Makes points grey where all are black, as GLOMAP and others write 0 0 0 for all. Black Gaussians would
+ * stay black, since the clamp of colours at 0 has gradient 0. */
 static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
 {
     int coloured = 0;

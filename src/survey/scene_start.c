@@ -74,7 +74,7 @@ static int start_sees(const oxl_camera *c, const double at[3], double pixel[2])
            pixel[1] < c->height;
 }
 
-/* 0: a view shows the point's place transparent. */
+/* Returns 0 if a view shows the point's place transparent. */
 static int start_is_in_hull(const struct start_draw *d, const double at[3])
 {
     for (int i = 0; i < d->views; i++) {
@@ -148,7 +148,7 @@ static oxl_result start_add_colours(struct start_draw *d)
     return OXL_OK;
 }
 
-/* Of the colours in the views, summed over the channels. */
+/* Returns the variance of the colours in the views, summed over the channels. */
 static double start_variance(const struct start_point *p)
 {
     double sum = 0;

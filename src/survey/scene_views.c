@@ -25,7 +25,7 @@ OXL_INTERNAL oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, si
 
 /* ---------------- missing images */
 
-/* How an image is taken out of the survey's files. */
+/* Says how an image is taken out of the survey's files. */
 static const char *scene_removal(const struct colmap *c)
 {
     return c->format != COLMAP_JSON                        ? "colmap image_deleter"
@@ -65,8 +65,8 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
 
 /* ---------------- views */
 
-/* Reduced until the longer side is at most max_side, and to the size on disk when the images were made
- * smaller. */
+/* Reduces a camera until the longer side is at most max_side, and to the size on disk when the images were
+ * made smaller. */
 static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_disk)
 {
     oxl_camera c = *ideal;
@@ -171,7 +171,7 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     return rc;
 }
 
-/* Two images with one name are an error. */
+/* Refuses two images with one name. */
 static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, const struct scene_order *order)
 {
     const struct colmap *c = &scene->colmap;
@@ -240,7 +240,7 @@ OXL_INTERNAL oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene,
     return rc;
 }
 
-/* Views that the survey's files hold out. */
+/* Marks the views that the survey's files hold out. */
 static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, int test_every)
 {
     const struct colmap *c = &scene->colmap;
@@ -260,7 +260,7 @@ static oxl_result scene_mark_stated_views(oxl_context *ctx, oxl_scene *scene, in
                     test_every, scene->stats.test_views, scene->view_count, c->folder, c->images_file);
 }
 
-/* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
+/* Holds out views as 3DGS: index 0, 8, 16... by name. A single view is a training view. */
 OXL_INTERNAL oxl_result scene_mark_test_views(oxl_context *ctx, oxl_scene *scene, int test_every)
 {
     const int every = test_every < 0 ? SCENE_TEST_EVERY : test_every;

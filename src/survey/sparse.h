@@ -80,10 +80,10 @@ struct colmap {
  * colmap_order_points sorts points;
  * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-/* in order; NULL: none */
+/* Finds a camera, in order; NULL: none. */
 OXL_INTERNAL const struct colmap_camera *colmap_find_camera(const struct colmap *c, int64_t id);
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
-/* 1: a relative path without "..", up to `end`. */
+/* Returns 1 for a relative path without "..", up to `end`. */
 OXL_INTERNAL int colmap_name_is_safe(const char *name, const char *end);
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c);
 
@@ -114,32 +114,32 @@ OXL_INTERNAL int camera_model_count(void);
 OXL_INTERNAL const struct camera_model *camera_model_at(int index);
 OXL_INTERNAL const char *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
-/* fx, fy, cx, cy in px, for any model. */
+/* Returns fx, fy, cx, cy in px, for any model. */
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
 
-/* Forward model: a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
+/* Maps a direction (x/z, y/z) of the ideal camera to a pixel of the real one: the forward model. */
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2],
                                  double pixel[2]);
 OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera);
 
-/* The pinhole camera inside the field of view of the real one (no blank pixels), same focal length, before
- * --max-side. */
+/* Finds the pinhole camera inside the field of view of the real one (no blank pixels), same focal length,
+ * before --max-side. */
 OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera,
                                            oxl_camera *out);
 
-/* The same view at half the sides, rounded down. */
+/* Returns the same view at half the sides, rounded down. */
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
-/* A point of the world in the camera's axes, x (3). origin: of the scene's frame; NULL: the point is in that
- * frame. */
+/* Takes a point of the world to the camera's axes, x (3). origin: of the scene's frame; NULL: the point is
+ * in that frame. */
 OXL_INTERNAL void camera_transform(const oxl_camera *camera, const double world[3], const double origin[3],
                                    double x[3]);
-/* The same, and in px of the image; 0: it is behind the camera. */
+/* Does the same, and projects to px of the image; 0: it is behind the camera. */
 OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3],
                                 double x[3], double pixel[2]);
-/* The point of the world that a pixel shows at camera z. */
+/* Returns the point of the world that a pixel shows at camera z. */
 OXL_INTERNAL void camera_unproject(const oxl_camera *camera, const double pixel[2], double z,
                                    const double origin[3], double world[3]);
 

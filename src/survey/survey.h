@@ -6,12 +6,12 @@
 
 /* ---------------- survey_files.c: image files of a survey */
 
-/* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "":
+/* Finds a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "":
  * none. */
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out,
                                    size_t size);
 
-/* The images in the image folder, and the folders in it, that the model does not have. */
+/* Counts the images in the image folder, and the folders in it, that the model does not have. */
 OXL_INTERNAL int survey_count_unregistered(oxl_context *ctx, const oxl_scene *scene);
 
 /* ---------------- robust_stats.c: robust measures of a survey */
@@ -20,17 +20,18 @@ struct stats_view {     /* a training view */
     uint32_t image_row; /* in colmap.image, for tracks */
     const oxl_camera *camera;
 };
-/* nearest rank; 0 without values */
+/* Returns the nearest rank; 0 without values. */
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile);
-/* of unsorted values, which it reorders */
+/* Returns the quantile of unsorted values, which it reorders. */
 OXL_INTERNAL double stats_select(double *value, size_t count, double quantile);
-/* Standard deviation without regard to outliers, from the median absolute deviation. work (count). */
+/* Estimates the standard deviation without regard to outliers, from the median absolute deviation. work
+ * (count). */
 OXL_INTERNAL double stats_spread(const double *value, size_t count, double *work, double *median);
-/* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
+/* Finds the 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride,
                                      double low[3], double middle[3], double high[3]);
-/* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one
- * camera. */
+/* Returns the largest distance from the mean of the camera centres, without those beyond 5 median distances;
+ * 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count,
                                             double *radius);
 struct stats_points {
@@ -39,7 +40,7 @@ struct stats_points {
     const struct colmap *colmap; /* points with their tracks; local = position - origin */
     const double *origin;
 };
-/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. */
+/* Samples the camera z of points in the views of their tracks, ascending; without tracks, in all images. */
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, const struct stats_view *views, size_t count,
                                      const struct stats_points *points, double **out, size_t *out_count);
 
@@ -58,7 +59,7 @@ struct depth_bands {
 OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *requested,
                                           int count, struct depth_bands *out);
 OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b);
-/* band: (H,W) 1 near, 2 mid, 3 far; 0: no point nearby. */
+/* Assigns pixels to bands: band (H,W) 1 near, 2 mid, 3 far; 0: no point nearby. */
 OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b,
                                             const oxl_scene *scene, int view, uint8_t *band);
 

@@ -12,7 +12,7 @@ struct survey_find_search {
     char found[256]; /* path; "": none yet */
 };
 
-/* 1: equal except for extension and case. */
+/* Returns 1 if names are equal except for extension and case. */
 static int survey_find_is_like(const char *a, const char *b)
 {
     const char *end_a = strrchr(a, '.'), *end_b = strrchr(b, '.');

@@ -5,10 +5,10 @@
 #include "sparse.h"
 
 #define TRACKS_FARTHEST 1e15 /* units from the origin: farther points are dropped, farther cameras an error */
-/* 0: the point is too far away for the scene. */
+/* Returns 0 if the point is too far away for the scene. */
 OXL_INTERNAL int tracks_accept_point(const struct colmap_point *point, const double origin[3]);
 
-/* A walk over the entries of tracks, point by point. tracks_of and tracks_of_point begin it; the caller then
+/* Walks over the entries of tracks, point by point. tracks_of and tracks_of_point begin it; the caller then
  * sets what it wants of `step`, `origin` and `shortest`; tracks_next goes to the next observation. */
 struct tracks_walk {
     const struct colmap *colmap;

@@ -279,7 +279,7 @@ static int checkpoint_is_whole(FILE *file, uint64_t *size)
     return held == 8 && *size >= 40 && stored == sum && !ferror(file);
 }
 
-/* 1: of this key; 0: of another one. */
+/* Returns 1 if the checkpoint has this key. */
 static int checkpoint_has_key(struct archive *a, const char *key)
 {
     size_t length = 0;

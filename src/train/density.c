@@ -183,7 +183,7 @@ static enum density_verdict density_classify(const struct density *d, const oxl_
     return mean >= rules->gradient ? DENSITY_SPLIT : DENSITY_KEEP;
 }
 
-/* Under a cap only the `room` rows of the largest mean gradient are split. Bisection finds the lowest
+/* Limits splits under a cap to the `room` rows of the largest mean gradient. Bisection finds the lowest
  * threshold, to a double's precision, that at most `room` of them reach. Rows tied at the limit all stay
  * unsplit, so the result does not depend on their order. */
 static void density_cap(struct density *d, size_t count, size_t kept, size_t growing, size_t cap)
@@ -207,10 +207,9 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
 
 /* ---------------- the new rows */
 
-/* Row `at` is a copy of a Gaussian that is split; it becomes one of the two that replace it, on its longest
- * axis before or behind its mean
- * (side -1 or 1). Together they have its mean, its covariance and, to first order in its opacity, its sum of
- * alpha. */
+/* Makes row `at`, a copy of a Gaussian that is split, one of the two that replace it, on its longest axis
+ * before or behind its mean (side -1 or 1). Together they have its mean, its covariance and, to first order
+ * in its opacity, its sum of alpha. */
 static void density_make_child(oxl_model *m, size_t at, int side)
 {
     const double rest =
@@ -239,8 +238,8 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
     return lobes;
 }
 
-/* In place: removed rows leave, then, from the last on, rows that are split become two. `fresh`: the new rows
- * of a moment are 0. */
+/* Moves rows in place: removed ones leave, then, from the last on, rows that are split become two. `fresh`:
+ * the new rows of a moment are 0. */
 static void density_move_plane(const struct density *d, float *plane, size_t count, size_t new_count,
                                int fresh)
 {

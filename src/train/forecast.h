@@ -17,13 +17,14 @@ struct look {         /* all 0: there was none */
 
 /* ---------------- forecast.c: Gaussians and time of a run */
 
-/* Gaussians at the end of a run that starts with `start`; share: as a look has it, 0: not known. */
+/* Predicts the Gaussians at the end of a run that starts with `start`. share: as a look has it; 0: not
+ * known. */
 OXL_INTERNAL double forecast_gaussians(const oxl_train_options *options, double start, double share,
                                        double cap);
-/* Upper bound of the steps that the trials of a whole run take beyond its iterations. views: number of
+/* Bounds from above the steps that the trials of a whole run take beyond its iterations. views: number of
  * training views. */
 OXL_INTERNAL int forecast_trial_steps(const oxl_train_options *options, int views);
-/* Seconds of the run and its evaluation. */
+/* Predicts the seconds of the run and its evaluation. */
 OXL_INTERNAL double forecast_seconds(const oxl_scene *scene, const oxl_train_options *options,
                                      const struct look *look, double cap);
 

@@ -47,7 +47,7 @@ OXL_INTERNAL int selection_is_validation_view(int index, int views)
     return views > 1 && index % stride == stride / 2 && index / stride < validation;
 }
 
-/* 1: the run trains the view, or holds it for validation. */
+/* Returns 1 if the run trains the view or holds it for validation. */
 static int selection_is_training_view(const struct train *t, int view)
 {
     return !oxl_scene_view(t->scene, view)->is_test && (!t->task.window || t->task.window[view].width > 0);

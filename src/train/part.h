@@ -15,7 +15,7 @@
 
 struct oxl_option; /* oceanxl_job.h: an option by name, for parts that bring their own */
 
-/* A view as a step renders it and compares it with its image. */
+/* Describes a view as a step renders it and compares it with its image. */
 struct part_view {
     int view;
     int learns;             /* 0: an evaluation; nothing may change */
@@ -26,7 +26,7 @@ struct part_view {
     struct train_deferred *step;
 };
 
-/* What a step may not be (hook `needs`). */
+/* Says what a step may not be (hook `needs`). */
 enum {
     PART_NEEDS_HOST = 1, /* the loss is computed on the host */
     PART_NEEDS_WAIT = 2  /* a step ends before the next one begins */
@@ -51,7 +51,7 @@ struct part {
     int (*tracks)(const struct train *t);
     void (*use_tracks)(struct train *t, void *state, const struct photometry *p);
 
-    /* Before a step: changes the model. */
+    /* Changes the model before a step. */
     oxl_result (*before_step)(struct train *t, void *state);
     /* Sets step->gain, by which the rendered image is multiplied. */
     void (*set_gain)(struct train *t, void *state, struct train_deferred *step, int learns);
@@ -61,37 +61,37 @@ struct part {
     oxl_result (*after_render)(struct train *t, void *state, struct part_view *v);
     oxl_result (*before_backward)(struct train *t, void *state, struct part_view *v);
     void (*after_backward)(struct train *t, void *state, struct part_view *v);
-    /* When the step's loss is known; on a device that may be after the next step has begun. */
+    /* Is called when the step's loss is known; on a device that may be after the next step has begun. */
     void (*after_loss)(struct train *t, void *state, const struct train_deferred *step,
                        const struct renderer_loss *loss);
 
-    /* While Gaussians are densified: before the step's gradients are added up, before rows are chosen, after
-     * that, and after a reset of opacities. */
+    /* Are called while Gaussians are densified: before the step's gradients are added up, before rows are
+     * chosen, after that, and after a reset of opacities. */
     oxl_result (*before_observe)(struct train *t, void *state);
     oxl_result (*before_density)(struct train *t, void *state, struct density_rules *rules);
     void (*after_density)(struct train *t, void *state);
     void (*after_reset)(struct train *t, void *state);
 
-    /* After a step and its density control. */
+    /* Is called after a step and its density control. */
     oxl_result (*after_step)(struct train *t, void *state);
-    /* The last step up to which validation views are held out of training; 0: the part needs none. */
+    /* Returns the last step up to which validation views are held out of training; 0: the part needs none. */
     int (*validates_until)(const struct train *t, const void *state);
-    /* The trial that t->trial names: `start` is the state before it (model_selection.c). */
+    /* Makes the trial that t->trial names. `start` is the state before it (model_selection.c). */
     oxl_result (*trial)(struct train *t, void *state, struct train_branch *start);
-    /* Upper bound of the trials that a run makes, in lengths of a trial. */
+    /* Bounds from above the trials that a run makes, in lengths of a trial. */
     int (*trials)(const oxl_train_options *options);
-    /* Upper bound of the memory for so many observations of tracks in so many views. */
+    /* Bounds from above the memory for so many observations of tracks in so many views. */
     double (*bytes)(const oxl_train_options *options, double observations, int views);
 
     void (*report)(const void *state, oxl_progress *progress); /* of each step, to the caller */
-    /* After the last step: records its decision for run.json. */
+    /* Records the part's decision for run.json, after the last step. */
     void (*record)(struct train *t, void *state);
-    /* The run ends or pauses: writes what rendering the model takes to the scene and the model. */
+    /* Writes what rendering the model takes to the scene and the model, when the run ends or pauses. */
     void (*store)(struct train *t, void *state, oxl_model *model);
     void (*describe)(struct train *t, void *state); /* after `store` of a whole run: logs the result */
 };
 
-/* The rows of the table in src/parts/table.c; NULL after the last. */
+/* Returns a row of the table in src/parts/table.c; NULL after the last. */
 OXL_INTERNAL const struct part *parts_at(int index);
 
 #endif

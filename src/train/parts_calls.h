@@ -7,7 +7,7 @@
 OXL_INTERNAL oxl_result parts_create(struct train *t); /* memory for the states */
 OXL_INTERNAL oxl_result parts_begin(struct train *t);
 OXL_INTERNAL void parts_free(struct train *t);
-/* branch: only what the steps of a trial change. */
+/* Writes or reads the states of all parts. branch: only what the steps of a trial change. */
 OXL_INTERNAL void parts_archive(struct archive *a, struct train *t, int branch);
 OXL_INTERNAL int parts_tracks(const struct train *t);
 OXL_INTERNAL void parts_use_tracks(struct train *t, const struct photometry *p);

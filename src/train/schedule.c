@@ -36,7 +36,7 @@ static int schedule_length(const oxl_train_options *o)
     return o->survey_iterations > 0 ? o->survey_iterations : o->iterations;
 }
 
-/* Steps of this run for one of the whole survey's. */
+/* Returns the steps of this run for one of the whole survey's. */
 static double schedule_scale(const oxl_train_options *o)
 {
     return (double)o->iterations / schedule_length(o);
@@ -66,7 +66,7 @@ OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *o)
     return (float)(schedule_short_run_factor(o) * sqrt(schedule_momentum_factor(o)) * o->lr_scale);
 }
 
-/* 0 until the cooldown, 1 at its end. */
+/* Returns how far the cool-down is: 0 until it begins, 1 at its end. */
 static double schedule_cooldown(const struct train *t)
 {
     const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
@@ -79,8 +79,8 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
 }
 
-/* Exponential from the first to the last rate; a straight line where one of them is 0 and has no logarithm.
- * */
+/* Falls exponentially from the first to the last rate; in a straight line where one of them is 0 and has no
+ * logarithm. */
 static double schedule_position_rate(const oxl_train_options *o, double progress)
 {
     double first = o->lr_position, last = o->lr_position_final;
@@ -119,9 +119,9 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     return adam;
 }
 
-/* 3DGS's schedule is one of 30 000 iterations. As fractions of the run it shrinks with it, but not what has a
- * time of its own: the first images must be learned before gradients say where detail is missing, and a reset
- * must be made up for. */
+/* Follows 3DGS's schedule, which is one of 30 000 iterations. As fractions of the run it shrinks with it,
+ * but not what has a time of its own: the first images must be learned before gradients say where detail is
+ * missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
     const double from = OXL_MAX(o->densify_from * o->iterations,

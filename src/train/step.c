@@ -25,7 +25,7 @@ static void step_shuffle(struct train *t, int epoch)
     }
 }
 
-/* 1: the step is one of the run's first part, which trains at half the sides. */
+/* Returns 1 if the step is one of the run's first part, which trains at half the sides. */
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
     const double fraction = schedule_coarse_fraction(t->options, camera->width, camera->height);
@@ -203,8 +203,8 @@ static void step_update_means(struct train *t, const struct train_deferred *of,
     t->psnr += k * (psnr - t->psnr);
 }
 
-/* Forward, loss, backward, step. Deferred, they are only recorded: what becomes of them is in the step's
- * report. */
+/* Makes forward pass, loss, backward pass and step. Deferred, they are only recorded: what becomes of them
+ * is in the step's report. */
 OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferred *here, int deferred)
 {
     struct train_deferred step = *here;
@@ -226,13 +226,14 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
     parts_after_backward(t, &v);
+    renderer_add_imaging_gradients(t->renderer, &loss);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
 
 /* ---------------- deferred steps: the device works while the host goes on */
 
-/* 1: the host has nothing to do between the passes. */
+/* Returns 1 if the host has nothing to do between the passes. */
 static int step_can_be_deferred(const struct train *t)
 {
     return renderer_has_device(t->renderer) && !parts_needs(t);

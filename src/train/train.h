@@ -7,7 +7,7 @@
 
 /* ---------------- train_loop.c: a run */
 
-/* What is asked of a run beside its options. All zero: from the points to the end, without checkpoints. */
+/* Asks more of a run than its options. All zero: from the points to the end, without checkpoints. */
 struct train_task {
     /* checkpoints: their folder, NULL: none; all inputs of the result; the caller's texts, saved with them */
     const char *folder, *key;
@@ -34,7 +34,7 @@ struct train_task {
     oxl_nonfinite nonfinite; /* of the whole run */
     int finished;            /* 1: all iterations are made */
 };
-/* oxl_train with checkpoints: resumes from the last one if it exists. task may be NULL. */
+/* Trains as oxl_train, with checkpoints: resumes from the last one if it exists. task may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, struct train_task *task, oxl_model *out);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
@@ -45,14 +45,14 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
  * Gaussians all come from growth (docs/log/LEGO.md). */
 #define SCHEDULE_GRADIENT_POINTLESS 0.0002f
 OXL_INTERNAL float schedule_densify_gradient(const oxl_scene *scene, const oxl_train_options *options);
-/* Largest number of Gaussians for this scene. */
+/* Returns the largest number of Gaussians for this scene. */
 OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
-/* Factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
+/* Returns the factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
 OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double schedule_pixels(const oxl_scene *scene); /* of all training views */
-/* Fraction of the run in which images of this size are trained at half resolution. */
+/* Returns the fraction of the run in which images of this size are trained at half resolution. */
 OXL_INTERNAL double schedule_coarse_fraction(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
@@ -61,23 +61,23 @@ OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
 /* ---------------- nonfinite.c: counts of numbers that are not finite */
 
 OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
-/* members, each followed by a comma */
+/* Adds the counts as members of a JSON object, each followed by a comma. */
 OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
 OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
 
 /* ---------------- checkpoint.c: files of a run's state */
 
 OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
-/* The step of the newest whole checkpoint with this key in a folder; 0: there is none. */
+/* Returns the step of the newest whole checkpoint with this key in a folder; 0: there is none. */
 OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
 OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
 
 /* ---------------- parts.c: all parts of training, from the options alone */
 
 OXL_INTERNAL oxl_result parts_check(oxl_context *ctx, const oxl_train_options *options);
-/* Upper bound of the trials that a run makes, in lengths of a trial. */
+/* Bounds from above the trials that a run makes, in lengths of a trial. */
 OXL_INTERNAL int parts_trials(const oxl_train_options *options);
-/* Upper bound of the parts' memory for so many observations of tracks in so many views. */
+/* Bounds from above the parts' memory for so many observations of tracks in so many views. */
 OXL_INTERNAL double parts_bytes(const oxl_train_options *options, double observations, int views);
 
 #endif

@@ -158,7 +158,7 @@ static int train_same_shape(const oxl_model *a, const oxl_model *b)
     return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
 }
 
-/* 1: no mean of squares is negative. */
+/* Returns 1 if no mean of squares is negative. */
 static int train_are_nonnegative(const oxl_model *square)
 {
     for (int k = 0; k < OXL_PLANES; k++)
@@ -295,7 +295,7 @@ static oxl_result train_loop(struct train *t)
     return rc;
 }
 
-/* For renders and viewers; nothing where it is black, as it mostly is. */
+/* Gives the model the background, for renders and viewers; nothing where it is black, as it mostly is. */
 static void train_return_background(const struct train *t, oxl_model *out)
 {
     const float *rgb = t->render.background;

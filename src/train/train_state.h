@@ -7,9 +7,6 @@
 #include "../survey/imaging.h"
 #include "../model/model.h"
 
-/* why an option with OXL_OPTION_CPU_ONLY is off */
-#define TRAIN_ON_DEVICE "a device renders: only the CPU has it"
-
 enum { TRAIN_PARTS_MAX = 32 };
 
 struct part;
@@ -77,22 +74,22 @@ OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *options, in
 
 /* ---------------- step.c: the parts of one step */
 
-/* Forward, loss, backward and Adam on the next training view: the part of a step that trials execute, too. */
+/* Makes what trials make of a step: forward, loss, backward and Adam on the next training view. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
 /* Completes deferred steps and downloads. Call it before the host uses a step's loss, renders, or reads or
  * changes the model. */
 OXL_INTERNAL oxl_result step_flush(struct train *t);
 OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what);
-/* adds the step's gradients to the statistics of density control */
+/* Adds the step's gradients to the statistics of density control. */
 OXL_INTERNAL oxl_result step_observe(struct train *t);
 OXL_INTERNAL oxl_result step_densify(struct train *t);
-/* On a device: moves the rows that density control has decided on, or (change NULL) those that stay (keep
- * NULL: all), to a model of this degree; *moved: 1 if a device did. */
+/* Moves on a device the rows that density control has decided on, or (change NULL) those that stay (keep
+ * NULL: all), to a model of this degree. *moved: 1 if a device did. */
 OXL_INTERNAL oxl_result step_move_rows(struct train *t, const struct density_change *change,
                                        const uint8_t *keep, int sh_degree, int *moved);
 /* Gives a view's image to the renderer. OXL_ERR_INPUT: it cannot be read. */
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
-/* The part of a view that this step compares, px of the view; NULL: all of it. */
+/* Returns the part of a view that this step compares, px of the view; NULL: all of it. */
 OXL_INTERNAL const struct image_window *step_window(const struct train *t, int view);
 /* Renders a view and compares it with its image. */
 OXL_INTERNAL oxl_result step_loss_of_view(struct train *t, int view, struct renderer_loss *loss);
@@ -116,22 +113,22 @@ OXL_INTERNAL void branch_archive(struct archive *a, struct train *t);
 #define SELECTION_TRIAL (1.0 / 40) /* of the run: length of a trial */
 enum { SELECTION_VIEWS_MIN = 8 };  /* with fewer training views none is used for validation */
 
-/* 1: the index-th training view is a validation view: an eighth of them, at most 8, evenly spaced. */
+/* Returns 1 if a training view is a validation view: an eighth of them, at most 8, evenly spaced. */
 OXL_INTERNAL int selection_is_validation_view(int index, int views);
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* splits training and validation views */
-/* Mean loss and PSNR over the validation views; NaN if none can be read. */
+/* Averages loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL int selection_steps(const struct train *t, double fraction); /* of the run, at least 1 */
 /* Trains for the length of a trial and evaluates the result on the validation views. */
 OXL_INTERNAL oxl_result selection_train_trial(struct train *t, double *psnr);
 /* Makes the trial t->trial, before a step; OXL_ERR_INTERRUPTED: it is to be repeated. */
 OXL_INTERNAL oxl_result selection_trial(struct train *t);
-/* After a step: validation views that no part needs any more are trained from now on. */
+/* Gives validation views that no part needs any more to training; called after a step. */
 OXL_INTERNAL void selection_release_views(struct train *t);
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 /* Records the choice and its evidence for run.json. */
 OXL_INTERNAL void selection_record(struct train *t, const char *what, const char *chosen, const char *why);
-/* The same for what `auto` has chosen, with a line in the log; mode: the option. */
+/* Records what `auto` has chosen, also with a line in the log. mode: the option. */
 OXL_INTERNAL void selection_record_auto(struct train *t, const char *what, oxl_switch mode, int on,
                                         const char *why);
 
@@ -143,7 +140,7 @@ OXL_INTERNAL void train_imaging_store(struct train *t, oxl_model *model); /* in 
 
 /* ---------------- train_loop.c */
 
-/* one step, and what is due after it: density control, pruning, trials */
+/* Makes one step, and what is due after it: density control, pruning, trials. */
 OXL_INTERNAL oxl_result train_step(struct train *t);
 
 #endif

@@ -33,16 +33,16 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
 OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
-/* Reading: refuses the file unless `is_so`. The checksum finds accidental damage, not intended changes. */
+/* Refuses a file that is read unless `is_so`. The checksum finds accidental damage, not intended changes. */
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
-/* reading: the text is replaced */
+/* Writes the text, or replaces it by the one that is read. */
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t);
-/* reading: the model is replaced */
+/* Writes the model, or replaces it by the one that is read. */
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);
-/* reading: 0, and a failure, if the file is too short */
+/* Fails a read of more than the file has left; returns 1 while nothing has failed. */
 OXL_INTERNAL int archive_fits(struct archive *a, size_t count, size_t size);
 
-#define CHECKPOINT_VERSION 11
+#define CHECKPOINT_VERSION 12
 #define CHECKPOINT_SEED UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
 typedef void checkpoint_state(struct archive *a, void *user);
 /* Writes the state to memory, or reads it from there. Free memory->data with oxl_free. */
@@ -106,10 +106,10 @@ OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r,
                                         size_t count);
-/* From now on, separate sums of gradients per depth band; z_near 0: one sum. Clears the statistics. */
+/* Begins separate sums of gradients per depth band; z_near 0: one sum. Clears the statistics. */
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near,
                                           double z_far);
-/* Mean over the views in which the row was visible since the statistics were cleared, without weights. */
+/* Averages over the views in which the row was visible since the statistics were cleared, unweighted. */
 OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row);
 /* Decides which rows are split and removed; density_apply carries it out. */
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
@@ -130,7 +130,7 @@ OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *mo
 
 /* Limit above which a gradient changes nothing: its square overflows float. */
 #define SCALAR_ADAM_GRADIENT_MAX 1e18
-/* `at` and its moments; step: of this number, from 1. */
+/* Moves `at` and its moments by one step. step: its number, from 1. */
 OXL_INTERNAL void scalar_adam_step(double *at, double *mean, double *square, double gradient, double rate,
                                    int step);
 

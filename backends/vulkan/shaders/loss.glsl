@@ -6,6 +6,8 @@ layout(push_constant) uniform Push
     float ssim_weight;
     uint  masked;
     float red, green, blue; /* gains that the rendered image is compared with */
+    float contrast; /* SSIM's C2 */
+    float part;     /* of the full image's pixels, where this is a window of it */
 }
 push;
 

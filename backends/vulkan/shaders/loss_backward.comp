@@ -1,5 +1,6 @@
-/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part; VARIANT 1: also the tile's share of
- * dL/d(log gain) = sum of dL/dy y, y = gain x.
+/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part; VARIANT & 1: also the tile's share of
+ * dL/d(log gain) = sum of dL/dy y, y = gain x. VARIANT & 2: by a lamp; & 4: of a window, whose pixels count as
+ * those of the full image do.
  */
 #version 450
 #include "common.glsl"
@@ -13,7 +14,8 @@ layout(std430, binding = 4) readonly buffer Slope1 { float slope1[]; };
 layout(std430, binding = 5) readonly buffer Slope2 { float slope2[]; };
 layout(std430, binding = 6) readonly buffer Totals { float totals[]; };
 layout(std430, binding = 7) writeonly buffer Drgb { float drgb[]; };
-layout(std430, binding = 8) writeonly buffer Partial { float partial[]; }; /* (3,tiles), VARIANT 1 */
+layout(std430, binding = 8) writeonly buffer Partial { float partial[]; }; /* (3,tiles), VARIANT & 1 */
+layout(std430, binding = 9) readonly buffer Lamp { float lamp[]; };           /* (H,W) the lamp's gain, VARIANT & 2 */
 
 shared float d[3][REACH * REACH];
 shared float along[3][REACH * 16];
@@ -45,14 +47,15 @@ void main()
     float share = 0.0;
     if (in_image(at)) {
         uint  p = pixel_index(at);
-        float a = loss_gain(channel) * rgb[channel * plane + p], b = target[channel * plane + p];
+        float light = (VARIANT & 2u) != 0u ? lamp[p] : 1.0;
+        float a = loss_gain(channel) * rgb[channel * plane + p] * light, b = target[channel * plane + p];
         float w = push.masked != 0u ? weight[p] : 1.0;
         float l1 = totals[3] > 0.0 ? (1.0 - push.ssim_weight) / totals[3] : 0.0, s = totals[4] > 0.0 ? push.ssim_weight / totals[4] : 0.0;
         float dy = s * (back.x + fma(2.0 * a, back.y, b * back.z)) + l1 * w * (a > b ? 1.0 : a < b ? -1.0 : 0.0);
-        drgb[channel * plane + p] = loss_gain(channel) * dy;
+        drgb[channel * plane + p] = loss_gain(channel) * dy * light * ((VARIANT & 4u) != 0u ? push.part : 1.0);
         share = dy * a;
     }
-    if (VARIANT == 0u) return;
+    if ((VARIANT & 1u) == 0u) return;
     d[0][i] = share; /* the slopes in `d` were read before the last barrier */
     for (uint half_ = 128u; half_ > 0u; half_ /= 2u) {
         barrier();

@@ -1,4 +1,4 @@
-/* loss_forward.comp - |x - y|, SSIM and its derivatives, not yet divided by how many count. */
+/* loss_forward.comp - |x - y|, SSIM and its derivatives, not yet divided by how many count. VARIANT 1: by a lamp. */
 #version 450
 #include "common.glsl"
 #include "loss.glsl"
@@ -10,6 +10,7 @@ layout(std430, binding = 3) writeonly buffer Slope0 { float slope0[]; }; /* by c
 layout(std430, binding = 4) writeonly buffer Slope1 { float slope1[]; }; /* xy; apart, as no array is to be larger than an image */
 layout(std430, binding = 5) writeonly buffer Slope2 { float slope2[]; };
 layout(std430, binding = 6) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
+layout(std430, binding = 7) readonly buffer Lamp { float lamp[]; };     /* (H,W) the lamp's gain, VARIANT 1 */
 
 shared float x[REACH * REACH], y[REACH * REACH];
 const uint ALONG = REACH * 16u;
@@ -60,7 +61,7 @@ void blur(uint i, out float m[4])
 float ssim_of(float m[4], out vec3 d)
 {
     float ux = m[0], uy = m[1], uu = fma(ux, ux, uy * uy), uxy = ux * uy;
-    float a1 = fma(2.0, uxy, 1e-4), a2 = fma(2.0, m[3] - uxy, 9e-4), b1 = uu + 1e-4, b2 = m[2] - uu + 9e-4;
+    float a1 = fma(2.0, uxy, 1e-4), a2 = fma(2.0, m[3] - uxy, push.contrast), b1 = uu + 1e-4, b2 = m[2] - uu + push.contrast;
     float i = 1.0 / (b1 * b2), p = a1 * i, q = a2 * i, ssim = a1 * q, t = ssim * i;
     d = -2.0 * vec3(uy * (q - p) - ux * t * (b2 - b1), -0.5 * t * b1, p);
     return ssim;
@@ -83,6 +84,7 @@ void main()
         ivec2 p = origin + ivec2(k % REACH, k / REACH);
         bool  in_ = in_image(p);
         x[k] = in_ ? loss_gain(channel) * rgb[channel * plane + pixel_index(p)] : 0.0;
+        if (VARIANT == 1u && in_) x[k] *= lamp[pixel_index(p)];
         y[k] = in_ ? target[channel * plane + pixel_index(p)] : 0.0;
     }
     barrier();

@@ -1,5 +1,8 @@
 /* project.comp - Gaussians onto the image plane: the counterpart of src/render/project.c, forward. An invocation a row of a slab.
  *
+ *     VARIANT & 1  a medium lies between camera and Gaussians
+ *     VARIANT & 2  some rows are left out: render_drop in src/render/renderer.c
+ *
  * What raster.comp needs of a row lies in vectors of four numbers, in arrays apart: no array exceeds maxStorageBufferRange before
  * there are 8 million rows, and reads are coalesced.
  */
@@ -20,6 +23,9 @@ layout(std430, binding = 8) writeonly buffer Rank { uint rank[]; };      /* as s
 layout(std430, binding = 9) readonly buffer Counts { uint counts[]; };
 layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, lobe_plane; } push;
 #include "geometry.glsl"
+#include "medium.glsl"
+#include "random.glsl"
+const bool IN_MEDIUM = (VARIANT & 1u) != 0u, DROPS = (VARIANT & 2u) != 0u;
 
 struct Shape {
     float a, k, e, reach, half_x, half_y;
@@ -80,11 +86,12 @@ void main()
         half_y      = max(o.half_y, s.half_y);
         shown       = shown && shape_is_finite(o) && o.a < 1e30;
         second      = o.reach >= 0.0;
-        lobe_a[row] = vec4(o.a, o.k, o.e, other);
+        lobe_a[row] = vec4(o.a, o.k, o.e, DROPS ? other + view.dropout_gain : other);
         lobe_b[row] = vec4(o.half_x, o.half_y, s.half_x, s.half_y);
     }
     bool numbers = is_finite(c.x) && is_finite(c.y) && is_finite(half_x) && is_finite(half_y);
     bool sees    = in_front && shown && numbers && (s.reach >= 0.0 || second) && in_view(c, half_x, half_y);
+    if (DROPS) sees = sees && random_bits(uvec2(view.dropout_low, view.dropout_high), row, view.dropout_step).y >= view.dropout_most;
     seen[row]    = sees ? 1u : 0u;
     rank[row]    = sees ? 1u : 0u;
     if (!sees) return;
@@ -92,6 +99,7 @@ void main()
     vec3  way = colour_direction(i, inverse);
     colour_basis(push.degree, way, basis);
     splat_a[row] = vec4(c, s.a, s.k);
-    splat_b[row] = vec4(s.e, peak, half_x, half_y);
-    splat_c[row] = vec4(max(colour_of(i, push.degree, basis), vec3(0.0)), g.p.z);
+    vec3 colour  = max(colour_of(i, push.degree, basis), vec3(0.0));
+    splat_b[row] = vec4(s.e, DROPS ? peak + view.dropout_gain : peak, half_x, half_y);
+    splat_c[row] = vec4(IN_MEDIUM ? medium_forward(medium_of(i), colour) : colour, g.p.z);
 }

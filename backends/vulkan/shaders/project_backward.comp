@@ -4,7 +4,7 @@
  *
  * A row of which a number or its gradient is not finite is not stepped, counted, and not seen from then on; one with such a number of its
  * own is cleared as in src/train/nonfinite.c. VARIANT 1, after a loss that is not finite, only clears: also rows that the view made such a
- * number of. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
+ * number of. VARIANT 2: with a medium. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -42,6 +42,8 @@ layout(std430, binding = 10) writeonly buffer Gradient { float gradient[]; }; /*
 layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, lobe_plane; } push;
 #endif
 #include "geometry.glsl"
+#include "medium.glsl"
+const bool IN_MEDIUM = (VARIANT & 2u) != 0u;
 
 struct Sums {
     float g, w, y, ww, wy, yy;
@@ -158,12 +160,14 @@ Light colour_backward(uint i, vec3 light)
     uint  coefficients = (push.degree + 1u) * (push.degree + 1u);
     colour_basis(push.degree, way, o.basis);
     vec3 value = colour_of(i, push.degree, o.basis);
+    vec3 dmean = vec3(0.0);
+    if (IN_MEDIUM) light = medium_backward(medium_of(i), max(value, vec3(0.0)), light, dmean);
     o.d        = vec3(value.x > 0.0 ? light.x : 0.0, value.y > 0.0 ? light.y : 0.0, value.z > 0.0 ? light.z : 0.0);
-    o.dmean    = vec3(0.0);
+    o.dmean    = dmean;
     if (push.degree == 0u) return o;
     for (uint k = 0u; k < coefficients; k++) v[k] = dot(vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i)), o.d);
     vec3 dway = basis_backward(push.degree, way, v);
-    o.dmean   = (dway - dot(dway, way) * way) * inverse;
+    o.dmean += (dway - dot(dway, way) * way) * inverse;
     return o;
 }
 
@@ -288,7 +292,7 @@ void main()
     }
     Light light = colour_backward(i, s.light);
     p.mean += light.dmean;
-    mean2d[row] = length(vec2(0.5 * float(view.width) * p.u, 0.5 * float(view.height) * p.v));
+    mean2d[row] = length(vec2(view.half_width * p.u, view.half_height * p.v));
 #if STEP
     if (!row_is_finite(i, lobed, p, opacity, light, lobe)) {
         seen[row] = 0u;
