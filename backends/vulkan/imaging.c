@@ -22,6 +22,8 @@ OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct r
     r->veil_trains = r->medium_trains && m->on;
     r->drops = s->dropout > 0;
     r->may_be_lit = s->has_lamp;
+    r->is_window = s->is_window;
+    r->view.context_shift = (uint32_t)((r->count + PACK - 1) / PACK * PACK - r->count);
     if (r->drops) {
         r->view.dropout_gain = (float)(-vecmath_log(1 - s->dropout) / VECMATH_LN2);
         r->view.dropout_most = (uint32_t)(s->dropout * 4294967296.0);
@@ -243,9 +245,10 @@ OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct rend
     vulkan_reserve(r->v, &r->depth_first, DEPTH_POINTS + 1, sizeof d.first[0], "points");
     vulkan_update(r->v, &r->depth_points, 0, d.point, sizeof d.point);
     vulkan_update(r->v, &r->depth_first, 0, d.first, sizeof d.first);
-    VULKAN_RUN(r->v, DEPTH_LOSS, 0, d.groups,
-               VULKAN_PUSH(vulkan_bits((float)depths->weight), (uint32_t)r->lobes, d.groups),
-               VULKAN_BUFFERS(&r->view_buffer, &r->depth_points, &r->depth_first, &r->start,
-                              &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b, &r->splat_c,
-                              &r->sums_a, &r->counts));
+    VULKAN_RUN(
+        r->v, DEPTH_LOSS, 0, d.groups,
+        VULKAN_PUSH(vulkan_bits((float)depths->weight), (uint32_t)r->lobes, d.groups, (uint32_t)r->count),
+        VULKAN_BUFFERS(&r->view_buffer, &r->depth_points, &r->depth_first, &r->start,
+                       &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b, &r->splat_c,
+                       &r->sums_a, &r->counts));
 }

@@ -13,6 +13,8 @@ struct renderer_settings {
     const struct medium *medium;        /* NULL: none, and no falloff */
     int medium_trains;                  /* 1: backward computes the gradient of its parameters, too */
     int has_lamp;                       /* 1: the loss may have one */
+    int is_window;                      /* 1: the camera shows a part of the image */
+    const oxl_model *context;           /* of renderer_set_context, without second lobes; or NULL */
     double dropout;
     uint64_t dropout_seed;
     int dropout_step;
@@ -42,7 +44,8 @@ struct renderer_device {
     oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
     oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);
-    oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
+    oxl_result (*take_image)(void *device, int view, const struct training_image *image,
+                             const struct image_window *window, int halved);
     /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL:
      * the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);

@@ -295,7 +295,7 @@ OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context)
 {
     r->context = context && context->count > 0 ? context : NULL;
-    if (r->context) renderer_use_cpu(r);
+    if (r->context && r->context->lobes > 0) renderer_use_cpu(r);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -411,6 +411,8 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                                .medium = render_has_medium(r) ? &r->medium : NULL,
                                                .medium_trains = r->medium_trains,
                                                .has_lamp = r->lamp != NULL,
+                                               .is_window = r->full[0] > 0,
+                                               .context = r->context,
                                                .dropout = r->dropout,
                                                .dropout_seed = r->dropout_seed,
                                                .dropout_step = r->dropout_step};

@@ -16,7 +16,7 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     size_t pixels;
     oxl_result rc;
     if (r->device) {
-        rc = r->backend->take_image(r->device, view, image, halved);
+        rc = r->backend->take_image(r->device, view, image, window, halved);
         if (image) rc = render_fall_back_to_cpu(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }

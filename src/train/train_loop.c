@@ -131,7 +131,6 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
-    if (rc == OXL_OK && t->task.window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
     if (rc == OXL_OK) rc = parts_create(t);
