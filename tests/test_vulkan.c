@@ -833,7 +833,8 @@ static struct renderer_loss vulkan_imaging_step(oxl_context *ctx, struct rendere
     memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof(float));
     CHECK_OK(renderer_backward(ctx, r, NULL, gradient));
     CHECK_OK(renderer_gradient(ctx, r, gradient));
-    renderer_add_imaging_gradients(r, &loss);
+    memcpy(loss.dlamp, renderer_lamp_gradient(r), sizeof loss.dlamp);
+    memcpy(loss.dmedium, renderer_medium_gradient(r), sizeof loss.dmedium);
     return loss;
 }
 

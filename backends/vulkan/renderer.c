@@ -433,13 +433,14 @@ static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
     vulkan_upload(r->v, &r->drgb, 0, drgb, 12 * pixels);
 }
 
-static oxl_result vulkan_backward(void *device, const float *drgb, const struct renderer_depths *depths)
+static oxl_result vulkan_backward(void *device, const float *drgb, const struct depth_point *point,
+                                  int points, double weight)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
     if (drgb) vulkan_take_drgb(r, drgb);
     vulkan_draw_backward(r, 0);
-    vulkan_add_depths(r, depths);
+    vulkan_add_depths(r, point, points, weight);
     vulkan_add_imaging(r);
     return r->v->rc;
 }

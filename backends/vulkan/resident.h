@@ -145,7 +145,8 @@ OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct rende
 /* Memory and shaders for what follows. */
 OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r);
-OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct renderer_depths *depths);
+OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct depth_point *point, int points,
+                                    double weight);
 OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double dlamp[LAMP_TERMS],
                                     double dmedium[MEDIUM_SUMS]);
 OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],

@@ -100,8 +100,7 @@ static void lamp_archive_pending(struct archive *a, struct lamp_fit *l)
     archive_doubles(a, &p->progress, 1);
     archive_doubles(a, p->shape, LAMP_TERMS);
     archive_doubles(a, &p->falloff, 1);
-    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups);
-    archive_expect(a, p->progress >= 0 && p->progress <= 2);
+    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
 }
 
 OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)

@@ -28,12 +28,6 @@ struct renderer_gains {
     double contrast; /* SSIM's; 0: 0.03 */
 };
 
-struct renderer_depths {
-    const struct depth_point *point; /* (count) */
-    int count;
-    double weight;
-};
-
 /* Each does what the renderer function of the same name does; take_image what renderer_set_image does. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
@@ -51,7 +45,9 @@ struct renderer_device {
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight,
                        const struct renderer_gains *gains, float ssim_weight, struct renderer_loss *out);
-    oxl_result (*backward)(void *device, const float *drgb, const struct renderer_depths *depths);
+    /* points: of renderer_set_depths */
+    oxl_result (*backward)(void *device, const float *drgb, const struct depth_point *point, int points,
+                           double weight);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     /* Of the last loss and backward; waits. */
     oxl_result (*imaging_gradient)(void *device, double dlamp[LAMP_TERMS], double dmedium[MEDIUM_SUMS]);

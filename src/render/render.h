@@ -243,8 +243,6 @@ OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss, complete after the step. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* Copies both gradients into the loss of a step that is complete. */
-OXL_INTERNAL void renderer_add_imaging_gradients(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
  * backwards: recovers the colours behind medium and lamp. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,

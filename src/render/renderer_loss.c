@@ -61,12 +61,6 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
     return r->dlamp;
 }
 
-OXL_INTERNAL void renderer_add_imaging_gradients(const struct renderer *r, struct renderer_loss *loss)
-{
-    memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
-    memcpy(loss->dmedium, r->dmedium, sizeof loss->dmedium);
-}
-
 static struct lamp_area render_lamp_area(const struct renderer *r)
 {
     const int width = r->kernel_camera.width, height = r->kernel_camera.height;
@@ -183,9 +177,9 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     struct gaussians out;
     oxl_result rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
     if (rc == OXL_OK && r->device) {
-        const struct renderer_depths depths = {r->depth_point, r->depth_points, r->depth_weight};
+        rc = r->backend->backward(r->device, drgb, r->depth_point, r->depth_points, r->depth_weight);
         r->depth_points = 0;
-        return r->backend->backward(r->device, drgb, &depths);
+        return rc;
     }
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
