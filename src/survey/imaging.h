@@ -49,10 +49,7 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 static inline void imaging_free(oxl_context *ctx, struct imaging *m)
 {
-    oxl_free(ctx, m->log_gain);
-    oxl_free(ctx, m->known);
-    oxl_free(ctx, m->camera);
-    oxl_free(ctx, m->partner);
+    OXL_FREE(ctx, m->log_gain, m->known, m->camera, m->partner);
     *m = (struct imaging){0};
 }
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to);
