@@ -55,24 +55,10 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     renderer_use_cpu(r);
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
-    oxl_free(ctx, r->splat);
-    oxl_free(ctx, r->lobe);
-    oxl_free(ctx, r->visible);
-    oxl_free(ctx, r->dmean2d);
-    oxl_free(ctx, r->rgb);
-    oxl_free(ctx, r->drgb);
-    oxl_free(ctx, r->transmittance);
-    oxl_free(ctx, r->target);
-    oxl_free(ctx, r->exposed);
-    oxl_free(ctx, r->lamp_map);
-    oxl_free(ctx, r->medium_pack);
-    oxl_free(ctx, r->medium_sum);
-    oxl_free(ctx, r->weight);
-    oxl_free(ctx, r->sums);
-    oxl_free(ctx, r->score);
-    oxl_free(ctx, r->tile_range);
     oxl_model_free(ctx, &r->part);
-    oxl_free(ctx, r);
+    OXL_FREE(ctx, r->splat, r->lobe, r->visible, r->dmean2d, r->rgb, r->drgb, r->transmittance, r->target,
+             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->weight, r->sums, r->score,
+             r->tile_range, r);
 }
 
 /* ---------------- into the kernels' terms */
