@@ -66,7 +66,8 @@ OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
-/* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the run. */
+/* Steps the lamp. shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the
+ * run. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
                             const double shape[LAMP_TERMS], double falloff)
 {
