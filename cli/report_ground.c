@@ -53,9 +53,9 @@ void ground_tiles(struct report *r)
     struct output *t = &r->page;
     const double registered = oxl_json_number(r->survey, "images"),
                  left = oxl_json_number(r->survey, "images_unregistered");
-    output_add(t, "<div class=\"tile\"><b>%s", OUTPUT_COUNT(registered));
-    if (left >= 0) output_add(t, " of %s", OUTPUT_COUNT(registered + left));
-    output_add(t, "</b><span>images with a camera</span></div>\n");
+    output_add(t, "<div class=\"tile\"><b>%s</b><span>", OUTPUT_COUNT(registered));
+    if (left >= 0) output_add(t, "of %s ", OUTPUT_COUNT(registered + left));
+    output_add(t, "images with a camera</span></div>\n");
     if (!r->ground.image.rgb) return;
     if (r->ground.sampling > 0)
         output_add(t, "<div class=\"tile\"><b>%.*f</b><span>units a pixel on the ground</span></div>\n",
