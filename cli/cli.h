@@ -179,8 +179,9 @@ oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *p
 
 /* ---------------- report.c: one page about a run */
 
-/* Writes OUT/report.html, whole or not at all. Absent parts are left out. */
-oxl_result report_write(oxl_context *ctx, const char *out);
+/* Writes OUT/report.html, whole or not at all. Absent parts are left out. scale: metres a unit; 0: lengths are in
+ * the survey's unit. */
+oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 
 /* ---------------- synth_options.c: options of a procedural survey, which oceanxl-lab makes */
 

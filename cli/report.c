@@ -327,9 +327,9 @@ static void report_compose(struct report *r)
                          ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
-oxl_result report_write(oxl_context *ctx, const char *out)
+oxl_result report_write(oxl_context *ctx, const char *out, double scale)
 {
-    struct report r = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
+    struct report r = {.ctx = ctx, .out = out, .scale = scale, .run = output_read(out, "run.json", NULL)};
     oxl_result rc = OXL_ERR_MEMORY;
     char path[4096];
     if (!oxl_json_member(r.run, "job")) {

@@ -20,7 +20,7 @@
 static char *report_test_page(void)
 {
     const struct report r = {.out = test_path("out")};
-    const oxl_result rc = report_write(test_ctx, test_path("out"));
+    const oxl_result rc = report_write(test_ctx, test_path("out"), 0);
     char *page;
     CHECK(rc == OXL_OK);
     if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
@@ -187,7 +187,7 @@ TEST(report_asks_the_network_for_nothing)
 TEST(report_says_what_is_missing)
 {
     char *page;
-    CHECK(report_write(test_ctx, test_path("nowhere")) == OXL_ERR_INPUT);
+    CHECK(report_write(test_ctx, test_path("nowhere"), 0) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "holds no run.json");
     report_test_run();
     page = report_test_page();
