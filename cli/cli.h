@@ -123,6 +123,8 @@ struct ground {
     int width, height;
     const float *level;   /* (height,width) above the frame's centre, units; NaN: no ground */
     unsigned short *seen; /* (height,width) number of training views */
+    /* (height,width) of these, the views whose own depth is the place's; NULL: not wanted */
+    unsigned short *confirmed;
 };
 /* Projects p into the camera, px; returns camera z, at most 0 behind it. */
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);
