@@ -133,6 +133,8 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
                      "400");
+    CHECK_TEXT(page, "<dt>Points</dt><dd>16\xE2\x80\xAF"
+                     "000</dd>"); /* neither tracks nor their errors are known */
     CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
     CHECK_TEXT(page,
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
