@@ -2,14 +2,17 @@
  *
  * Structure from motion finds few points on faint or repetitive ground. Density control reaches such a region
  * late, by splitting a few broad Gaussians from its rim, and until then the views show a glow. So each
- * training view is divided into cells; a cell without a point that the view observes gets one, if observed
- * points are within GAPS_REACH cells: its inverse depth, which is linear in the image on a plane, and its
- * colour are their mean, weighted by the inverse square of the distance. Farther ones would be guesses:
- * without parallax to correct them they cost held-out views more than they give (docs/log/GAPS.md).
+ * training view is divided into cells, and for one without a point that the view observes the depth is looked
+ * for by a plane sweep [Collins 1996]: a plane in inverse depth, fitted to the points within GAPS_REACH cells,
+ * is moved towards the camera and away from it, and at each step a patch of the view is correlated with what
+ * two other views show of it, those that share the most points with it. Correlation does not depend on gains
+ * and lamp. Where it reaches GAPS_AGREES at the best depth there is a surface, and the cell gets a point, in
+ * the colour of its pixels; elsewhere it gets none, since what only the points around it say is wrong as often
+ * as right (docs/log/IMAGING.md). Images are reduced so that a cell has GAPS_PIXELS.
  * A point is dropped where the space already has one, of the survey or of an earlier view. At most
  * GAPS_FRACTION of the Gaussians that may still be added begin this way, so that density control has the rest.
  *
- * Invariant: a function of the scene alone. Without tracks nothing is added.
+ * Invariant: a function of the scene alone, views and cells in order. Without tracks nothing is added.
  */
 #include "gaps.h"
 #include "../train/part.h"
@@ -19,21 +22,25 @@
 #include "../survey/sparse.h"
 
 enum {
-    GAPS_ACROSS = 58,     /* cells along the longer side of a view */
-    GAPS_PIXELS = 8,      /* of a reduced image, along a cell, at most */
-    GAPS_REACH = 6,       /* cells: the farthest points that a cell's plane is fitted to */
-    GAPS_PLACES = 4,      /* points found for each that may be added, at most */
-    GAPS_NEIGHBOURS = 2,  /* views that a patch is compared with */
-    GAPS_RADIUS = 3,      /* px of the reduced image: of a patch */
-    GAPS_STEPS = 8,       /* tried nearer, and farther, than the plane */
-    GAPS_GREYS = 16       /* reduced images that are kept */
+    GAPS_ACROSS = 58,    /* cells along the longer side of a view */
+    GAPS_PIXELS = 8,     /* of a reduced image, along a cell, at most */
+    GAPS_REACH = 6,      /* cells: the farthest points that a cell's plane is fitted to */
+    GAPS_PLACES = 4,     /* points found for each that may be added, at most */
+    GAPS_NEIGHBOURS = 2, /* views that a patch is compared with */
+    GAPS_RADIUS = 3,     /* px of the reduced image: of a patch, */
+    GAPS_SIDE = 2 * GAPS_RADIUS + 1,
+    GAPS_SAMPLES = GAPS_SIDE * GAPS_SIDE,
+    GAPS_STEPS = 8, /* tried nearer, and farther, than the plane */
+    GAPS_GREYS = 8  /* reduced images that are kept */
 };
-#define GAPS_FRACTION 0.5
-static double gaps_knob(const char *name, double value)
-{
-    const char *text = getenv(name);
-    return text ? atof(text) : value;
-}
+#define GAPS_FRACTION 0.5     /* of the Gaussians that may be added */
+#define GAPS_STEP 0.7         /* px that a step of depth moves a patch in the other view, and */
+#define GAPS_RANGE 0.15       /* the largest change of inverse depth, as a fraction */
+#define GAPS_AGREES 0.7       /* correlation of patches that show one place */
+#define GAPS_DETAIL 0.14      /* levels: standard deviation of a patch that shows something */
+#define GAPS_RIDGE 1.0        /* pull of a plane's slopes to 0, in cells at any distance */
+#define GAPS_ANGLE_LEAST 0.03 /* rad: between two views of a place, so that depth moves it, */
+#define GAPS_ANGLE_MOST 0.6   /* and so that it looks the same */
 
 struct gaps_cell { /* sums over the observed points in it */
     double count, inverse_z;
@@ -41,8 +48,8 @@ struct gaps_cell { /* sums over the observed points in it */
 
 struct gaps_grey { /* an image, reduced */
     int view, width, height, factor;
-    size_t used; /* the clock then */
-    float *value; /* (H,W) levels; -1: masked */
+    size_t used;  /* the clock then */
+    float *value; /* (H,W) levels; NaN: masked */
 };
 
 struct gaps_plane { /* inverse depth, and its slopes per pixel of the reduced image */
@@ -60,7 +67,7 @@ struct gaps {
     size_t *first;   /* (views + 1) where a view's points begin in `point` */
     uint32_t *point; /* points that each view observes */
     struct gaps_cell *cell;
-    int *shared;                        /* (views) points that a view shares with the one at hand */
+    int *shared; /* (views) points that a view shares with the one at hand */
     struct gaps_grey grey[GAPS_GREYS];
     size_t clock;
     uint64_t *taken; /* (slots) hash set of the places that have a point; 0: free */
@@ -146,7 +153,7 @@ static void gaps_reduce(const struct training_image *image, struct gaps_grey *gr
                 sum += image->rgb[at] + image->rgb[plane + at] + image->rgb[2 * plane + at];
                 masked |= image->mask && !image->mask[at];
             }
-            grey->value[y * (size_t)grey->width + x] = masked ? -1 : (float)sum / (float)(3 * f * f);
+            grey->value[y * (size_t)grey->width + x] = masked ? NAN : (float)sum / (float)(3 * f * f);
         }
 }
 
@@ -208,15 +215,16 @@ static void gaps_fill_cells(struct gaps *g, const struct gaps_grid *grid, int vi
 /* Fits inverse depth, which is linear in the image on a plane, to the cells around; returns 0 without any. */
 static int gaps_fit(const struct gaps *g, const struct gaps_grid *grid, int x, int y, struct gaps_plane *out)
 {
-    const int reach = (int)gaps_knob("GAPS_REACH", GAPS_REACH);
-    const double ridge = gaps_knob("GAPS_RIDGE", 1);
+    const int reach = GAPS_REACH;
+    const double ridge = GAPS_RIDGE;
     double n = 0, sx = 0, sy = 0, sw = 0, sxx = 0, sxy = 0, syy = 0, sxw = 0, syw = 0, det;
     for (int dy = -reach; dy <= reach; dy++)
         for (int dx = -reach; dx <= reach; dx++) {
             const int column = x + dx, row = y + dy;
             const struct gaps_cell *cell;
             double weight, w;
-            if (column < 0 || row < 0 || column >= grid->across || row >= grid->down || (!dx && !dy)) continue;
+            if (column < 0 || row < 0 || column >= grid->across || row >= grid->down || (!dx && !dy))
+                continue;
             cell = &g->cell[(size_t)row * (size_t)grid->across + (size_t)column];
             if (cell->count == 0) continue;
             weight = 1.0 / (dx * dx + dy * dy), w = cell->inverse_z / cell->count;
@@ -237,120 +245,156 @@ static int gaps_fit(const struct gaps *g, const struct gaps_grid *grid, int x, i
 
 /* ---------------- the sweep */
 
-/* Samples a reduced image between its pixels; -1: outside, or masked. */
+struct gaps_patch {
+    double x, y;                /* px of the reduced image: its centre */
+    double value[GAPS_SAMPLES]; /* levels, less their mean; NaN where one is masked */
+    double norm;                /* square root of the sum of their squares */
+};
+
+/* Samples a reduced image between its pixels; the place is inside. */
 static double gaps_sample(const struct gaps_grey *grey, double x, double y)
 {
-    const double left = x - 0.5, top = y - 0.5;
-    const float *v;
-    size_t w = (size_t)grey->width;
-    int column, row;
-    double fx, fy;
-    if (!(left >= 0) || !(top >= 0) || !(left < grey->width - 1) || !(top < grey->height - 1)) return -1;
-    column = (int)left, row = (int)top, fx = left - column, fy = top - row;
-    v = grey->value + (size_t)row * w + (size_t)column;
-    if (v[0] < 0 || v[1] < 0 || v[w] < 0 || v[w + 1] < 0) return -1;
+    const size_t w = (size_t)grey->width, column = (size_t)(x - 0.5), row = (size_t)(y - 0.5);
+    const double fx = x - 0.5 - (double)column, fy = y - 0.5 - (double)row;
+    const float *v = grey->value + row * w + column;
     return (1 - fy) * ((1 - fx) * v[0] + fx * v[1]) + fy * ((1 - fx) * v[w] + fx * v[w + 1]);
 }
 
-/* Makes the pixel of the other camera's reduced image for a ray (x/z, y/z, 1) at inverse depth w. */
-static int gaps_transfer(const struct gaps_pair *pair, const double ray[2], double w, double pixel[2])
+static int gaps_has(const struct gaps_grey *grey, double x, double y)
 {
+    return x >= 0.5 && y >= 0.5 && x < grey->width - 1 && y < grey->height - 1;
+}
+
+/* Takes out the mean of samples; returns the root of the sum of squares that is left. */
+static double gaps_centre(double value[GAPS_SAMPLES])
+{
+    double sum = 0, square = 0;
+    for (int i = 0; i < GAPS_SAMPLES; i++) sum += value[i];
+    for (int i = 0; i < GAPS_SAMPLES; i++) {
+        value[i] -= sum / GAPS_SAMPLES;
+        square += value[i] * value[i];
+    }
+    return sqrt(square);
+}
+
+/* Returns 0 where there is nothing to compare: at the image's edge, at masked pixels, and without detail. */
+static int gaps_take_patch(const struct gaps_grid *grid, const double pixel[2], struct gaps_patch *patch)
+{
+    const int f = grid->grey->factor;
+    patch->x = pixel[0] / f, patch->y = pixel[1] / f;
+    if (!gaps_has(grid->grey, patch->x - GAPS_RADIUS, patch->y - GAPS_RADIUS) ||
+        !gaps_has(grid->grey, patch->x + GAPS_RADIUS, patch->y + GAPS_RADIUS))
+        return 0;
+    for (int i = 0; i < GAPS_SAMPLES; i++)
+        patch->value[i] = gaps_sample(grid->grey, patch->x + i % GAPS_SIDE - GAPS_RADIUS,
+                                      patch->y + i / GAPS_SIDE - GAPS_RADIUS);
+    patch->norm = gaps_centre(patch->value);
+    return patch->norm > GAPS_DETAIL * GAPS_SIDE;
+}
+
+/* Makes the pixel of the other view's reduced image that sees (x, y) of this one's at inverse depth w. */
+static int gaps_transfer(const struct gaps_grid *grid, const struct gaps_pair *pair, double x, double y,
+                         double w, double pixel[2])
+{
+    const oxl_camera *c = grid->camera;
+    const double f = grid->grey->factor, ray[3] = {(x * f - c->cx) / c->fx, (y * f - c->cy) / c->fy, 1};
     double p[3];
     for (int k = 0; k < 3; k++)
         p[k] = pair->a[3 * k] * ray[0] + pair->a[3 * k + 1] * ray[1] + pair->a[3 * k + 2] + w * pair->b[k];
-    if (!(p[2] > 1e-6)) return 0;
+    if (!(p[2] > 0)) return 0;
     pixel[0] = p[0] / p[2], pixel[1] = p[1] / p[2];
     return 1;
 }
 
+/* Fills the pair: pixel of the reduced image of `to` = a ray + w b, for rays (x/z, y/z, 1) of `from`. */
 static void gaps_pair_cameras(const oxl_camera *from, const oxl_camera *to, struct gaps_pair *pair)
 {
-    const int f = pair->to->factor;
-    double r[9], t[3];
-    for (int i = 0; i < 3; i++) {
-        t[i] = to->translation[i];
-        for (int j = 0; j < 3; j++) {
-            r[3 * i + j] = 0;
-            for (int k = 0; k < 3; k++) r[3 * i + j] += to->rotation[3 * i + k] * from->rotation[3 * j + k];
-            t[i] -= r[3 * i + j] * from->translation[j];
-        }
-    }
+    const double f = pair->to->factor;
     for (int j = 0; j < 4; j++) {
-        const double v[3] = {j < 3 ? r[j] : t[0], j < 3 ? r[3 + j] : t[1], j < 3 ? r[6 + j] : t[2]};
-        const double out[3] = {(to->fx * v[0] + to->cx * v[2]) / f, (to->fy * v[1] + to->cy * v[2]) / f, v[2]};
+        double v[3]; /* column j of the rotation from one to the other, or the translation */
         for (int i = 0; i < 3; i++) {
-            if (j < 3) pair->a[3 * i + j] = out[i];
-            else pair->b[i] = out[i];
+            v[i] = j < 3 ? 0 : to->translation[i];
+            for (int k = 0; k < 3 && j < 3; k++) v[i] += to->rotation[3 * i + k] * from->rotation[3 * j + k];
+        }
+        for (int i = 0; i < 3; i++) {
+            const double k[2] = {i == 0 ? to->fx : to->fy, i == 0 ? to->cx : to->cy},
+                         out = i < 2 ? (k[0] * v[i] + k[1] * v[2]) / f : v[2];
+            if (j < 3) pair->a[3 * i + j] = out;
+            else pair->b[i] = out;
         }
     }
+    for (int i = 0; i < 3; i++) /* the translation is that of `to` less the rotated one of `from` */
+        for (int j = 0; j < 3; j++) pair->b[i] -= pair->a[3 * i + j] * from->translation[j];
 }
 
-/* Correlates a patch with another view's, at a plane; -2: it is not in that view. */
-static double gaps_correlate(const struct gaps_grid *grid, const struct gaps_pair *pair, const double at[2],
-                             const struct gaps_plane *plane)
+/* Correlates the patch, seen on a plane, with another view; returns -2 where that view does not have it. */
+static double gaps_correlate(const struct gaps_grid *grid, const struct gaps_pair *pair,
+                             const struct gaps_patch *patch, const struct gaps_plane *plane)
 {
-    const oxl_camera *c = grid->camera;
-    const int f = grid->grey->factor;
-    double n = 0, sa = 0, sb = 0, saa = 0, sab = 0, sbb = 0, vaa, vbb;
-    for (int dy = -GAPS_RADIUS; dy <= GAPS_RADIUS; dy++)
-        for (int dx = -GAPS_RADIUS; dx <= GAPS_RADIUS; dx++) {
-            const double x = at[0] + dx, y = at[1] + dy;
-            const double ray[2] = {(x * f - c->cx) / c->fx, (y * f - c->cy) / c->fy};
-            const double a = gaps_sample(grid->grey, x, y);
-            double pixel[2], b;
-            if (a < 0 || !gaps_transfer(pair, ray, plane->w + dx * plane->dx + dy * plane->dy, pixel)) return -2;
-            b = gaps_sample(pair->to, pixel[0], pixel[1]);
-            if (b < 0) return -2;
-            n++, sa += a, sb += b, saa += a * a, sab += a * b, sbb += b * b;
-        }
-    vaa = saa - sa * sa / n, vbb = sbb - sb * sb / n;
-    if (!(vaa > 0.02 * n) || !(vbb > 0.02 * n)) return 0;
-    return (sab - sa * sb / n) / sqrt(vaa * vbb);
+    const double r = GAPS_RADIUS;
+    double value[GAPS_SAMPLES], norm, sum = 0, at[3][2], right[2], down[2]; /* the warp, as an affine one */
+    if (!gaps_transfer(grid, pair, patch->x, patch->y, plane->w, at[0]) ||
+        !gaps_transfer(grid, pair, patch->x + r, patch->y, plane->w + r * plane->dx, at[1]) ||
+        !gaps_transfer(grid, pair, patch->x, patch->y + r, plane->w + r * plane->dy, at[2]))
+        return -2;
+    for (int k = 0; k < 2; k++) right[k] = (at[1][k] - at[0][k]) / r, down[k] = (at[2][k] - at[0][k]) / r;
+    for (int i = 0; i < 4; i++) {
+        const double dx = i % 2 ? r : -r, dy = i / 2 ? r : -r;
+        if (!gaps_has(pair->to, at[0][0] + dx * right[0] + dy * down[0],
+                      at[0][1] + dx * right[1] + dy * down[1]))
+            return -2;
+    }
+    for (int i = 0; i < GAPS_SAMPLES; i++) {
+        const double dx = i % GAPS_SIDE - GAPS_RADIUS, dy = i / GAPS_SIDE - GAPS_RADIUS;
+        value[i] = gaps_sample(pair->to, at[0][0] + dx * right[0] + dy * down[0],
+                               at[0][1] + dx * right[1] + dy * down[1]);
+    }
+    norm = gaps_centre(value);
+    for (int i = 0; i < GAPS_SAMPLES; i++) sum += value[i] * patch->value[i];
+    return norm > GAPS_DETAIL * GAPS_SIDE ? sum / (norm * patch->norm) : 0;
 }
 
-/* Mean over the views that see the patch; -2: none. */
-static double gaps_agreement(const struct gaps_grid *grid, const double at[2], const struct gaps_plane *plane)
+/* Returns the mean correlation with the views that have the patch; -2: none has. */
+static double gaps_agreement(const struct gaps_grid *grid, const struct gaps_patch *patch,
+                             const struct gaps_plane *plane)
 {
     double sum = 0;
     int seen = 0;
     for (int k = 0; k < grid->pairs; k++) {
-        const double c = gaps_correlate(grid, &grid->pair[k], at, plane);
+        const double c = gaps_correlate(grid, &grid->pair[k], patch, plane);
         if (c > -2) sum += c, seen++;
     }
     return seen ? sum / seen : -2;
 }
 
-/* Returns the relative change of inverse depth that moves the patch by a pixel in the view where it moves most. */
-static double gaps_relative_step(const struct gaps_grid *grid, const double at[2], const struct gaps_plane *plane)
+/* Returns the change of inverse depth, as a fraction, that moves the patch by GAPS_STEP in the view where it
+ * moves most; 0: it moves in none. */
+static double gaps_step(const struct gaps_grid *grid, const struct gaps_patch *patch, double w)
 {
-    const oxl_camera *c = grid->camera;
-    const int f = grid->grey->factor;
-    const double ray[2] = {(at[0] * f - c->cx) / c->fx, (at[1] * f - c->cy) / c->fy};
+    const double probe = 0.01;
     double most = 0;
     for (int k = 0; k < grid->pairs; k++) {
         double p[2], q[2];
-        if (!gaps_transfer(&grid->pair[k], ray, plane->w, p) ||
-            !gaps_transfer(&grid->pair[k], ray, plane->w * 1.01, q))
-            continue;
-        most = OXL_MAX(most, (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]));
+        if (gaps_transfer(grid, &grid->pair[k], patch->x, patch->y, w, p) &&
+            gaps_transfer(grid, &grid->pair[k], patch->x, patch->y, w * (1 + probe), q))
+            most = OXL_MAX(most, (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]));
     }
-    return most > 0 ? 0.01 / sqrt(most) : 0;
+    return most > 0 ? GAPS_STEP * probe / sqrt(most) : 0;
 }
 
-/* Looks for the plane's depth at which the views agree best; returns that agreement. */
-static double gaps_sweep(const struct gaps_grid *grid, const double at[2], struct gaps_plane *plane)
+/* Moves the plane to the depth at which the views agree best; returns that agreement. */
+static double gaps_sweep(const struct gaps_grid *grid, const struct gaps_patch *patch,
+                         struct gaps_plane *plane)
 {
     const struct gaps_plane prior = *plane;
-    const double range = gaps_knob("GAPS_RANGE", 0.15), step = OXL_MIN(gaps_knob("GAPS_STEP", 0.7) * gaps_relative_step(grid, at, &prior), range);
-    const int most = (int)gaps_knob("GAPS_STEPS", GAPS_STEPS);
+    const double step = OXL_MIN(gaps_step(grid, patch, prior.w), GAPS_RANGE);
     double best = -2;
-    if (!(step > 0)) return -2;
-    for (int s = -most; s <= most; s++) {
+    for (int s = -GAPS_STEPS; s <= GAPS_STEPS && step > 0; s++) {
         const double scale = 1 + s * step;
         const struct gaps_plane tried = {prior.w * scale, prior.dx * scale, prior.dy * scale};
         double agreement;
-        if (s * step > range || s * step < -range) continue;
-        agreement = gaps_agreement(grid, at, &tried);
+        if (s * step > GAPS_RANGE || s * step < -GAPS_RANGE) continue;
+        agreement = gaps_agreement(grid, patch, &tried);
         if (agreement > best) best = agreement, *plane = tried;
     }
     return best;
@@ -358,35 +402,56 @@ static double gaps_sweep(const struct gaps_grid *grid, const double at[2], struc
 
 /* ---------------- a view */
 
-static void gaps_colour(struct gaps *g, const struct gaps_grid *grid, int view, const double pixel[2], uint8_t rgb[3])
+/* Takes the mean colour of the pixels that the reduced image's pixel is made of. */
+static void gaps_colour(struct gaps *g, const struct gaps_grid *grid, int view, const double pixel[2],
+                        uint8_t rgb[3])
 {
     const struct training_image *image = scene_image(g->ctx, g->scene, view);
     const size_t f = (size_t)grid->grey->factor, w = image ? (size_t)image->width : 0;
     const size_t x = (size_t)pixel[0] / f * f, y = (size_t)pixel[1] / f * f;
     for (int c = 0; c < 3 && image; c++) {
         size_t sum = 0;
-        for (size_t k = 0; k < f * f; k++) sum += image->rgb[(size_t)c * w * (size_t)image->height + (y + k / f) * w + x + k % f];
+        for (size_t k = 0; k < f * f; k++)
+            sum += image->rgb[(size_t)c * w * (size_t)image->height + (y + k / f) * w + x + k % f];
         rgb[c] = (uint8_t)(sum / (f * f));
     }
 }
 
+static int gaps_is_taken(const struct gaps *g, uint64_t key)
+{
+    size_t slot = (size_t)(key % g->slots);
+    for (; g->taken[slot]; slot = (slot + 1) % g->slots)
+        if (g->taken[slot] == key) return 1;
+    return 0;
+}
+
+static void gaps_unproject(const struct gaps_grid *grid, const double pixel[2], double w, double out[3])
+{
+    camera_unproject(grid->camera, pixel, 1 / w, NULL, out);
+}
+
+/* Adds a point in a cell that has none, if the views agree on its depth. */
 static oxl_result gaps_add(struct gaps *g, const struct gaps_grid *grid, int view, int x, int y)
 {
     const double pixel[2] = {(x + 0.5) * grid->side, (y + 0.5) * grid->side};
-    const double at[2] = {pixel[0] / grid->grey->factor, pixel[1] / grid->grey->factor};
     struct gaps_plane plane;
+    struct gaps_patch patch;
     oxl_point point = {.error = -1};
     oxl_result rc;
     if (!gaps_fit(g, grid, x, y, &plane)) return OXL_OK;
-    if (!(gaps_sweep(grid, at, &plane) >= gaps_knob("GAPS_NCC", 0.6))) return OXL_OK;
-    camera_unproject(grid->camera, pixel, 1 / plane.w, NULL, point.position);
-    gaps_colour(g, grid, view, pixel, point.rgb);
+    gaps_unproject(grid, pixel, plane.w, point.position);
+    if (gaps_is_taken(g, gaps_place(g, point.position)) || !gaps_take_patch(grid, pixel, &patch) ||
+        !(gaps_sweep(grid, &patch, &plane) >= GAPS_AGREES))
+        return OXL_OK;
+    gaps_unproject(grid, pixel, plane.w, point.position);
     if (2 * (g->used + 1) > g->slots || !gaps_take(g, gaps_place(g, point.position))) return OXL_OK;
+    gaps_colour(g, grid, view, pixel, point.rgb);
     rc = oxl_reserve(g->ctx, &g->out, &g->capacity, g->count + 1, sizeof point);
     if (rc == OXL_OK) g->out[g->count++] = point;
     return rc;
 }
 
+/* Returns the distance of two cameras' centres. */
 static double gaps_baseline(const oxl_camera *a, const oxl_camera *b)
 {
     double square = 0;
@@ -399,7 +464,8 @@ static double gaps_baseline(const oxl_camera *a, const oxl_camera *b)
     return sqrt(square);
 }
 
-/* Takes the views that share the most points, of those whose baseline gives parallax; `depth`: the view's mean. */
+/* Takes the views that share the most points with this one, of those whose baseline gives parallax at its mean
+ * depth. */
 static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int view, double depth)
 {
     const struct colmap *c = scene_colmap(g->scene);
@@ -417,7 +483,7 @@ static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int vi
     oxl_free(g->ctx, of_image);
     for (int v = 0; v < views; v++) {
         const double angle = gaps_baseline(grid->camera, &oxl_scene_view(g->scene, v)->camera) / depth;
-        if (v == view || !(angle > gaps_knob("GAPS_ANGLE", 0.03)) || !(angle < 0.6)) g->shared[v] = 0;
+        if (v == view || !(angle > GAPS_ANGLE_LEAST) || !(angle < GAPS_ANGLE_MOST)) g->shared[v] = 0;
     }
     for (grid->pairs = 0; grid->pairs < GAPS_NEIGHBOURS; grid->pairs++) {
         int best = 0;
@@ -432,6 +498,7 @@ static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int vi
     return OXL_OK;
 }
 
+/* Returns the mean of the observed points, as 1 / mean inverse depth; 0 without any. */
 static double gaps_mean_depth(const struct gaps *g, int cells)
 {
     double count = 0, inverse = 0;
@@ -444,9 +511,9 @@ static oxl_result gaps_of_view(struct gaps *g, int view)
     const oxl_camera *c = &oxl_scene_view(g->scene, view)->camera;
     const double side = (double)OXL_MAX(c->width, c->height) / GAPS_ACROSS;
     struct gaps_grid grid = {.camera = c,
-                                   .across = (int)ceil(c->width / side - 1e-9),
-                                   .down = (int)ceil(c->height / side - 1e-9),
-                                   .side = side};
+                             .across = (int)ceil(c->width / side - 1e-9),
+                             .down = (int)ceil(c->height / side - 1e-9),
+                             .side = side};
     oxl_result rc = OXL_OK;
     if (g->first[view] == g->first[view + 1]) return OXL_OK;
     gaps_fill_cells(g, &grid, view);
@@ -515,7 +582,7 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
 
 /* clang-format off */
 static const oxl_option gaps_options[] = {
-{"gaps", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.gaps), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "start with Gaussians also where a view has no point nearby, from the depths around: structure on faint ground after half of the iterations", NULL},
+{"gaps", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.gaps), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "start also where views lack points", NULL},
 {0}};
 /* clang-format on */
 
