@@ -20,6 +20,7 @@
 #include "../survey/image.h"
 #include "../survey/scene.h"
 #include "../survey/sparse.h"
+#include "../survey/tracks.h"
 
 enum {
     GAPS_ACROSS = 58,    /* cells along the longer side of a view */
@@ -64,6 +65,7 @@ struct gaps_pair { /* rays of one camera as pixels of another: A ray + w b, up t
 struct gaps {
     oxl_context *ctx;
     oxl_scene *scene;
+    int *view_of;    /* (images) training views, by the image they come from */
     size_t *first;   /* (views + 1) where a view's points begin in `point` */
     uint32_t *point; /* points that each view observes */
     struct gaps_cell *cell;
@@ -113,29 +115,25 @@ static oxl_result gaps_take_points(struct gaps *g, size_t room)
 
 /* ---------------- the points of each view */
 
+/* Sorts the observed points by view, in two walks: the first counts, the second fills. */
 static oxl_result gaps_sort_tracks(struct gaps *g)
 {
     const struct colmap *c = scene_colmap(g->scene);
     const size_t views = (size_t)oxl_scene_view_count(g->scene);
-    int *view = scene_views_by_image(g->ctx, g->scene, OXL_SPLIT_TRAIN);
-    if (!view) return g->ctx->failed;
     g->first = oxl_calloc(g->ctx, views + 2, sizeof *g->first);
     g->point = oxl_alloc(g->ctx, c->track_count + 1, sizeof *g->point);
-    if (!g->first || !g->point) {
-        oxl_free(g->ctx, view);
+    g->view_of = scene_views_by_image(g->ctx, g->scene, OXL_SPLIT_TRAIN);
+    if (!g->first || !g->point || !g->view_of)
         return oxl_fail(g->ctx, OXL_ERR_MEMORY, "no memory for %zu observations", c->track_count);
-    }
-    for (int pass = 0; pass < 2; pass++) { /* counts, then fills */
-        for (size_t i = 0; i < c->point_count; i++)
-            for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-                const int v = view[c->track[c->point[i].first_track + k].image_row];
-                if (v < 0 || !scene_accepts_point(&c->point[i], oxl_scene_origin(g->scene))) continue;
-                if (pass == 0) g->first[v + 2]++;
-                else g->point[g->first[v + 1]++] = (uint32_t)i;
-            }
+    for (int pass = 0; pass < 2; pass++) {
+        struct tracks_walk w = tracks_of(c, g->view_of);
+        w.origin = oxl_scene_origin(g->scene);
+        while (tracks_next(&w)) {
+            if (pass == 0) g->first[w.view + 2]++;
+            else g->point[g->first[w.view + 1]++] = (uint32_t)w.point;
+        }
         for (size_t v = 0; pass == 0 && v < views; v++) g->first[v + 2] += g->first[v + 1];
     }
-    oxl_free(g->ctx, view);
     return OXL_OK;
 }
 
@@ -470,17 +468,11 @@ static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int vi
 {
     const struct colmap *c = scene_colmap(g->scene);
     const int views = oxl_scene_view_count(g->scene);
-    int *of_image = scene_views_by_image(g->ctx, g->scene, OXL_SPLIT_TRAIN);
-    if (!of_image) return g->ctx->failed;
     memset(g->shared, 0, (size_t)views * sizeof *g->shared);
     for (size_t i = g->first[view]; i < g->first[view + 1]; i++) {
-        const struct colmap_point *p = &c->point[g->point[i]];
-        for (uint32_t k = 0; k < p->track_count; k++) {
-            const int other = of_image[c->track[p->first_track + k].image_row];
-            if (other >= 0) g->shared[other]++;
-        }
+        struct tracks_walk w = tracks_of_point(c, g->view_of, g->point[i]);
+        while (tracks_next(&w)) g->shared[w.view]++;
     }
-    oxl_free(g->ctx, of_image);
     for (int v = 0; v < views; v++) {
         const double angle = gaps_baseline(grid->camera, &oxl_scene_view(g->scene, v)->camera) / depth;
         if (v == view || !(angle > GAPS_ANGLE_LEAST) || !(angle < GAPS_ANGLE_MOST)) g->shared[v] = 0;
@@ -565,6 +557,7 @@ OXL_INTERNAL oxl_result gaps_points(oxl_context *ctx, oxl_scene *scene, size_t m
     oxl_free(ctx, g.shared);
     oxl_free(ctx, g.cell);
     oxl_free(ctx, g.taken);
+    oxl_free(ctx, g.view_of);
     oxl_free(ctx, g.first);
     oxl_free(ctx, g.point);
     return rc;
@@ -582,7 +575,7 @@ static oxl_result gaps_first_points(struct train *t, oxl_point **out, size_t *co
 
 /* clang-format off */
 static const oxl_option gaps_options[] = {
-{"gaps", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.gaps), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED, "Scene content", "start also where views lack points", NULL},
+{"gaps", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.gaps), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT | NOT_REFINED | NOT_LOOKED, "Scene content", "start also where views lack points", NULL},
 {0}};
 /* clang-format on */
 
