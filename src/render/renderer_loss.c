@@ -56,9 +56,10 @@ OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp)
     r->lamp = lamp;
 }
 
-OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
+OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss)
 {
-    return r->dlamp;
+    memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
+    memcpy(loss->dmedium, renderer_medium_gradient(r), sizeof loss->dmedium);
 }
 
 static struct lamp_area render_lamp_area(const struct renderer *r)

@@ -226,8 +226,7 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
     parts_after_backward(t, &v);
-    memcpy(loss.dlamp, renderer_lamp_gradient(t->renderer), sizeof loss.dlamp);
-    memcpy(loss.dmedium, renderer_medium_gradient(t->renderer), sizeof loss.dmedium);
+    renderer_complete_loss(t->renderer, &loss);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }
