@@ -10,7 +10,7 @@
  * the colour of its pixels; elsewhere it gets none, since what only the points around it say is wrong as often
  * as right (docs/log/IMAGING.md). Images are reduced so that a cell has GAPS_PIXELS.
  * A point is dropped where the space already has one, of the survey or of an earlier view. At most
- * GAPS_FRACTION of the Gaussians that may still be added begin this way, so that density control has the rest.
+ * GAPS_FRACTION of the Gaussians that may still be added begin so; density control has the rest.
  *
  * Invariant: a function of the scene alone, views and cells in order. Without tracks nothing is added.
  */
@@ -462,8 +462,8 @@ static double gaps_baseline(const oxl_camera *a, const oxl_camera *b)
     return sqrt(square);
 }
 
-/* Takes the views that share the most points with this one, of those whose baseline gives parallax at its mean
- * depth. */
+/* Takes the views that share the most points with this one, of those whose baseline gives parallax at its
+ * mean depth. */
 static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int view, double depth)
 {
     const struct colmap *c = scene_colmap(g->scene);
