@@ -127,7 +127,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     if (rc == OXL_ERR_INTERRUPTED && console->json)
         console_log(console, OXL_LOG_WARNING, oxl_error_text(ctx));
     else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out);
+    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, 0);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) print_format(stdout, "block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a->out, a->json);
@@ -142,14 +142,14 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK) rc = report_write(ctx, a->path[0]);
+    if (rc == OXL_OK) rc = report_write(ctx, a->path[0], 0);
     if (rc == OXL_OK) print_results(a->path[0], 0);
     return rc;
 }
 
 static oxl_result run_report(oxl_context *ctx, const struct arguments *a)
 {
-    const oxl_result rc = report_write(ctx, a->path[0]);
+    const oxl_result rc = report_write(ctx, a->path[0], a->scale);
     if (rc == OXL_OK) print_format(stdout, "report    %s/report.html\n", a->path[0]);
     return rc;
 }

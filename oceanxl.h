@@ -499,6 +499,7 @@ typedef struct oxl_train_options {
     /* a medium of nine parameters between camera and Gaussians (docs/IMAGING.md) */
     oxl_switch medium;
     int antialias;       /* 1: as oxl_model.antialias, and no Gaussian is smaller than a pixel of any view */
+    int gaps;            /* 1: Gaussians to start from also where a view has no point nearby */
     int carve;           /* 1: Gaussians between a camera and the points that it observes are removed */
     int mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */

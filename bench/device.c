@@ -2,6 +2,9 @@
  *
  *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE [cpu]]"]
  *
+ * With OXL_BENCH_PARTS=1 in the environment a step has all parts: lamp, medium that trains, dropout, the loss
+ * in front of points.
+ *
  * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the
  * device's own (timestamps);
  * those of the step are the host's and hold the waiting. The image is on the device, as in training.
@@ -54,6 +57,11 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT] = "project"
                                                       [PASS_SCORE] = "score",
                                                       [PASS_UNPACK] = "unpack",
                                                       [PASS_MOVE] = "move",
+                                                      [PASS_LAMP] = "lamp",
+                                                      [PASS_IMAGING_PIXELS] = "imaging, pixels",
+                                                      [PASS_IMAGING_ROWS] = "imaging, rows",
+                                                      [PASS_IMAGING_TOTAL] = "imaging, total",
+                                                      [PASS_DEPTH_LOSS] = "depth loss",
                                                       [PASS_PEAK] = "peak"};
 
 struct device_most {    /* what the passes are held against */
@@ -124,6 +132,32 @@ static void device_end(oxl_context *ctx, struct device_run *r)
     oxl_free(ctx, r->numbers);
 }
 
+static const struct lamp DEVICE_LAMP = {-1, {0.1f, -0.2f, 0.05f, 0.02f, 0.1f}};
+static const struct medium DEVICE_MEDIUM = {
+    1, 1, {0.1f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 3};
+
+static void device_set_parts(struct device_run *r)
+{
+    static const float gain[3] = {1.1f, 1, 0.9f};
+    if (!getenv("OXL_BENCH_PARTS")) return;
+    renderer_set_lamp(r->renderer, &DEVICE_LAMP);
+    renderer_set_medium(r->renderer, &DEVICE_MEDIUM, 1);
+    renderer_set_gain(r->renderer, gain);
+    renderer_set_dropout(r->renderer, 0.2, 7, 3);
+}
+
+/* Points all over the image, a little behind the plane. */
+static void device_set_points(struct device_run *r)
+{
+    struct depth_point point[DEPTH_POINTS];
+    if (!getenv("OXL_BENCH_PARTS")) return;
+    for (int i = 0; i < DEPTH_POINTS; i++)
+        point[i] =
+            (struct depth_point){(float)(r->camera.width * (i % 16 + 0.5) / 16),
+                                 (float)(r->camera.height * (i / 16 + 0.5) / (DEPTH_POINTS / 16)), 4.2f};
+    renderer_set_depths(r->renderer, point, DEPTH_POINTS, 1e-4);
+}
+
 /* Rates of 0: every round draws the same. */
 static void device_step(oxl_context *ctx, struct device_run *r)
 {
@@ -135,9 +169,11 @@ static void device_step(oxl_context *ctx, struct device_run *r)
                                  .gradient = r->numbers,
                                  .views = r->numbers + r->trained.model.count};
     options.near_plane = 0.01f;
+    device_set_parts(r);
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->trained.model, &r->camera, &options));
     device_check(ctx, renderer_set_image(ctx, r->renderer, 0, &r->image, NULL, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
+    device_set_points(r);
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
     device_check(ctx, renderer_step(ctx, r->renderer, &r->trained, &r->gradient, &still, &skipped));
     device_check(ctx, renderer_observe(ctx, r->renderer, &sums));

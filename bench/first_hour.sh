@@ -33,7 +33,7 @@ verdict() { # NAME CODE
     if [ "$2" = 0 ]; then echo "- $1: ok"; else echo "- $1: FAILED ($2), see $log"; failed=1; fi
 }
 
-# One line of the table of passes: what bench/device.c prints, in milliseconds.
+# One line of the table of passes: what bench/device.c prints, in milliseconds. OXL_BENCH_PARTS=1: with lamp, medium, dropout, depth loss.
 times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
     local g w h out
     IFS=: read -r g w h <<<"$1"
@@ -48,9 +48,10 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
         / a step:/ { waits = $3; for (i = 1; i <= NF; i++) if ($i ~ /^dispatches/) dispatches = $(i - 1) }
         END {
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
+            parts = t["lamp"] + t["imaging, pixels"] + t["imaging, rows"] + t["imaging, total"] + t["depth loss"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
-            printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
-                t["raster"], loss, t["raster backward"], t["backward + Adam"], t["step"], waits, dispatches
+            printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
+                t["raster"], loss, t["raster backward"], t["backward + Adam"], parts, t["step"], waits, dispatches
         }' <<<"$out"
 }
 
@@ -81,16 +82,21 @@ echo '## Times'
 echo
 echo "Milliseconds of the device's clock; step: the host's, with its waits. $("$build/bench_device" 1000 64 64 "$device" 2>/dev/null | head -n 1)"
 echo
-echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | raster backward | backward + Adam | step | waits | dispatches |'
-echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|'
+echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | raster backward | backward + Adam | parts | step | waits | dispatches |'
+echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|---|'
 for size in $sizes; do times "$size"; done
 for batch in 4 16; do times "$variants" $batch; done
+echo "The last with lamp, medium, dropout and the loss in front of points (OXL_BENCH_PARTS=1):" >>"$log"
+export OXL_BENCH_PARTS=1
+times "$variants"
+unset OXL_BENCH_PARTS
 echo
-echo 'Waits: of the host while the device has nothing else to do.'
+echo 'Waits: of the host while the device has nothing else to do. Parts: passes of lamp, medium and the loss in front of points, which the last line has.'
 echo
 echo '## Training'
 echo
 run 60 "$build/oceanxl" synth -o "$build/survey" --views $views --size 320x240 --points 4000 --quiet
+run 60 "$build/oceanxl" synth -o "$build/deep" --views $views --size 320x240 --points 4000 --water II --lamp 1.5 --backscatter 0.08 --stereo 0.3 --quiet
 for name in cpu device-1 device-2; do
     rm -rf "${build:?}/$name"
     backend=vulkan
@@ -102,4 +108,14 @@ for name in cpu device-1 device-2; do
 done
 cmp -s "$build/device-1/scene.ply" "$build/device-2/scene.ply"
 verdict 'two trainings on the device give the same bytes' $?
+for name in deep-cpu deep-1 deep-2; do
+    rm -rf "${build:?}/$name"
+    backend=vulkan
+    [ $name != deep-cpu ] || backend=cpu
+    run $share "$build/oceanxl" train "$build/deep" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend $backend $([ $name = deep-cpu ] || [ "$device" = -1 ] || echo --device "$device")
+    code=$?
+    verdict "$name, lamp and medium: PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
+done
+cmp -s "$build/deep-1/scene.ply" "$build/deep-2/scene.ply"
+verdict 'two trainings with lamp and medium give the same bytes' $?
 exit $failed

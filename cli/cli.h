@@ -123,6 +123,8 @@ struct ground {
     int width, height;
     const float *level;   /* (height,width) above the frame's centre, units; NaN: no ground */
     unsigned short *seen; /* (height,width) number of training views */
+    /* (height,width) of these, the views whose own depth is the place's; NULL: not wanted */
+    unsigned short *confirmed;
 };
 /* Projects p into the camera, px; returns camera z, at most 0 behind it. */
 double ground_see(const oxl_camera *c, const double p[3], double at[2]);
@@ -179,8 +181,9 @@ oxl_result control_check(oxl_context *ctx, const oxl_scene *scene, const char *p
 
 /* ---------------- report.c: one page about a run */
 
-/* Writes OUT/report.html, whole or not at all. Absent parts are left out. */
-oxl_result report_write(oxl_context *ctx, const char *out);
+/* Writes OUT/report.html, whole or not at all. Absent parts are left out. scale: metres a unit; 0: lengths are in
+ * the survey's unit. */
+oxl_result report_write(oxl_context *ctx, const char *out, double scale);
 
 /* ---------------- synth_options.c: options of a procedural survey, which oceanxl-lab makes */
 

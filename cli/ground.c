@@ -4,6 +4,9 @@
  * the model has there in that view is at least the place's, less GROUND_TOLERANCE of it. Depths are rendered
  * at a side of GROUND_SIDE px at most. Where the model has no depth, or no clear one, nothing is known to be
  * before the place, and it counts as seen. So walls hide what is behind them, low ridges nothing.
+ *
+ * A view confirms a place that it sees where its own depth, clear or not, is that of the place to within
+ * GROUND_TOLERANCE: what images see past, or through, is no surface of theirs, and its height is a guess.
  * docs/log/HEIGHTS.md has what this changes.
  */
 #include "cli.h"
@@ -61,16 +64,17 @@ static void ground_add(const struct ground *g, const oxl_camera *c, const float 
         for (int x = first[0]; x < last[0]; x++) {
             const size_t to = (size_t)y * (size_t)g->width + (size_t)x;
             double place[3], at[2], z;
+            float own = 0; /* the view's depth at the place */
             if (isnan(g->level[to])) continue;
             ground_place(g, x + 0.5, y + 0.5, (double)g->level[to], place);
             z = ground_see(c, place, at);
             if (!(z > 0 && at[0] >= 0 && at[0] < c->width && at[1] >= 0 && at[1] < c->height)) continue;
-            if (depth) {
-                const float before = depth[(size_t)at[1] * (size_t)c->width + (size_t)at[0]];
-                if (before > 0 && (double)before < (1 - GROUND_TOLERANCE) * z) continue;
-            }
+            if (depth) own = depth[(size_t)at[1] * (size_t)c->width + (size_t)at[0]];
+            if (own > 0 && (double)own < (1 - GROUND_TOLERANCE) * z) continue;
             if (z > g->far) continue;
             g->seen[to] += g->seen[to] < UINT16_MAX;
+            if (g->confirmed && (!depth || fabs(fabs((double)own) - z) <= GROUND_TOLERANCE * z))
+                g->confirmed[to] += g->confirmed[to] < UINT16_MAX;
         }
 }
 
@@ -105,6 +109,7 @@ oxl_result ground_count_views(oxl_context *ctx, const oxl_large_model *model, co
     render.near_plane = (float)oxl_scene_near_plane(scene);
     for (size_t i = 0; i < pixels; i++) {
         g->seen[i] = 0;
+        if (g->confirmed) g->confirmed[i] = 0;
         if (isnan(g->level[i])) continue;
         height[0] = fmin(height[0], (double)g->level[i]), height[1] = fmax(height[1], (double)g->level[i]);
     }

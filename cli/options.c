@@ -58,7 +58,7 @@ const struct cli_command CLI_COMMANDS[COMMANDS] = {
     [COMMAND_REPORT] =
         {"report", 1, 0, "OUT", "Writes one page about a run: input, decisions, metrics.",
          "oceanxl report out",
-         "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
+         "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end, in the survey's unit."},
     [COMMAND_SYNTH] =
         {"synth", 0, 1, "-o DIR",
          "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
@@ -133,7 +133,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"png", NULL, OXL_OPTION_FLAG, FIELD(png), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Map", "also write ortho.png with its world file ortho.pgw, and ortho.height.pfm", NULL},
 {"flight", "orbit|survey", OXL_OPTION_TEXT, FIELD(flight), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "render the frames of a flight instead, around the centre or along the cameras: frame_00000.png, ...", "path"},
 {"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "number of frames of the flight", NULL},
-{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions and models get metres", NULL},
+{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT) | IN(REPORT), "Views", "metres per unit of the survey, as printed by measure: depths, heights, positions, models and the report's lengths get metres", NULL},
 {"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
 {"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, TRAINS | IN(EVAL) | IN(INFO), "Program", "print results on standard output as JSON", NULL},
 {"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "decode every image and name those that are more blurred, darker or brighter than their neighbours", NULL},

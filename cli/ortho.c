@@ -3,7 +3,8 @@
  * Rays are parallel to the frame's above axis, so a place is at one pixel whatever its height. They begin at
  * the highest camera: what floats above it is not seen. The map is rendered in patches, each a view of its
  * own. A pixel is empty where the model is see-through, or where fewer than --min-views training views saw
- * the place (ground.c); it has a colour but no height where no layer of the model is the surface.
+ * the place (ground.c); it has a colour but no height where no layer of the model is the surface, or where fewer
+ * views confirm it.
  *
  * Map coordinates are the world's x and y, or distances along the frame's axes from its centre, in metres with
  * --scale. World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the
@@ -142,13 +143,19 @@ static void ortho_lay_out(struct ortho *o)
     o->corner[1] = (double)last[1] * o->pixel - o->shift[1];
 }
 
-/* Of the pixels; level and seen: (height,width), or NULL where places alone are wanted. */
+/* Of the pixels; level (height,width), seen (2,height,width) with the confirmed behind the seen; both NULL where
+ * places alone are wanted. */
 static struct ground ortho_ground(const struct ortho *o, float *level, unsigned short *seen)
 {
-    return (struct ground){&o->frame, {o->corner[0], o->corner[1]},
-                           o->pixel,  ORTHO_FAR * (o->ground > 0 ? o->ground : HUGE_VAL),
-                           o->width,  o->height,
-                           level,     seen};
+    return (struct ground){&o->frame,
+                           {o->corner[0], o->corner[1]},
+                           o->pixel,
+                           ORTHO_FAR * (o->ground > 0 ? o->ground : HUGE_VAL),
+                           o->width,
+                           o->height,
+                           level,
+                           seen,
+                           seen ? seen + (size_t)o->width * (size_t)o->height : NULL};
 }
 
 static oxl_camera ortho_camera(const struct ortho *o, int x, int y)
@@ -196,11 +203,11 @@ static void ortho_take(struct ortho *o, const oxl_image *image, const float *dep
     }
 }
 
-/* Empties pixels that fewer views saw, and counts the others. */
+/* Empties pixels that fewer views saw, takes the heights of those that fewer confirm, and counts the others. */
 static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model, int min_views)
 {
     const size_t pixels = (size_t)o->width * (size_t)o->height;
-    unsigned short *seen = malloc(sizeof *seen * pixels);
+    unsigned short *seen = malloc(2 * sizeof *seen * pixels);
     const struct ground g = ortho_ground(o, o->ground_level, seen);
     /* an overview is quick: what is hidden counts as seen */
     oxl_result rc =
@@ -209,8 +216,9 @@ static oxl_result ortho_keep_seen(struct ortho *o, const oxl_large_model *model,
     for (size_t i = 0; rc == OXL_OK && i < pixels; i++) {
         o->ground_seen += seen[i] > 0;
         o->ground_covered += seen[i] >= min_views;
-        if (seen[i] >= min_views) o->ground_high += !isnan(o->level[i]);
-        else memset(o->rgba + 4 * i, 0, 4), o->level[i] = NAN;
+        if (seen[i] < min_views) memset(o->rgba + 4 * i, 0, 4);
+        if (seen[pixels + i] < min_views) o->level[i] = NAN;
+        o->ground_high += !isnan(o->level[i]);
     }
     free(seen);
     if (rc == OXL_OK && o->ground_seen == 0)

@@ -114,7 +114,9 @@ static void report_survey(struct report *r)
     struct output *t = &r->page;
     const char *origin = oxl_json_first(oxl_json_member(r->run, "origin"));
     const double missing = oxl_json_number(r->survey, "images_missing"),
-                 masks = oxl_json_number(r->survey, "masks");
+                 masks = oxl_json_number(r->survey, "masks"), points = oxl_json_number(r->survey, "points"),
+                 track = oxl_json_number(r->survey, "mean_track"),
+                 error = oxl_json_number(r->survey, "mean_error");
     output_add(t, "<dl>\n<dt>Images</dt><dd>%s training views, %s held-out views",
                OUTPUT_COUNT(oxl_json_number(r->survey, "train_views")),
                OUTPUT_COUNT(oxl_json_number(r->survey, "test_views")));
@@ -123,11 +125,10 @@ static void report_survey(struct report *r)
     output_add(t, "</dd>\n<dt>Cameras</dt><dd>%J<small>trained at up to %s x %s px</small></dd>\n",
                oxl_json_member(r->survey, "cameras_text"), OUTPUT_COUNT(oxl_json_number(r->survey, "width")),
                OUTPUT_COUNT(oxl_json_number(r->survey, "height")));
-    output_add(
-        t,
-        "<dt>Points</dt><dd>%s, each in %.1f images on average<small>reprojection error %.2f px</small></dd>\n",
-        OUTPUT_COUNT(oxl_json_number(r->survey, "points")), oxl_json_number(r->survey, "mean_track"),
-        oxl_json_number(r->survey, "mean_error"));
+    output_add(t, "<dt>Points</dt><dd>%s", points > 0 ? OUTPUT_COUNT(points) : "none");
+    if (track > 0) output_add(t, ", each in %.1f images on average", track);
+    if (track > 0 && error >= 0) output_add(t, "<small>reprojection error %.2f px</small>", error);
+    output_add(t, "</dd>\n");
     output_add(t, "<dt>Origin</dt><dd>world = model + (");
     for (int k = 0; k < 3 && origin; k++) {
         output_add(t, "%s%.6f", k ? ", " : "", oxl_json_number_at(&origin));
@@ -327,9 +328,9 @@ static void report_compose(struct report *r)
                          ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
-oxl_result report_write(oxl_context *ctx, const char *out)
+oxl_result report_write(oxl_context *ctx, const char *out, double scale)
 {
-    struct report r = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
+    struct report r = {.ctx = ctx, .out = out, .scale = scale, .run = output_read(out, "run.json", NULL)};
     oxl_result rc = OXL_ERR_MEMORY;
     char path[4096];
     if (!oxl_json_member(r.run, "job")) {

@@ -1,7 +1,7 @@
 /* report_ground.c - the survey and the model from above: the orthomosaic reduced to the page, ground sampling
  * distance, area and coverage.
  *
- * Lengths are in the survey's unit, metres if it is georeferenced. Invariant: without a survey, a model or
+ * Lengths are in the survey's unit, metres if it is georeferenced, or with --scale. Invariant: without a survey, a model or
  * points the page has no figure of the ground, and says so.
  */
 #include "report_state.h"
@@ -52,16 +52,18 @@ void ground_tiles(struct report *r)
 {
     struct output *t = &r->page;
     const double registered = oxl_json_number(r->survey, "images"),
-                 left = oxl_json_number(r->survey, "images_unregistered");
-    output_add(t, "<div class=\"tile\"><b>%s", OUTPUT_COUNT(registered));
-    if (left >= 0) output_add(t, " of %s", OUTPUT_COUNT(registered + left));
-    output_add(t, "</b><span>images with a camera</span></div>\n");
+                 left = oxl_json_number(r->survey, "images_unregistered"), unit = r->scale > 0 ? r->scale : 1,
+                 area = unit * unit * r->ground.area;
+    const char *words = r->scale > 0 ? "metres" : "units";
+    output_add(t, "<div class=\"tile\"><b>%s</b><span>", OUTPUT_COUNT(registered));
+    if (left >= 0) output_add(t, "of %s ", OUTPUT_COUNT(registered + left));
+    output_add(t, "images with a camera</span></div>\n");
     if (!r->ground.image.rgb) return;
     if (r->ground.sampling > 0)
-        output_add(t, "<div class=\"tile\"><b>%.*f</b><span>units a pixel on the ground</span></div>\n",
-                   ground_digits(r->ground.sampling), r->ground.sampling);
-    output_add(t, "<div class=\"tile\"><b>%.*f</b><span>square units of ground</span></div>\n",
-               r->ground.area < 100 ? 2 : 0, r->ground.area);
+        output_add(t, "<div class=\"tile\"><b>%.*f</b><span>%s a pixel on the ground</span></div>\n",
+                   ground_digits(unit * r->ground.sampling), unit * r->ground.sampling, words);
+    output_add(t, "<div class=\"tile\"><b>%.*f</b><span>square %s of ground</span></div>\n",
+               area < 100 ? 2 : 0, area, words);
     output_add(t, "<div class=\"tile\"><b>%.0f %%</b><span>of it in %d images or more</span></div>\n",
                100 * r->ground.covered, OVERVIEW_VIEWS);
 }
@@ -70,6 +72,8 @@ void ground_section(struct report *r)
 {
     struct output *t = &r->page;
     const struct overview *g = &r->ground;
+    const double unit = r->scale > 0 ? r->scale : 1;
+    const char *words = r->scale > 0 ? "metres" : "units";
     page_section(r, "Orthomosaic");
     if (!g->image.rgb) {
         output_add(
@@ -90,14 +94,17 @@ void ground_section(struct report *r)
         100 * g->high);
     if (g->height_error > 0 && g->distance > 0)
         output_add(t,
-                   "Heights differ from the survey's points by %.*f units in the median, %.2f %% of the "
+                   "Heights differ from the survey's points by %.*f %s in the median, %.2f %% of the "
                    "cameras' distance. ",
-                   ground_digits(g->height_error), g->height_error, 100 * g->height_error / g->distance);
+                   ground_digits(unit * g->height_error), unit * g->height_error, words,
+                   100 * g->height_error / g->distance);
     output_add(t,
-               "Lengths are in the survey's unit: metres if it is georeferenced. For a GeoTIFF in full "
-               "resolution, with heights: <code>oceanxl render %S",
+               "Lengths are in %s. For a GeoTIFF in full resolution, with heights: <code>oceanxl render %S",
+               r->scale > 0 ? "metres, by --scale"
+                            : "the survey's unit: metres if it is georeferenced, or with --scale",
                PRINT_WORD(r->out));
     output_add(t, " %S", PRINT_WORD(r->scene));
     report_survey_options(r);
+    if (r->scale > 0) output_add(t, " --scale %s", oxl_json_number_text((char[48]){0}, r->scale));
     output_add(t, " -o map --ortho</code></p>\n");
 }

@@ -102,13 +102,16 @@ static void map_cameras(struct output *t, const struct map *m)
 }
 
 /* A bar of 1, 2 or 5 times a power of ten, a fifth of the width at most. */
-static void map_ruler(struct output *t, const struct map *m)
+static void map_ruler(struct report *r, const struct map *m)
 {
-    const double length = svg_scale_bar(m->width / m->scale / 5), px = length * m->scale;
+    struct output *t = &r->page;
+    const double scale = m->scale / (r->scale > 0 ? r->scale : 1),
+                 length = svg_scale_bar(m->width / scale / 5), px = length * scale;
     const int y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
-    output_add(t, "%s<path d=\"M26 %d v8 h%.1f v-8\"/>%s%.*f unit%s</text>",
+    output_add(t, "%s<path d=\"M26 %d v8 h%.1f v-8\"/>%s%.*f %s%s</text>",
                SVG_RECTANGLE(14, y - 36, fmax(px, 100) + 24, 50, "rx='6'"), y - 2, px,
-               SVG_TEXT(26, y - 12, ""), decimals, length, length == 1 ? "" : "s");
+               SVG_TEXT(26, y - 12, ""), decimals, length, r->scale > 0 ? "metre" : "unit",
+               length == 1 ? "" : "s");
 }
 
 static void map_figure(struct report *r, const oxl_scene *scene)
@@ -127,7 +130,7 @@ static void map_figure(struct report *r, const oxl_scene *scene)
     map_points(r, &m);
     output_add(t, "\"/>\n");
     map_cameras(t, &m);
-    map_ruler(t, &m);
+    map_ruler(r, &m);
     output_add(t,
                "</svg>\n<figcaption>View from above. Initial points in their colours; white: training views, "
                "yellow: held-out views.</figcaption></figure>\n");

@@ -35,6 +35,7 @@ struct report_block {
 struct report {
     oxl_context *ctx;
     const char *out;          /* folder */
+    double scale;             /* metres a unit; 0: lengths are in the survey's unit */
     char *run, *scene;        /* run.json; the survey's folder as it was given */
     char *metrics;            /* metrics.json, or NULL: not evaluated yet */
     const char *job, *survey; /* within run */

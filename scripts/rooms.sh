@@ -10,7 +10,7 @@ set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model formats render evaluate train parts checks large job'
 trainer='core survey model render evaluate train parts' # behind oceanxl.h, with formats, whose files are a row of a table each
-most_code=18000                                          # lines of code of these, without comments and blanks
+most_code=18600                                          # lines of code of these, without comments and blanks
 page=docs/ARCHITECTURE.md
 table=$(mktemp)
 trap 'rm -f "$table" "$table.page"' EXIT
@@ -61,6 +61,14 @@ if [ "${1:-}" = links ]; then
                     wrong = 1
                 }
             if (!wrong) print "rooms: 0 calls into higher layers"
+            for (i = 1; i <= uses; i++) {
+                split(user[i], from, "/")
+                split(home[name[i]], to, "/")
+                if (from[2] ~ /^(checks|large|job)$/ && to[2] ~ /^(survey|model|render|evaluate|train|parts)$/ && name[i] !~ /^oxl_/)
+                    inner[name[i]] = 1
+            }
+            for (n in inner) inners++
+            printf "rooms: checks, large and job call %d functions of the trainer that oceanxl.h does not have (core, which all share, left out)\n", inners
             exit wrong
         }'
     exit

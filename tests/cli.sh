@@ -177,6 +177,11 @@ promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "
 promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.2,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise the_report_states_the_heights 0 "" grep -q "Heights differ from the survey's points by 0[.][0-9]* units in the median, [0-9.]* % of the cameras' distance" out/report.html
+promise the_report_in_metres_has_all_lengths_so 0 "" sh -c \
+    "was=\$(sed -n 's/.*<b>\([0-9.]*\)<.b><span>units a pixel on the ground.*/\1/p' out/report.html) && cp out/report.html in_units.html && '$program' report out --scale 10 >/dev/null &&
+     now=\$(sed -n 's/.*<b>\([0-9.]*\)<.b><span>metres a pixel on the ground.*/\1/p' out/report.html) && awk \"BEGIN { exit !(\$now / \$was > 9.5 && \$now / \$was < 10.5) }\" &&
+     grep -q 'square metres of ground' out/report.html && grep -q 'metres in the median' out/report.html && grep -q ' metres*</text>' out/report.html && grep -q -- '--scale 10 -o map --ortho' out/report.html &&
+     grep -q ' units*</text>' in_units.html && ! grep -q ' units*</text>' out/report.html && cp in_units.html out/report.html"
 promise the_report_s_command_gives_the_figures_of_metrics_json 0 "" sh -c \
     "'$program' train survey -o reduced --iterations 30 --max-side 60 --test-every 4 --quiet >/dev/null && mkdir -p path && ln -sf '$program' path/oceanxl &&
      grep '^oceanxl eval' reduced/report.html >command.txt && PATH=path:\$PATH sh -c \"\$(cat command.txt) --json\" 2>/dev/null | grep '^  \"psnr\": ' >again.txt && grep '^  \"psnr\": ' reduced/metrics.json | cmp - again.txt"

@@ -320,9 +320,9 @@ TEST(ortho_does_not_see_what_floats_above_the_cameras)
     ortho_test_pixel((double[]){3.12, 2.02, 5.5}, 1, &alpha, &height, &red);
     CHECK(alpha == 255 && red < 200);
     CHECK_CLOSE(height, 0, 0.01);
-    ortho_test_pixel((double[]){3.12, 2.02, 4.5}, 1, &alpha, &height, &red);
+    ortho_test_pixel((double[]){3.12, 2.02, 3.5}, 1, &alpha, &height, &red);
     CHECK(alpha == 255 && red > 200);
-    CHECK_CLOSE(height, 4.5, 0.02);
+    CHECK_CLOSE(height, 3.5, 0.02);
 }
 
 /* At x = 2 only the camera at 3 has the place in its image, which is 4 wide; at 5, and a unit deeper,
@@ -348,7 +348,7 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     struct frame f;
     unsigned short seen = 9;
     float level;
-    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen};
+    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, NULL};
     frame_of(scene, &f);
     level = (float)(place[2] - origin[2] - f.centre[2]);
     g.corner[0] = place[0] - 0.05 - origin[0] - f.centre[0];
@@ -374,6 +374,36 @@ TEST(ground_is_not_seen_through_what_is_before_it_nor_from_far_away)
     level = NAN;
     CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
     CHECK(seen == 0);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Images that see past a place, to what is behind it, or that have no depth there, do not confirm its height. */
+TEST(ground_height_is_confirmed_by_images_of_that_depth)
+{
+    oxl_scene *scene = ortho_test_scene();
+    const double *origin = oxl_scene_origin(scene), place[3] = {5.05, 2.05, -1};
+    oxl_model model = {0};
+    struct frame f;
+    unsigned short seen = 9, confirmed = 9;
+    float level;
+    struct ground g = {&f, {0, 0}, 0.1, 100, 1, 1, &level, &seen, &confirmed};
+    frame_of(scene, &f);
+    level = (float)(place[2] - origin[2] - f.centre[2]);
+    g.corner[0] = place[0] - 0.05 - origin[0] - f.centre[0];
+    g.corner[1] = place[1] + 0.05 - origin[1] - f.centre[1];
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int behind = 0; behind < 3; behind++) { /* at the place; two units below it; nowhere */
+        for (int k = 0; k < 3; k++) {
+            model.plane[OXL_MEAN + k][0] = (float)(place[k] - (k == 2 ? 2 * behind : 0) - origin[k]);
+            model.plane[OXL_LOG_SCALE + k][0] = logf(k < 2 ? 3 : 0.01f);
+        }
+        model.plane[OXL_OPACITY][0] = behind == 2 ? -20 : 6;
+        CHECK_OK(ground_count_views(test_ctx, &(oxl_large_model){.model = model}, scene, &g));
+        CHECK(seen == 2 && confirmed == (behind ? 0 : 2));
+    }
+    CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));
+    CHECK(seen == 2 && confirmed == 2);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
@@ -416,7 +446,7 @@ TEST(ground_window_of_a_view_holds_every_place_in_its_image)
     static float level[SIDE * SIDE];
     static unsigned short seen[SIDE * SIDE];
     struct frame f;
-    struct ground g = {&f, {-10, 10}, 0.5, 1e9, SIDE, SIDE, level, seen};
+    struct ground g = {&f, {-10, 10}, 0.5, 1e9, SIDE, SIDE, level, seen, NULL};
     frame_of(scene, &f);
     for (int i = 0; i < SIDE * SIDE; i++) level[i] = (float)(i * 7 % 5) - 3;
     CHECK_OK(ground_count_views(test_ctx, NULL, scene, &g));

@@ -20,7 +20,7 @@
 static char *report_test_page(void)
 {
     const struct report r = {.out = test_path("out")};
-    const oxl_result rc = report_write(test_ctx, test_path("out"));
+    const oxl_result rc = report_write(test_ctx, test_path("out"), 0);
     char *page;
     CHECK(rc == OXL_OK);
     if (rc != OXL_OK) printf("  %s\n", oxl_error_text(test_ctx));
@@ -133,6 +133,8 @@ TEST(report_of_blocks_has_curves_decisions_and_the_command)
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
                      "400");
+    CHECK_TEXT(page, "<dt>Points</dt><dd>16\xE2\x80\xAF"
+                     "000</dd>"); /* neither tracks nor their errors are known */
     CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
     CHECK_TEXT(page,
                "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
@@ -187,7 +189,7 @@ TEST(report_asks_the_network_for_nothing)
 TEST(report_says_what_is_missing)
 {
     char *page;
-    CHECK(report_write(test_ctx, test_path("nowhere")) == OXL_ERR_INPUT);
+    CHECK(report_write(test_ctx, test_path("nowhere"), 0) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "holds no run.json");
     report_test_run();
     page = report_test_page();

@@ -52,7 +52,7 @@ TEST(ssim_contrast_is_the_standard_deviation_of_detail_whatever_the_light)
 }
 
 /* Structure of the trained model's images against the scene without water, lamp and noise. */
-static double ssim_contrast_test_learned(const synth_options *survey, float contrast)
+static double ssim_contrast_test_learned(const synth_options *survey, float contrast, int gaps)
 {
     oxl_train_options o = train_options(150);
     oxl_scene_options truth = oxl_scene_options_default();
@@ -62,6 +62,7 @@ static double ssim_contrast_test_learned(const synth_options *survey, float cont
     oxl_model model;
     double learned;
     o.ssim_contrast = contrast;
+    o.gaps = gaps;
     o.lamp = OXL_ON;
     CHECK_OK(oxl_scene_load(test_ctx, survey->out, NULL, &scene));
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
@@ -77,17 +78,32 @@ static double ssim_contrast_test_learned(const synth_options *survey, float cont
     return learned;
 }
 
-/* A dark strip of faint sand with few points, on which SSIM with its own constant learns the light alone. */
-TEST(faint_sand_is_learned_better_than_with_the_constant_for_bright_images)
+/* Writes a dark strip of faint sand with few points. */
+static synth_options ssim_contrast_test_sand(const char *name)
 {
-    synth_options o = synth_test_options("faint");
+    synth_options o = synth_test_options(name);
     struct colmap survey = {0};
-    double learned[2];
     o.views = 8, o.width = 96, o.height = 64, o.points = 60, o.water = SYNTH_3C, o.path = SYNTH_FORWARD;
     o.stereo = 0.3, o.lamp = 1, o.exposure_jitter = 0.5, o.noise = 0.6, o.sand_contrast = 0.2;
     synth_test_make(&o, &survey);
     colmap_free(test_ctx, &survey);
-    learned[0] = ssim_contrast_test_learned(&o, 0.03f);
-    learned[1] = ssim_contrast_test_learned(&o, train_options(1).ssim_contrast);
-    CHECK(learned[1] > learned[0] + 0.04);
+    return o;
+}
+
+/* SSIM with its own constant learns the light alone. */
+TEST(faint_sand_is_learned_better_than_with_the_constant_for_bright_images)
+{
+    const synth_options o = ssim_contrast_test_sand("faint");
+    const double bright = ssim_contrast_test_learned(&o, 0.03f, 0),
+                 faint = ssim_contrast_test_learned(&o, train_options(1).ssim_contrast, 0);
+    CHECK(faint > bright + 0.04);
+}
+
+TEST(faint_sand_is_learned_better_with_points_in_its_gaps)
+{
+    const synth_options o = ssim_contrast_test_sand("gapped");
+    const float contrast = train_options(1).ssim_contrast;
+    const double off = ssim_contrast_test_learned(&o, contrast, 0),
+                 on = ssim_contrast_test_learned(&o, contrast, 1);
+    CHECK(on > off + 0.1);
 }

@@ -23,13 +23,12 @@ int main(void)
 static unsigned compile_variants(int pass)
 {
     if (pass == PASS_SCAN) return 1 | 2 | 4 | 8;
-    if (pass == PASS_LOSS_BACKWARD) return 255;
-    if (pass == PASS_PROJECT) return 1 | 2 | 4 | 8;
+    if (pass == PASS_LOSS_BACKWARD || pass == PASS_PROJECT) return 255;
     if (pass == PASS_IMAGING_PIXELS) return 2 | 4 | 8;
     if (pass == PASS_STEP) return 1 | 2 | 4;
     if (pass == PASS_PROJECT_BACKWARD) return 1 | 4;
     if (pass == PASS_FOOTPRINT || pass == PASS_LOSS_TOTAL || pass == PASS_LOSS_FORWARD ||
-        pass == PASS_RASTER || pass == PASS_RASTER_LOBED)
+        pass == PASS_OBSERVE || pass == PASS_UNPACK || pass == PASS_RASTER || pass == PASS_RASTER_LOBED)
         return 1 | 2;
     return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
 }

@@ -22,6 +22,8 @@ OXL_INTERNAL void vulkan_take_settings(struct vulkan_renderer *r, const struct r
     r->veil_trains = r->medium_trains && m->on;
     r->drops = s->dropout > 0;
     r->may_be_lit = s->has_lamp;
+    r->is_window = s->is_window;
+    r->view.context_shift = (uint32_t)((r->count + PACK - 1) / PACK * PACK - r->count);
     if (r->drops) {
         r->view.dropout_gain = (float)(-vecmath_log(1 - s->dropout) / VECMATH_LN2);
         r->view.dropout_most = (uint32_t)(s->dropout * 4294967296.0);
@@ -210,21 +212,21 @@ static uint32_t vulkan_tile_of(const struct vulkan_renderer *r, const struct dep
 }
 
 static struct vulkan_depths vulkan_group_depths(const struct vulkan_renderer *r,
-                                                const struct renderer_depths *depths)
+                                                const struct depth_point *point, int points)
 {
     struct vulkan_depths d;
     uint32_t tile[DEPTH_POINTS], at = 0;
     memset(&d, 0, sizeof d);
-    for (int i = 0; i < depths->count; i++) tile[i] = vulkan_tile_of(r, &depths->point[i]);
-    for (int i = 0; i < depths->count; i++) {
+    for (int i = 0; i < points; i++) tile[i] = vulkan_tile_of(r, &point[i]);
+    for (int i = 0; i < points; i++) {
         const uint32_t here = tile[i];
         if (here == UINT32_MAX) continue;
         d.first[d.groups++] = at;
-        for (int k = i; k < depths->count; k++) {
+        for (int k = i; k < points; k++) {
             if (tile[k] != here) continue;
-            d.point[at][0] = depths->point[k].x;
-            d.point[at][1] = depths->point[k].y;
-            d.point[at][2] = depths->point[k].z;
+            d.point[at][0] = point[k].x;
+            d.point[at][1] = point[k].y;
+            d.point[at][2] = point[k].z;
             memcpy(&d.point[at++][3], &here, sizeof here);
             tile[k] = UINT32_MAX;
         }
@@ -233,18 +235,19 @@ static struct vulkan_depths vulkan_group_depths(const struct vulkan_renderer *r,
     return d;
 }
 
-OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct renderer_depths *depths)
+OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct depth_point *point, int points,
+                                    double weight)
 {
     struct vulkan_depths d;
-    if (!depths || depths->count == 0) return;
-    d = vulkan_group_depths(r, depths);
+    if (points == 0) return;
+    d = vulkan_group_depths(r, point, points);
     if (d.groups == 0) return;
     vulkan_reserve(r->v, &r->depth_points, DEPTH_POINTS, sizeof d.point[0], "points");
     vulkan_reserve(r->v, &r->depth_first, DEPTH_POINTS + 1, sizeof d.first[0], "points");
     vulkan_update(r->v, &r->depth_points, 0, d.point, sizeof d.point);
     vulkan_update(r->v, &r->depth_first, 0, d.first, sizeof d.first);
     VULKAN_RUN(r->v, DEPTH_LOSS, 0, d.groups,
-               VULKAN_PUSH(vulkan_bits((float)depths->weight), (uint32_t)r->lobes, d.groups),
+               VULKAN_PUSH(vulkan_bits((float)weight), (uint32_t)r->lobes, d.groups, (uint32_t)r->count),
                VULKAN_BUFFERS(&r->view_buffer, &r->depth_points, &r->depth_first, &r->start,
                               &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b, &r->splat_c,
                               &r->sums_a, &r->counts));

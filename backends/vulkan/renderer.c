@@ -89,22 +89,30 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_model *model, 
     if (!r->deferred) vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
 }
 
-static void vulkan_project(struct vulkan_renderer *r)
+/* Rows of the model, or of the context behind them. */
+static void vulkan_project_slabs(struct vulkan_renderer *r, const struct vulkan_renderer *of)
 {
+    const uint32_t variant = (uint32_t)r->in_medium + 2 * (uint32_t)r->drops + (of == r ? 0 : 4);
     uint32_t push[6];
-    for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_row_push(r, s, push);
-        VULKAN_RUN(r->v, PROJECT, (uint32_t)r->in_medium + 2 * (uint32_t)r->drops, vulkan_groups(push[1]),
-                   push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b,
+    for (size_t s = 0; s < of->slabs; s++) {
+        vulkan_row_push(of, s, push);
+        if (of != r) push[0] += (uint32_t)r->count, push[3] = (uint32_t)of->sh_degree;
+        VULKAN_RUN(r->v, PROJECT, variant, vulkan_groups(push[1]), push,
+                   VULKAN_BUFFERS(&r->view_buffer, &of->slab[s].parameter, &r->splat_a, &r->splat_b,
                                   &r->splat_c, &r->seen, &r->lobe_a, &r->lobe_b, &r->rank, &r->counts));
     }
 }
 
+static void vulkan_project(struct vulkan_renderer *r)
+{
+    vulkan_project_slabs(r, r);
+    if (r->rows > r->count) vulkan_project_slabs(r, r->context);
+}
+
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
 {
-    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
-               VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->count),
+    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->rows),
+               VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->rows),
                VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b,
                               &r->lobe_a, &r->lobe_b, &r->row_pairs, &r->pair_key[0], &r->pair_value[0],
                               &r->staged, &r->row_slots));
@@ -118,13 +126,13 @@ static void vulkan_order_rows(struct vulkan_renderer *r)
     uint32_t pairs = 0;
     const int waits = !r->deferred || r->room == 0;
     vulkan_project(r);
-    vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE, UINT32_MAX);
-    VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
+    vulkan_scan(r, &r->rank, r->rows, COUNT_VISIBLE, UINT32_MAX);
+    VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->rows), VULKAN_PUSH((uint32_t)r->rows),
                VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0], &r->counts));
     /* 4 digits: it ends where it began */
-    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32);
+    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->rows, 32);
     vulkan_footprint(r, 0);
-    vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS, waits ? UINT32_MAX : (uint32_t)r->room);
+    vulkan_scan(r, &r->row_pairs, r->rows, COUNT_PAIRS, waits ? UINT32_MAX : (uint32_t)r->room);
     r->pairs = r->room;
     if (!waits) return;
     vulkan_download(v, &r->counts, COUNT_PAIRS * sizeof pairs, &pairs, sizeof pairs);
@@ -231,7 +239,7 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     vulkan_prepare(r->v, PASS_LOSS_FORWARD, lit);
     vulkan_prepare(r->v, PASS_STEP, 1);
     vulkan_prepare(r->v, PASS_STEP, 2 * (uint32_t)r->in_medium);
-    vulkan_prepare(r->v, PASS_OBSERVE, 0);
+    vulkan_prepare(r->v, PASS_OBSERVE, (uint32_t)r->is_window);
     vulkan_prepare(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 0);
     vulkan_reserve_sums(r, 0);
     vulkan_reserve(r->v, &r->target, pixels, 12, "pixels"); /* it may come with the loss */
@@ -304,6 +312,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     }
     vulkan_enter(r->v);
     vulkan_take_model(r, model);
+    vulkan_take_context(r, settings->context);
     r->drawn_sh_degree = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree
                                                                                          : options->sh_degree;
     vulkan_take_view(r, model, camera, options, settings);
@@ -424,13 +433,14 @@ static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
     vulkan_upload(r->v, &r->drgb, 0, drgb, 12 * pixels);
 }
 
-static oxl_result vulkan_backward(void *device, const float *drgb, const struct renderer_depths *depths)
+static oxl_result vulkan_backward(void *device, const float *drgb, const struct depth_point *point,
+                                  int points, double weight)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
     if (drgb) vulkan_take_drgb(r, drgb);
     vulkan_draw_backward(r, 0);
-    vulkan_add_depths(r, depths);
+    vulkan_add_depths(r, point, points, weight);
     vulkan_add_imaging(r);
     return r->v->rc;
 }
@@ -625,9 +635,10 @@ static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
     vulkan_reserve(v, &r->statistics, r->count, 16, "Gaussians");
     if (!r->sums_here) vulkan_copy_sums(r, 1);
     r->observed = r->sums_here = v->rc == OXL_OK;
-    VULKAN_RUN(v, OBSERVE, 0, vulkan_groups(r->count),
-               VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
-               VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics, &r->counts));
+    VULKAN_RUN(v, OBSERVE, (uint32_t)r->is_window, vulkan_groups(r->count),
+               VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far),
+                           vulkan_bits((float)r->view.width), vulkan_bits((float)r->view.height)),
+               VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics, &r->counts, &r->splat_a));
     return v->rc;
 }
 

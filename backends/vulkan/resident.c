@@ -35,6 +35,8 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
          at += sizeof(struct vulkan_buffer))
         vulkan_release(v, (struct vulkan_buffer *)((char *)r + at));
     vulkan_release_slabs(v, r->slab, r->slab_capacity);
+    if (r->context) vulkan_release_slabs(v, r->context->slab, r->context->slab_capacity);
+    oxl_free(v->ctx, r->context);
     for (size_t i = 0; i < r->image_capacity; i++) vulkan_release(v, &r->image[i].bytes);
     oxl_free(v->ctx, r->image);
     oxl_free(v->ctx, r);
@@ -145,7 +147,7 @@ static void vulkan_reserve_slabs(struct vulkan_renderer *r)
 static void vulkan_reserve_rows(struct vulkan_renderer *r)
 {
     struct vulkan *v = r->v;
-    const size_t n = r->count;
+    const size_t n = r->rows;
     vulkan_reserve(v, &r->splat_a, n, 16, "Gaussians");
     vulkan_reserve(v, &r->splat_b, n, 16, "Gaussians");
     vulkan_reserve(v, &r->splat_c, n, 16, "Gaussians");
@@ -167,10 +169,8 @@ static void vulkan_reserve_rows(struct vulkan_renderer *r)
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m)
 {
     if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count &&
-        r->lobes == m->lobes && r->sh_degree == m->sh_degree) {
-        vulkan_reserve_rows(r); /* rows may have been moved: vulkan_move_rows */
+        r->lobes == m->lobes && r->sh_degree == m->sh_degree)
         return;
-    }
     r->model = m;
     r->trained = NULL;
     r->plane = m->plane[0];
@@ -179,9 +179,20 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->room = 0;
     r->low_memory = 0;
     vulkan_reserve_slabs(r);
-    vulkan_reserve_rows(r);
     if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, r->planes, 1);
     r->model_here = r->v->rc == OXL_OK;
+}
+
+OXL_INTERNAL void vulkan_take_context(struct vulkan_renderer *r, const oxl_model *m)
+{
+    r->rows = r->count + (m ? m->count : 0);
+    if (m && !r->context) r->context = oxl_calloc(r->v->ctx, 1, sizeof *r->context);
+    if (m && !r->context) r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for a context");
+    if (m && r->context) {
+        r->context->v = r->v;
+        vulkan_take_model(r->context, m);
+    }
+    vulkan_reserve_rows(r); /* rows may also have been moved: vulkan_move_rows */
 }
 
 OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r)
@@ -419,21 +430,23 @@ static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r,
 }
 
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
-                                          int halved)
+                                          const struct image_window *window, int halved)
 {
     struct vulkan_renderer *r = device;
     struct vulkan *v = r->v;
     struct vulkan_training_image passing = {0}, *p = vulkan_has_image(r, view) ? &r->image[view] : NULL;
     const uint32_t width = p ? p->width : (uint32_t)image->width,
                    height = p ? p->height : (uint32_t)image->height;
-    r->target_pixels = (size_t)(width >> halved) * (size_t)(height >> halved);
+    const struct image_window all = {.width = (int)width, .height = (int)height}, *w = window ? window : &all;
+    r->target_pixels = (size_t)(w->width >> halved) * (size_t)(w->height >> halved);
     r->masked = p ? p->mask_at > 0 : image->mask != NULL;
     r->pinned_view = view;
     vulkan_enter(v);
     vulkan_reserve_target(r, r->target_pixels);
     if (!p) p = vulkan_add_image(r, view, image, &passing);
-    VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
-               VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
+    VULKAN_RUN(v, UNPACK, window != NULL, vulkan_groups(r->target_pixels),
+               VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at, (uint32_t)w->x,
+                           (uint32_t)w->y, (uint32_t)w->width, (uint32_t)w->height),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
     p->frame = vulkan_frame_number(v);
     r->pinned_view = -1;

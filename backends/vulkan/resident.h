@@ -16,7 +16,7 @@ struct vulkan_view {
     uint32_t width, height, tiles_x, tiles_y, infinity, antialias;
     float half_width, half_height, attenuation[3], backscatter[3], veiling_light[3], falloff, reference,
         least, training_range, dropout_gain;
-    uint32_t dropout_most, dropout_low, dropout_high, dropout_step;
+    uint32_t dropout_most, dropout_low, dropout_high, dropout_step, context_shift;
 };
 
 /* its bits: what shaders test with must not be known to their compiler (common.glsl) */
@@ -60,6 +60,9 @@ struct vulkan_renderer {
     struct trained_model *trained; /* its, since a step; or NULL */
     const float *plane;            /* the host's first one: another is another model */
     size_t count, lobes;
+    size_t rows; /* of the model, then of the context */
+    /* Gaussians that are drawn and not trained: of this renderer, the slabs alone; or NULL */
+    struct vulkan_renderer *context;
     int sh_degree, drawn_sh_degree; /* of the model; of its colours in the view */
     int model_here, moments_here, stepped;
     struct renderer_sums sums;
@@ -95,7 +98,7 @@ struct vulkan_renderer {
     float window_fraction; /* of the full image's pixels */
     /* of the last view: medium or falloff, whether its gradient is wanted, that of the veiling light too;
      * dropout */
-    int in_medium, medium_trains, veil_trains, drops;
+    int in_medium, medium_trains, veil_trains, drops, is_window;
     int may_be_lit; /* the loss may have a lamp */
     int sort_end;   /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
@@ -120,6 +123,8 @@ OXL_INTERNAL void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, 
 OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane);
 /* Sends the model, or its moments, unless they are there already. */
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
+/* The same of the Gaussians behind the model's; NULL: none. */
+OXL_INTERNAL void vulkan_take_context(struct vulkan_renderer *r, const oxl_model *m);
 OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, struct trained_model *trained);
 OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up);
@@ -131,7 +136,7 @@ OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int re
 OXL_INTERNAL int vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image,
-                                          int halved);
+                                          const struct image_window *window, int halved);
 
 /* ---------------- imaging.c */
 
@@ -140,7 +145,8 @@ OXL_INTERNAL void vulkan_draw_lamp(struct vulkan_renderer *r, const struct rende
 /* Memory and shaders for what follows. */
 OXL_INTERNAL void vulkan_reserve_imaging(struct vulkan_renderer *r);
 OXL_INTERNAL void vulkan_add_imaging(struct vulkan_renderer *r);
-OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct renderer_depths *depths);
+OXL_INTERNAL void vulkan_add_depths(struct vulkan_renderer *r, const struct depth_point *point, int points,
+                                    double weight);
 OXL_INTERNAL void vulkan_imaging_of(const float imaging[VULKAN_IMAGING], double dlamp[LAMP_TERMS],
                                     double dmedium[MEDIUM_SUMS]);
 OXL_INTERNAL oxl_result vulkan_imaging_gradient(void *device, double dlamp[LAMP_TERMS],

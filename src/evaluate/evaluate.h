@@ -9,7 +9,7 @@
 
 /* ---------------- metrics.c */
 
-/* PSNR of weighted squared errors; NaN of none */
+/* Returns the PSNR of weighted squared errors; NaN of none. */
 OXL_INTERNAL double metrics_decibel(double error, double weight);
 
 struct metrics_sum {
@@ -19,7 +19,7 @@ struct metrics_sum {
 /* Adds pixel i, three channels, with the image's weight. */
 OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i,
                                     struct metrics_sum *sum);
-/* PSNR of the right half, after a gain per channel that is fitted on the left half. */
+/* Returns the PSNR of the right half, after a gain per channel that is fitted on the left half. */
 OXL_INTERNAL double metrics_half_psnr(const oxl_image *a, const oxl_image *b);
 
 /* ---------------- lpips.c */
@@ -31,7 +31,7 @@ OXL_INTERNAL oxl_result lpips_distance(oxl_context *ctx, const struct lpips *net
                                        const oxl_image *b, double *out);
 /* ---------------- structure.c */
 
-/* oxl_view_metrics.explained; light (3,H,W): what a white scene looks like, before clamping. */
+/* Returns oxl_view_metrics.explained; light (3,H,W): what a white scene looks like, before clamping. */
 OXL_INTERNAL double structure_explained(const oxl_image *rendered, const oxl_image *image,
                                         const oxl_image *light);
 
@@ -47,13 +47,13 @@ struct drawn { /* what evaluate_draw renders */
 /* Composites the scene's images over the model's background from now on; before the first image is compared.
  * */
 OXL_INTERNAL void evaluate_begin(oxl_context *ctx, const struct render_source *source, oxl_scene *scene);
-/* depth (H,W), or NULL. */
+/* Renders a view; depth (H,W), or NULL. */
 OXL_INTERNAL oxl_result evaluate_draw(oxl_context *ctx, const struct drawn *d, int view, oxl_image *out,
                                       float *depth);
-/* oxl_evaluate of a source. */
+/* Evaluates a source as oxl_evaluate. */
 OXL_INTERNAL oxl_result evaluate_source(oxl_context *ctx, const struct render_source *source,
                                         oxl_scene *scene, oxl_split split, oxl_metrics *out);
-/* The same, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
+/* Does the same, but without ms_ssim, plain_psnr, half_psnr and depths, in less than half of the time. */
 OXL_INTERNAL oxl_result evaluate_quick(oxl_context *ctx, const struct render_source *source, oxl_scene *scene,
                                        oxl_split split, oxl_metrics *out);
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */

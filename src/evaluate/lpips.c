@@ -119,7 +119,7 @@ static const char *lpips_parse(struct lpips_file *f, struct lpips *net, const un
     return f->at == f->end ? NULL : "more follows the weights";
 }
 
-/* Weights of LPIPS_BLOCK channels side by side; channels that fill the last block are 0. */
+/* Packs weights of LPIPS_BLOCK channels side by side; channels that fill the last block are 0. */
 static void lpips_pack(const unsigned char *from, struct lpips_layer *l)
 {
     const size_t taps = (size_t)l->in * (size_t)(l->size * l->size);
@@ -191,14 +191,14 @@ static size_t lpips_channel_floats(const struct lpips_stage *s)
     return (size_t)s->phases * (size_t)s->pitch;
 }
 
-/* A channel of row y of image 0 or 1. */
+/* Returns a channel of row y of image 0 or 1. */
 SIMD_INLINE float *lpips_channel(const struct lpips_stage *s, int y, int image, int channel)
 {
     const size_t row = (size_t)(y % s->ring) * 2 + (size_t)image;
     return s->row + (row * (size_t)s->channels + (size_t)channel) * (size_t)s->phases * (size_t)s->pitch;
 }
 
-/* Where column x of the image is in a channel. */
+/* Returns where column x of the image is in a channel. */
 SIMD_INLINE size_t lpips_column(const struct lpips_stage *s, int x)
 {
     const int at = x + LPIPS_PAD;

@@ -168,8 +168,8 @@ struct metrics_line {
 };
 enum { METRICS_LINES = 9, METRICS_RUN = 16 };
 
-/* The five moments of one channel, blurred along y around the row: of a, b, aa, bb, ab. Outside of the image
- * is black. */
+/* Computes the five moments of one channel, blurred along y around the row: of a, b, aa, bb, ab. Outside of
+ * the image is black. */
 SIMD_INLINE void metrics_blur_columns(const struct metrics_line *line, int channel)
 {
     const struct metrics_windows *s = line->s;
@@ -205,7 +205,8 @@ SIMD_INLINE void metrics_mark_columns(const struct metrics_line *line)
         for (int x = 0; x < b->width; x++) masked[x] += b->weight[(size_t)j * b->width + x] <= 0.5f;
 }
 
-/* Wang 2004, eq. 13 with its exponents 1. *contrast: without the luminance, the c s of Wang 2003, eq. 7. */
+/* Computes Wang 2004, eq. 13 with its exponents 1. *contrast: without the luminance, the c s of Wang 2003,
+ * eq. 7. */
 SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
 {
     const double mean_ab = m[0] * m[1], mean_aa = m[0] * m[0], mean_bb = m[1] * m[1];
@@ -214,7 +215,7 @@ SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
     return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
 }
 
-/* The windows around METRICS_RUN pixels of the row from x on: blurred along x, and compared. */
+/* Compares the windows around METRICS_RUN pixels of the row from x on, blurred along x. */
 SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
 {
     double m[5][METRICS_RUN] = {{0}}, touches[METRICS_RUN] = {0};

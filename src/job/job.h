@@ -21,20 +21,20 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene,
                                     const oxl_job_options *o); /* "job": {...} */
 OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, struct oxl_manifest *out);
 OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run);
-/* o borrows run's strings */
+/* Sets the options of the run; o borrows its strings. */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o);
 struct manifest_changes {
     int count;             /* members of "job" and "found" that differ between two runs */
     int iterations, start; /* 1: this one does */
 };
-/* t: a line for each of them, or NULL. */
+/* Lists the differences. t: a line for each of them, or NULL. */
 OXL_INTERNAL oxl_result manifest_differences(oxl_context *ctx, const char *old, const char *current,
                                              struct text *t, struct manifest_changes *changes);
 /* *same: two lines "job": {...} differ in the names of the same folders only, or, where what was `found` is
  * the same, in those of folders that have moved. */
 OXL_INTERNAL oxl_result manifest_equivalent(oxl_context *ctx, const char *old, const char *current, int found,
                                             int *same);
-/* 1: the survey of the run, by another name or moved since. */
+/* Returns 1 if the survey is the run's, by another name or moved since. */
 OXL_INTERNAL int manifest_is_of(const struct oxl_manifest *run, const char *scene);
 
 /* ---------------- start.c: a model to start from instead of the points */
@@ -56,7 +56,7 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
 /* What may be written of a view, and the temporary names of these and of the list. */
 #define RENDER_SUFFIXES ".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"
 #define RENDER_FILES "*.png *.pfm .renders"
-/* The name of a view's files without their suffix, in their folder (oxl_render_path). */
+/* Makes the name of a view's files without their suffix, in their folder (oxl_render_path). */
 OXL_INTERNAL oxl_result render_name(oxl_context *ctx, const char *view, char **out);
 /* Refuses views whose files would have one name. */
 OXL_INTERNAL oxl_result render_names_check(oxl_context *ctx, const oxl_scene *scene);
@@ -70,7 +70,7 @@ struct render_files {
     const int *view; /* (views) */
     int views;
 };
-/* oxl_render_views for the given views. */
+/* Renders the given views as oxl_render_views. */
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const struct render_files *f, int *count);
 /* After enough iterations: logs the training views that fit far worse than their neighbours, renders the
  * worst beside their images into `folder` (NULL: none), and adds the member "training" of metrics.json with
@@ -80,7 +80,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_large_m
 
 /* ---------------- survey_report.c: content of a survey, predicted cost */
 
-/* closely: also checks each image and mask, without decoding images. */
+/* Describes the survey. closely: also checks each image and mask, without decoding images. */
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, oxl_scene *scene, const oxl_job_options *options,
                                         int closely, oxl_survey *out);
 /* Adds an object without a final newline; lines after the first start with `indent`. */

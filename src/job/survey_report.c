@@ -42,7 +42,7 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
     }
 }
 
-/* 1: a look takes no long time and fits into the memory that the run may take. */
+/* Returns 1 if a look takes no long time and fits into the memory that the run may take. */
 static int survey_has_room(const oxl_job_options *o, const struct cost_load *load)
 {
     const double most = o->ram ? (double)o->ram : (double)os_memory_free();

@@ -67,9 +67,6 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
     task.train.keep.kind = OXL_KEEP_ALL;
     if (task.train.dropout < 0) task.train.dropout = 0; /* of blocks, `auto` is off */
     job_limit_time(job, &task.train);
-    if (backend_device(job->ctx))
-        oxl_log(job->ctx, OXL_LOG_WARNING, "%s renders whole images only: blocks are trained on the CPU",
-                backend_device(job->ctx));
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     if (rc == OXL_OK) rounds_warn_of_medium(job);

@@ -4,7 +4,7 @@
 
 #include "../train/part.h"
 
-/* Fraction of the Gaussians that the last step of the run leaves out. */
+/* Returns the fraction of the Gaussians that the last step of the run leaves out. */
 OXL_INTERNAL double dropout_rate(const oxl_train_options *options, const oxl_scene *scene);
 
 #endif

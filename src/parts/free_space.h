@@ -18,12 +18,13 @@ struct free_space {
 };
 OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
 OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f);
-/* the state, as text */
+/* Describes the state as text. */
 OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, size_t size);
-/* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
+/* Marks in *carved (count) each Gaussian in free space with 1; NULL: there is no free space. Free it with
+ * oxl_free. */
 OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model,
                                          uint8_t **carved);
-/* 1: the position, world coordinates less the origin, is in free space. */
+/* Returns 1 if the position, world coordinates less the origin, is in free space. */
 OXL_INTERNAL int free_space_contains(const struct free_space *f, const double p[3]);
 
 #endif

@@ -66,7 +66,8 @@ OXL_INTERNAL void lamp_store(const struct lamp_fit *l, struct imaging *m)
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
-/* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the run. */
+/* Steps the lamp. shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: fraction of the
+ * run. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress,
                             const double shape[LAMP_TERMS], double falloff)
 {
@@ -100,8 +101,7 @@ static void lamp_archive_pending(struct archive *a, struct lamp_fit *l)
     archive_doubles(a, &p->progress, 1);
     archive_doubles(a, p->shape, LAMP_TERMS);
     archive_doubles(a, &p->falloff, 1);
-    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups);
-    archive_expect(a, p->progress >= 0 && p->progress <= 2);
+    archive_expect(a, p->step >= 0 && p->group >= 0 && p->group < l->groups && p->progress >= 0);
 }
 
 OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)

@@ -68,7 +68,7 @@ static oxl_result lobes_threshold(const struct train *t, double *out)
     return OXL_OK;
 }
 
-/* Gaussians whose gradients are still large get a second lobe: assigned once [OceanXL sec. 3.2]. */
+/* Gives Gaussians whose gradients are still large a second lobe: assigned once [OceanXL sec. 3.2]. */
 static oxl_result lobes_assign(struct train *t)
 {
     const oxl_train_options *o = t->options;

@@ -14,7 +14,7 @@ OXL_INTERNAL void medium_fit_begin(struct medium_fit *f, oxl_scene *scene, const
  * evidence. Likewise lamp_set_from_tracks and exposure_set_from_tracks. */
 OXL_INTERNAL void medium_fit_set_from_tracks(struct medium_fit *f, double span, const struct photometry *p,
                                              char *why, size_t size);
-/* without tracks, after this step; 0: never */
+/* Returns the step after which a medium is fitted without tracks; 0: never. */
 OXL_INTERNAL int medium_fit_start_step(const oxl_train_options *options);
 OXL_INTERNAL struct medium medium_fit_value(const struct medium_fit *f);
 OXL_INTERNAL void medium_fit_start(struct medium_fit *f, oxl_scene *scene);

@@ -175,14 +175,14 @@ OXL_INTERNAL oxl_result prune_score_view(oxl_context *ctx, const struct prune_of
     return OXL_OK;
 }
 
-/* 1: the training view is among those that score; each drop takes others. */
+/* Returns 1 if the training view is among those that score; each drop takes others. */
 static int prune_is_sampled(const struct prune *p, int index, int views)
 {
     const int stride = (views + p->views - 1) / p->views;
     return index % stride == p->drops % stride;
 }
 
-/* Rows that no sampled view sees may be visible in others and are not pruned. */
+/* Keeps rows that no sampled view sees: they may be visible in others. */
 static void prune_finish_scores(int all_views, size_t count, const float *views, float *score)
 {
     for (size_t i = 0; i < count; i++) {
@@ -224,9 +224,8 @@ static uint32_t prune_sort_key(float score) /* not negative: its bits are in ord
     return bits;
 }
 
-/* keep[i] = 0 for the `drop` lowest scores, by row where they are equal. The highest key below which no more
- * than `drop` rows lie is
- * found bit by bit: no sort, no memory. */
+/* Sets keep[i] = 0 for the `drop` lowest scores, by row where they are equal. The highest key below which no
+ * more than `drop` rows lie is found bit by bit: no sort, no memory. */
 OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, uint8_t *keep)
 {
     uint32_t limit = 0;

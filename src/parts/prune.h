@@ -18,17 +18,17 @@ struct prune {
     int l1_count;
     double validation_loss; /* auto: loss of the validation views at the phase's start */
 };
-/* densified: last step of density control; views: number of training views; row_bytes: of a kept Gaussian in
- * its file. */
+/* Begins. densified: last step of density control; views: number of training views; row_bytes: of a kept
+ * Gaussian in its file. */
 OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views,
                               double row_bytes);
 OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
-/* call after each step; steps outside the phase are ignored */
+/* Observes the loss; call it after each step. Steps outside the phase are ignored. */
 OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1);
-/* 1: prune_due checks; `auto` then needs validation_loss */
+/* Returns 1 if prune_due checks; `auto` then needs validation_loss. */
 OXL_INTERNAL int prune_is_check_step(const struct prune *p, int step);
-/* After the step: number of `count` Gaussians to remove now. validation_loss: mean of the validation views,
- * for auto. */
+/* Returns after a step the number of `count` Gaussians to remove now. validation_loss: mean of the
+ * validation views, for auto. */
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double validation_loss);
 struct prune_of { /* what is pruned, and where it is seen */
     struct renderer *r;
@@ -36,7 +36,7 @@ struct prune_of { /* what is pruned, and where it is seen */
     const oxl_render_options *options;
     const oxl_model *model;
 };
-/* keep (count): 0 for the `drop` that matter least, else 1. */
+/* Chooses keep (count): 0 for the `drop` that matter least, else 1. */
 OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, const struct prune_of *of,
                                      size_t drop, uint8_t *keep);
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p);

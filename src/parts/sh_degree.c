@@ -19,7 +19,7 @@ struct sh_degree {
     int decided; /* 1: by a trial */
 };
 
-/* A model to start from may have more bands than are asked for. */
+/* Begins. A model to start from may have more bands than are asked for. */
 static oxl_result sh_degree_begin(struct train *t, void *state)
 {
     struct sh_degree *s = state;

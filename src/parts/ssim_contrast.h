@@ -4,11 +4,11 @@
 
 #include "../core/core.h"
 
-/* Median standard deviation of small cells of the training images, fraction of white; 0: of no cell. views:
- * the images that it is of. */
+/* Measures the median standard deviation of small cells of the training images, fraction of white; 0: of no
+ * cell. views: the images that it is of. */
 OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, oxl_scene *scene, double *contrast,
                                               int *views);
-/* What SSIM is to have where the images' detail has this standard deviation. */
+/* Returns the contrast that SSIM is to have where the images' detail has this standard deviation. */
 OXL_INTERNAL double ssim_contrast_of_detail(double measured);
 
 #endif

@@ -30,10 +30,10 @@ struct transients_view {
     float *weight;                 /* (H,W): set to 0 where masked as transient */
     int has_mask;                  /* weight contains a mask; 0: all weights are 1 */
 };
-/* update 0: the expected errors do not change, as in the steps of a trial. */
+/* Masks a view. update 0: the expected errors do not change, as in the steps of a trial. */
 OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *t, const oxl_scene *scene,
                                         const struct transients_view *view, int update);
-/* the masked fraction, as text */
+/* Describes the masked fraction as text. */
 OXL_INTERNAL void transients_describe(const struct transients *t, char *out, size_t size);
 OXL_INTERNAL void transients_archive(struct archive *a, struct transients *t);
 

@@ -83,7 +83,7 @@ OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
 
 /* ---------------- the search */
 
-/* f moved by so much in f_mid and in f_far - f_mid, within the bounds. */
+/* Moves f by so much in f_mid and in f_far - f_mid, within the bounds. */
 static void ucd_move(const double f[2], double by_mid, double by_beyond, double out[2])
 {
     const double beyond = OXL_MAX(0, f[1] - f[0] + by_beyond);

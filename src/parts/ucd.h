@@ -34,9 +34,9 @@ struct ucd {
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options);
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size);
 OXL_INTERNAL void ucd_observe(struct ucd *u, double loss); /* call after each step */
-/* f_mid, f_far of this densification */
+/* Returns f_mid and f_far of this densification. */
 OXL_INTERNAL void ucd_weights(struct ucd *u, size_t count, double f[2]);
-/* the pair in progress is void: opacities were reset */
+/* Discards the pair in progress: opacities were reset. */
 OXL_INTERNAL void ucd_restart(struct ucd *u);
 OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u);
 

@@ -13,6 +13,8 @@ struct renderer_settings {
     const struct medium *medium;        /* NULL: none, and no falloff */
     int medium_trains;                  /* 1: backward computes the gradient of its parameters, too */
     int has_lamp;                       /* 1: the loss may have one */
+    int is_window;                      /* 1: the camera shows a part of the image */
+    const oxl_model *context;           /* of renderer_set_context, without second lobes; or NULL */
     double dropout;
     uint64_t dropout_seed;
     int dropout_step;
@@ -26,12 +28,6 @@ struct renderer_gains {
     double contrast; /* SSIM's; 0: 0.03 */
 };
 
-struct renderer_depths {
-    const struct depth_point *point; /* (count) */
-    int count;
-    double weight;
-};
-
 /* Each does what the renderer function of the same name does; take_image what renderer_set_image does. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
@@ -42,13 +38,16 @@ struct renderer_device {
     oxl_result (*image)(void *device, float *rgb);   /* (3,H,W) rendered */
     oxl_result (*depth)(void *device, float *depth); /* (H,W) of it; the image is lost */
     int (*has_image)(const void *device, int view);
-    oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
+    oxl_result (*take_image)(void *device, int view, const struct training_image *image,
+                             const struct image_window *window, int halved);
     /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL:
      * the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight,
                        const struct renderer_gains *gains, float ssim_weight, struct renderer_loss *out);
-    oxl_result (*backward)(void *device, const float *drgb, const struct renderer_depths *depths);
+    /* points: of renderer_set_depths */
+    oxl_result (*backward)(void *device, const float *drgb, const struct depth_point *point, int points,
+                           double weight);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     /* Of the last loss and backward; waits. */
     oxl_result (*imaging_gradient)(void *device, double dlamp[LAMP_TERMS], double dmedium[MEDIUM_SUMS]);

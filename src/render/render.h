@@ -62,7 +62,7 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
                                       const oxl_camera *camera, const oxl_render_options *options,
                                       oxl_image *out, float *depth);
 
-/* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for
+/* Sets the image of a view, or its window (NULL: all), at half resolution if `halved`, for
  * renderer_loss with rgb NULL. A device caches images in a part of its memory: `image` may be NULL if
  * renderer_has_image returns 1. */
 OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view);
@@ -206,13 +206,13 @@ OXL_INTERNAL int renderer_has_device(const struct renderer *r);
 OXL_INTERNAL void renderer_use_cpu(struct renderer *r); /* before the first forward */
 /* From the next forward on, the camera is a window of a full image of this size, with its top left corner
  * `at`; size 0, 0: no window.
- * CPU only: renderer_use_cpu. */
+ */
 OXL_INTERNAL void renderer_set_window(struct renderer *r, const float at[2], int full_width, int full_height);
 /* From now on, forward may be followed by loss, backward and step: a device allocates memory for all of them
  * in forward, where the CPU can still take over. */
 OXL_INTERNAL void renderer_expect_steps(struct renderer *r);
 /* From the next forward on, these Gaussians are rendered as well, without gradients. Borrowed. Call it before
- * the first forward: the CPU renders from then on. */
+ * the first forward: where they have second lobes, the CPU renders from then on. */
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context);
 /* The next backward adds weight x sum of (1 - T) in front of these points to the loss (depth_loss.c).
  * The points are copied. */
@@ -243,8 +243,8 @@ OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss, complete after the step. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* Copies both gradients into the loss of a step that is complete. */
-OXL_INTERNAL void renderer_add_imaging_gradients(const struct renderer *r, struct renderer_loss *loss);
+/* Fills the gradients by lamp and medium, which are known after the step. */
+OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss);
 /* Bakes medium and lamp into the colours, as the views see them, for viewers that ignore imaging.txt;
  * backwards: recovers the colours behind medium and lamp. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards,

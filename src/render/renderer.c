@@ -55,24 +55,10 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     renderer_use_cpu(r);
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
-    oxl_free(ctx, r->splat);
-    oxl_free(ctx, r->lobe);
-    oxl_free(ctx, r->visible);
-    oxl_free(ctx, r->dmean2d);
-    oxl_free(ctx, r->rgb);
-    oxl_free(ctx, r->drgb);
-    oxl_free(ctx, r->transmittance);
-    oxl_free(ctx, r->target);
-    oxl_free(ctx, r->exposed);
-    oxl_free(ctx, r->lamp_map);
-    oxl_free(ctx, r->medium_pack);
-    oxl_free(ctx, r->medium_sum);
-    oxl_free(ctx, r->weight);
-    oxl_free(ctx, r->sums);
-    oxl_free(ctx, r->score);
-    oxl_free(ctx, r->tile_range);
     oxl_model_free(ctx, &r->part);
-    oxl_free(ctx, r);
+    OXL_FREE(ctx, r->splat, r->lobe, r->visible, r->dmean2d, r->rgb, r->drgb, r->transmittance, r->target,
+             r->exposed, r->lamp_map, r->medium_pack, r->medium_sum, r->weight, r->sums, r->score,
+             r->tile_range, r);
 }
 
 /* ---------------- into the kernels' terms */
@@ -295,7 +281,7 @@ OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context)
 {
     r->context = context && context->count > 0 ? context : NULL;
-    if (r->context) renderer_use_cpu(r);
+    if (r->context && r->context->lobes > 0) renderer_use_cpu(r);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -407,13 +393,11 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
                                            const oxl_camera *camera, const oxl_render_options *options)
 {
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct renderer_settings settings = {.camera = &r->kernel_camera,
-                                               .medium = render_has_medium(r) ? &r->medium : NULL,
-                                               .medium_trains = r->medium_trains,
-                                               .has_lamp = r->lamp != NULL,
-                                               .dropout = r->dropout,
-                                               .dropout_seed = r->dropout_seed,
-                                               .dropout_step = r->dropout_step};
+    const struct renderer_settings settings = {&r->kernel_camera, render_has_medium(r) ? &r->medium : NULL,
+                                               r->medium_trains,  r->lamp != NULL,
+                                               r->full[0] > 0,    r->context,
+                                               r->dropout,        r->dropout_seed,
+                                               r->dropout_step};
     const oxl_result rc = oxl_reserve(ctx, &r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);

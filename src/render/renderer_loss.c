@@ -16,7 +16,7 @@ OXL_INTERNAL oxl_result renderer_set_image(oxl_context *ctx, struct renderer *r,
     size_t pixels;
     oxl_result rc;
     if (r->device) {
-        rc = r->backend->take_image(r->device, view, image, halved);
+        rc = r->backend->take_image(r->device, view, image, window, halved);
         if (image) rc = render_fall_back_to_cpu(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
@@ -61,10 +61,10 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
     return r->dlamp;
 }
 
-OXL_INTERNAL void renderer_add_imaging_gradients(const struct renderer *r, struct renderer_loss *loss)
+OXL_INTERNAL void renderer_complete_loss(const struct renderer *r, struct renderer_loss *loss)
 {
     memcpy(loss->dlamp, r->dlamp, sizeof loss->dlamp);
-    memcpy(loss->dmedium, r->dmedium, sizeof loss->dmedium);
+    memcpy(loss->dmedium, renderer_medium_gradient(r), sizeof loss->dmedium);
 }
 
 static struct lamp_area render_lamp_area(const struct renderer *r)
@@ -183,9 +183,9 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     struct gaussians out;
     oxl_result rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
     if (rc == OXL_OK && r->device) {
-        const struct renderer_depths depths = {r->depth_point, r->depth_points, r->depth_weight};
+        rc = r->backend->backward(r->device, drgb, r->depth_point, r->depth_points, r->depth_weight);
         r->depth_points = 0;
-        return r->backend->backward(r->device, drgb, &depths);
+        return rc;
     }
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;

@@ -30,8 +30,8 @@ struct image_alpha {
     int masks;
     uint8_t background[3];
 };
-OXL_INTERNAL int image_has_alpha(
-    const char *path); /* by the head of the file: PNG only; 0: unreadable, too */
+/* Returns 1 if the head of a PNG file states transparent pixels; 0 also for other or unreadable files. */
+OXL_INTERNAL int image_has_alpha(const char *path);
 /* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike.
  * mask_path may be NULL; so may alpha: colours are then taken as they are. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,

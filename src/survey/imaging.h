@@ -49,16 +49,13 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 static inline void imaging_free(oxl_context *ctx, struct imaging *m)
 {
-    oxl_free(ctx, m->log_gain);
-    oxl_free(ctx, m->known);
-    oxl_free(ctx, m->camera);
-    oxl_free(ctx, m->partner);
+    OXL_FREE(ctx, m->log_gain, m->known, m->camera, m->partner);
     *m = (struct imaging){0};
 }
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void imaging_clear(struct imaging *m);
-OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view,
-                                      float log_gain[3]); /* from its neighbours, even if the view is known */
+/* Interpolates a view's gain from its neighbours, even if it is known. */
+OXL_INTERNAL void imaging_interpolate(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float gain[3]);
 /* Averages the log gain of the known views. */
@@ -95,17 +92,15 @@ OXL_INTERNAL int imaging_set_lamps(const oxl_scene *scene, struct lamp lamp[LAMP
 OXL_INTERNAL int imaging_find_lamp(const oxl_scene *scene, const struct lamp *lamp, int lamps, int view);
 /* Returns the view's lamp; NULL: none. */
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view);
+/* Multiplies a rendered image by the view's lamp, before the gain. */
 OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m,
-                                           int view,
-                                           /* multiplies a rendered image; before the gain */
-                                           oxl_image *image);
+                                           int view, oxl_image *image);
 /* Gives the known views this mean. */
 OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);
 /* Returns 1 if images are not the scene's colours. */
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m);
-OXL_INTERNAL int imaging_alters_colours(
-    /* 1: a medium, or light that falls off with range: viewers need a separate model */
-    const struct imaging *m);
+/* Returns 1 for a medium, or light that falls off with range: viewers need a separate model. */
+OXL_INTERNAL int imaging_alters_colours(const struct imaging *m);
 /* Adds a block's gains to the mean over blocks, and copies its lamp and medium; count (views): blocks added
  * so far. */
 OXL_INTERNAL void imaging_merge(struct imaging *all, int *count, const struct imaging *block);

@@ -18,8 +18,8 @@
 #define FORECAST_BEFORE 3.0 /* densifications of the run itself that count as much as the look */
 #define FORECAST_GAUSSIANS 0.7    /* power of Gaussians in the time of a step; measured: 0.5 to 0.9 */
 #define FORECAST_HALF 0.35        /* time of a step at half the sides over one of whole images */
-#define FORECAST_TRIALS 0.67      /* of the most trials that a run may make: most decide earlier */
-#define FORECAST_VIEW 4.0         /* steps that evaluation takes for a view, with its files */
+#define FORECAST_TRIALS 0.25      /* of the most trials that a run may make: most decide earlier */
+#define FORECAST_VIEW 2.7         /* steps that evaluation takes for a view, with its files */
 #define FORECAST_MEMORY 0.98      /* of what is known of a step's time that one more step leaves */
 enum { FORECAST_RECKONED = 200 }; /* times that a run reckons the time left */
 

@@ -36,6 +36,11 @@ OXL_INTERNAL oxl_result parts_create(struct train *t)
     return OXL_OK;
 }
 
+OXL_INTERNAL oxl_result parts_first_points(struct train *t, oxl_point **out, size_t *count)
+{
+    PARTS_CALL(first_points, t, out, count);
+}
+
 OXL_INTERNAL oxl_result parts_begin(struct train *t)
 {
     PARTS_CALL(begin, t, t->part[k]);

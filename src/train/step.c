@@ -226,7 +226,7 @@ OXL_INTERNAL oxl_result step_on_view(struct train *t, const struct train_deferre
     rc = renderer_step(t->ctx, t->renderer, &t->trained, NULL, &adam, &skipped);
     if (rc != OXL_OK || deferred) return rc;
     parts_after_backward(t, &v);
-    renderer_add_imaging_gradients(t->renderer, &loss);
+    renderer_complete_loss(t->renderer, &loss);
     step_update_means(t, here, &loss, skipped);
     return OXL_OK;
 }

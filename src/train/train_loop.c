@@ -74,6 +74,24 @@ static oxl_result train_first_from_views(struct train *t)
     return rc;
 }
 
+/* Starts from the survey's points and from those that a part adds. */
+static oxl_result train_first_from_all(struct train *t, const oxl_point *points, size_t count)
+{
+    oxl_point *more = NULL, *all = NULL;
+    size_t added = 0;
+    oxl_result rc = parts_first_points(t, &more, &added);
+    if (rc == OXL_OK && added > 0 && !(all = oxl_alloc(t->ctx, count + added, sizeof *all)))
+        rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for %zu points", count + added);
+    if (all) {
+        memcpy(all, points, count * sizeof *all);
+        memcpy(all + count, more, added * sizeof *all);
+    }
+    if (rc == OXL_OK) rc = train_first_from_points(t, all ? all : points, count + added);
+    oxl_free(t->ctx, more);
+    oxl_free(t->ctx, all);
+    return rc;
+}
+
 /* Makes one Gaussian per point, of the survey or random ones. */
 static oxl_result train_fresh_model(struct train *t)
 {
@@ -81,7 +99,7 @@ static oxl_result train_fresh_model(struct train *t)
     const size_t count = oxl_scene_point_count(t->scene);
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
         return train_first_from_subset(t, points, count);
-    return count > 0 ? train_first_from_points(t, points, count) : train_first_from_views(t);
+    return count > 0 ? train_first_from_all(t, points, count) : train_first_from_views(t);
 }
 
 /* Copies the model to start from, without second lobes: density control cannot split rows that have them. */
@@ -131,7 +149,6 @@ OXL_INTERNAL oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_expect_steps(t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->task.context);
-    if (rc == OXL_OK && t->task.window) renderer_use_cpu(t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->trained.model.count);
     if (rc == OXL_OK) rc = parts_create(t);

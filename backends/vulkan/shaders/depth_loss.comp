@@ -17,17 +17,17 @@ layout(std430, binding = 7) readonly buffer SplatB { vec4 splat_b[]; };
 layout(std430, binding = 8) readonly buffer SplatC { vec4 splat_c[]; };
 layout(std430, binding = 9) buffer SumsA { float sums_a[]; };
 layout(std430, binding = 10) readonly buffer Counts { uint counts[]; };
-layout(push_constant) uniform Push { float weight; uint lobes, groups; } push;
+layout(push_constant) uniform Push { float weight; uint lobes, groups, rows; } push;
 
 const float FRACTION = 0.8;
 
 shared float through[256];
 
-/* Alpha of a pair at a point; 0 of splats behind it and of those with a second lobe. */
+/* Alpha of a pair at a point; 0 of splats behind it, of those with a second lobe and of a context. */
 float alpha_of(uint row, vec3 p)
 {
     vec4 a = splat_a[row], b = splat_b[row];
-    if (row < push.lobes || !(splat_c[row].w < FRACTION * p.z)) return 0.0;
+    if (row < push.lobes || row >= push.rows || !(splat_c[row].w < FRACTION * p.z)) return 0.0;
     float dy = p.y - a.y, w = fma(a.w, dy, p.x - a.x), exponent = b.y - a.z * w * w - b.x * dy * dy;
     return exponent < -view.cut ? 0.0 : min(own_exp2(exponent), ALPHA_MAX);
 }

@@ -29,7 +29,7 @@ void main()
         uvec2 slots = row_slots[row];
         for (uint slot = slots.x; slot < slots.x + slots.y; slot++) light += vec3(sums_b[slot].zw, sums_c[slot]);
         float  inverse, basis[16];
-        Medium m = medium_of(i);
+        Medium m = medium_of(i, view.training_range);
         colour_basis(push.degree, colour_direction(i, inverse), basis);
         vec3 direct = light * max(colour_of(i, push.degree, basis), vec3(0.0)) * m.through;
         for (uint c = 0u; c < 3u; c++) {

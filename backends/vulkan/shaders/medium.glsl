@@ -9,13 +9,14 @@ vec3 view_backscatter() { return vec3(view.backscatter[0], view.backscatter[1], 
 vec3 view_veil() { return vec3(view.veiling_light[0], view.veiling_light[1], view.veiling_light[2]); }
 vec3 exp_of(vec3 x) { return vec3(own_exp(x.x), own_exp(x.y), own_exp(x.z)); }
 
-Medium medium_of(uint i)
+/* training_range: 0 of a context, whose colours have none. */
+Medium medium_of(uint i, float training_range)
 {
     Medium m;
     m.way      = vec3(at(MEAN, i), at(MEAN + 1u, i), at(MEAN + 2u, i)) - vec3(view.eye[0], view.eye[1], view.eye[2]);
     m.range    = sqrt(dot(m.way, m.way));
     m.log_near = view.reference > 0.0 ? own_log2(view.reference / max(m.range, view.least)) * LN_2 : 0.0;
-    m.through  = exp_of(vec3(view.falloff * m.log_near) - view_attenuation() * (m.range - view.training_range));
+    m.through  = exp_of(vec3(view.falloff * m.log_near) - view_attenuation() * (m.range - training_range));
     m.rest     = exp_of(-view_backscatter() * m.range);
     return m;
 }

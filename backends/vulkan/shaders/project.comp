@@ -2,6 +2,7 @@
  *
  *     VARIANT & 1  a medium lies between camera and Gaussians
  *     VARIANT & 2  some rows are left out: render_drop in src/render/renderer.c
+ *     VARIANT & 4  rows of a context, which come behind the model's
  *
  * What raster.comp needs of a row lies in vectors of four numbers, in arrays apart: no array exceeds maxStorageBufferRange before
  * there are 8 million rows, and reads are coalesced.
@@ -25,7 +26,7 @@ layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, l
 #include "geometry.glsl"
 #include "medium.glsl"
 #include "random.glsl"
-const bool IN_MEDIUM = (VARIANT & 1u) != 0u, DROPS = (VARIANT & 2u) != 0u;
+const bool IN_MEDIUM = (VARIANT & 1u) != 0u, DROPS = (VARIANT & 2u) != 0u, CONTEXT = (VARIANT & 4u) != 0u;
 
 struct Shape {
     float a, k, e, reach, half_x, half_y;
@@ -91,7 +92,7 @@ void main()
     }
     bool numbers = is_finite(c.x) && is_finite(c.y) && is_finite(half_x) && is_finite(half_y);
     bool sees    = in_front && shown && numbers && (s.reach >= 0.0 || second) && in_view(c, half_x, half_y);
-    if (DROPS) sees = sees && random_bits(uvec2(view.dropout_low, view.dropout_high), row, view.dropout_step).y >= view.dropout_most;
+    if (DROPS) sees = sees && random_bits(uvec2(view.dropout_low, view.dropout_high), CONTEXT ? row + view.context_shift : row, view.dropout_step).y >= view.dropout_most;
     seen[row]    = sees ? 1u : 0u;
     rank[row]    = sees ? 1u : 0u;
     if (!sees) return;
@@ -101,5 +102,5 @@ void main()
     splat_a[row] = vec4(c, s.a, s.k);
     vec3 colour  = max(colour_of(i, push.degree, basis), vec3(0.0));
     splat_b[row] = vec4(s.e, DROPS ? peak + view.dropout_gain : peak, half_x, half_y);
-    splat_c[row] = vec4(IN_MEDIUM ? medium_forward(medium_of(i), colour) : colour, g.p.z);
+    splat_c[row] = vec4(IN_MEDIUM ? medium_forward(medium_of(i, CONTEXT ? 0.0 : view.training_range), colour) : colour, g.p.z);
 }

@@ -161,7 +161,7 @@ Light colour_backward(uint i, vec3 light)
     colour_basis(push.degree, way, o.basis);
     vec3 value = colour_of(i, push.degree, o.basis);
     vec3 dmean = vec3(0.0);
-    if (IN_MEDIUM) light = medium_backward(medium_of(i), max(value, vec3(0.0)), light, dmean);
+    if (IN_MEDIUM) light = medium_backward(medium_of(i, view.training_range), max(value, vec3(0.0)), light, dmean);
     o.d        = vec3(value.x > 0.0 ? light.x : 0.0, value.y > 0.0 ? light.y : 0.0, value.z > 0.0 ? light.z : 0.0);
     o.dmean    = dmean;
     if (push.degree == 0u) return o;
