@@ -1,16 +1,16 @@
 /* gaps.c - adds points to start from where a training view has pixels that no point of the survey explains.
  *
- * Structure from motion finds few points on faint or repetitive ground. Density control reaches such a region
- * late, by splitting a few broad Gaussians from its rim, and until then the views show a glow. So each
- * training view is divided into cells, and for one without a point that the view observes the depth is looked
- * for by a plane sweep [Collins 1996]: a plane in inverse depth, fitted to the points within GAPS_REACH cells,
- * is moved towards the camera and away from it, and at each step a patch of the view is correlated with what
- * two other views show of it, those that share the most points with it. Correlation does not depend on gains
- * and lamp. Where it reaches GAPS_AGREES at the best depth there is a surface, and the cell gets a point, in
- * the colour of its pixels; elsewhere it gets none, since what only the points around it say is wrong as often
- * as right (docs/log/IMAGING.md). Images are reduced so that a cell has GAPS_PIXELS.
- * A point is dropped where the space already has one, of the survey or of an earlier view. At most
- * GAPS_FRACTION of the Gaussians that may still be added begin so; density control has the rest.
+ * Structure from motion finds few points on faint or repetitive ground. Density control reaches such a
+ * region late, by splitting a few broad Gaussians from its rim, and until then the views show a glow. So
+ * each training view is divided into cells, and for one without a point that the view observes the depth is
+ * looked for by a plane sweep [Collins 1996]: a plane in inverse depth, fitted to the points within
+ * GAPS_REACH cells, is moved towards the camera and away from it, and at each step a patch of the view is
+ * correlated with what two other views show of it, those that share most points with it. Correlation does
+ * not depend on gains and lamp. Where it reaches GAPS_AGREES at the best depth there is a surface, and the
+ * cell gets a point, in the colour of its pixels; elsewhere it gets none, since what only the points around
+ * it say is wrong as often as right (docs/log/IMAGING.md). Images are reduced so that a cell has
+ * GAPS_PIXELS. A point is dropped where the space already has one, of the survey or of an earlier view. At
+ * most GAPS_FRACTION of the Gaussians that may still be added begin so; density control has the rest.
  *
  * Invariant: a function of the scene alone, views and cells in order. Without tracks nothing is added.
  */
