@@ -96,8 +96,8 @@ TEST(forecast_of_time_counts_steps_growth_and_what_follows_them)
     o.densify_until = o.densify_from = 0;
     plain = forecast_seconds(scene, &o, &look, 400);
     CHECK_CLOSE(plain,
-                1000 + 4.0 * oxl_scene_view_count(scene) +
-                    0.67 * forecast_trial_steps(&o, schedule_training_views(scene)),
+                1000 + 2.7 * oxl_scene_view_count(scene) +
+                    0.25 * forecast_trial_steps(&o, schedule_training_views(scene)),
                 1);
     o.iterations = 2000;
     CHECK(forecast_seconds(scene, &o, &look, 400) > 1.9 * plain);
