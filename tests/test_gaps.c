@@ -46,7 +46,7 @@ static oxl_scene *gaps_test_scene(double hole, int same)
     for (int i = 0; i < 230 * 130; i++) {
         const double x = i % 230 * 0.05 - 4, y = i / 230 * 0.05 - 3.2;
         if (hypot(x - 1.5, y) >= hole)
-            text_add(&points, "%d %g %g 10 10 20 30 0.5 10 0 11 0 12 0\n", 1 + i, x, y);
+            text_add(&points, "%d %g %g 10 10 20 30 0.5 10 0 11 0 12 0 13 0\n", 1 + i, x, y);
     }
     test_write("gaps/sparse/0/points3D.txt", points.data);
     test_write("gaps/sparse/0/cameras.txt", "1 PINHOLE 320 240 400 400 160 120\n");
@@ -98,4 +98,20 @@ TEST(gaps_get_at_most_so_many_points)
     CHECK_OK(gaps_points(test_ctx, scene, 0, &point, &count));
     CHECK(count == 0 && !point);
     oxl_scene_free(test_ctx, scene);
+}
+
+/* An image that cannot be read is left out when its turn comes in training: it must not end the run before. */
+TEST(gaps_are_looked_for_without_images_that_cannot_be_read)
+{
+    for (int removed = 0; removed < 2; removed++) {
+        oxl_scene *scene = gaps_test_scene(0.8, 1);
+        oxl_point *point;
+        size_t count;
+        if (removed) CHECK(remove(test_path("gaps/images/img02.png")) == 0);
+        else test_write("gaps/images/img02.png", "no picture");
+        CHECK_OK(gaps_points(test_ctx, scene, 10000, &point, &count));
+        CHECK(count > 0);
+        oxl_free(test_ctx, point);
+        oxl_scene_free(test_ctx, scene);
+    }
 }

@@ -91,13 +91,20 @@ static uint64_t gaps_place(const struct gaps *g, const double x[3])
     return key ? key : 1;
 }
 
+/* Returns the key's place in the set, or the free one where it would be. */
+static uint64_t *gaps_slot(const struct gaps *g, uint64_t key)
+{
+    size_t slot = (size_t)(key % g->slots);
+    while (g->taken[slot] && g->taken[slot] != key) slot = (slot + 1) % g->slots;
+    return &g->taken[slot];
+}
+
 /* Returns 1 if the key was not in the set, and adds it. */
 static int gaps_take(struct gaps *g, uint64_t key)
 {
-    size_t slot = (size_t)(key % g->slots);
-    for (; g->taken[slot]; slot = (slot + 1) % g->slots)
-        if (g->taken[slot] == key) return 0;
-    g->taken[slot] = key;
+    uint64_t *slot = gaps_slot(g, key);
+    if (*slot) return 0;
+    *slot = key;
     g->used++;
     return 1;
 }
@@ -153,6 +160,13 @@ static void gaps_reduce(const struct training_image *image, struct gaps_grey *gr
             }
             grey->value[y * (size_t)grey->width + x] = masked ? NAN : (float)sum / (float)(3 * f * f);
         }
+}
+
+/* Returns OXL_OK where an image could not be read: a run leaves such a view out when its turn comes, and so
+ * does the sweep. */
+static oxl_result gaps_without_image(const struct gaps *g)
+{
+    return g->ctx->failed == OXL_ERR_INPUT || g->ctx->failed == OXL_ERR_IO ? OXL_OK : g->ctx->failed;
 }
 
 /* Returns a view's reduced image, or NULL with an error set. */
@@ -213,11 +227,9 @@ static void gaps_fill_cells(struct gaps *g, const struct gaps_grid *grid, int vi
 /* Fits inverse depth, which is linear in the image on a plane, to the cells around; returns 0 without any. */
 static int gaps_fit(const struct gaps *g, const struct gaps_grid *grid, int x, int y, struct gaps_plane *out)
 {
-    const int reach = GAPS_REACH;
-    const double ridge = GAPS_RIDGE;
     double n = 0, sx = 0, sy = 0, sw = 0, sxx = 0, sxy = 0, syy = 0, sxw = 0, syw = 0, det;
-    for (int dy = -reach; dy <= reach; dy++)
-        for (int dx = -reach; dx <= reach; dx++) {
+    for (int dy = -GAPS_REACH; dy <= GAPS_REACH; dy++)
+        for (int dx = -GAPS_REACH; dx <= GAPS_REACH; dx++) {
             const int column = x + dx, row = y + dy;
             const struct gaps_cell *cell;
             double weight, w;
@@ -231,7 +243,7 @@ static int gaps_fit(const struct gaps *g, const struct gaps_grid *grid, int x, i
             sxw += weight * dx * w, syw += weight * dy * w;
         }
     if (!(n > 0)) return 0;
-    sxx += ridge - sx * sx / n, syy += ridge - sy * sy / n, sxy -= sx * sy / n;
+    sxx += GAPS_RIDGE - sx * sx / n, syy += GAPS_RIDGE - sy * sy / n, sxy -= sx * sy / n;
     sxw -= sx * sw / n, syw -= sy * sw / n;
     det = sxx * syy - sxy * sxy;
     out->dx = (sxw * syy - syw * sxy) / det, out->dy = (syw * sxx - sxw * sxy) / det;
@@ -400,32 +412,20 @@ static double gaps_sweep(const struct gaps_grid *grid, const struct gaps_patch *
 
 /* ---------------- a view */
 
-/* Takes the mean colour of the pixels that the reduced image's pixel is made of. */
-static void gaps_colour(struct gaps *g, const struct gaps_grid *grid, int view, const double pixel[2],
-                        uint8_t rgb[3])
+/* Takes the mean colour of the pixels under one of the reduced image; returns 0 without the image. */
+static int gaps_colour(struct gaps *g, const struct gaps_grid *grid, int view, const double pixel[2],
+                       uint8_t rgb[3])
 {
     const struct training_image *image = scene_image(g->ctx, g->scene, view);
-    const size_t f = (size_t)grid->grey->factor, w = image ? (size_t)image->width : 0;
-    const size_t x = (size_t)pixel[0] / f * f, y = (size_t)pixel[1] / f * f;
-    for (int c = 0; c < 3 && image; c++) {
+    const size_t f = (size_t)grid->grey->factor, x = (size_t)pixel[0] / f * f, y = (size_t)pixel[1] / f * f;
+    if (!image) return 0;
+    for (int c = 0; c < 3; c++) {
+        const uint8_t *row = image->rgb + ((size_t)c * (size_t)image->height + y) * (size_t)image->width + x;
         size_t sum = 0;
-        for (size_t k = 0; k < f * f; k++)
-            sum += image->rgb[(size_t)c * w * (size_t)image->height + (y + k / f) * w + x + k % f];
+        for (size_t k = 0; k < f * f; k++) sum += row[k / f * (size_t)image->width + k % f];
         rgb[c] = (uint8_t)(sum / (f * f));
     }
-}
-
-static int gaps_is_taken(const struct gaps *g, uint64_t key)
-{
-    size_t slot = (size_t)(key % g->slots);
-    for (; g->taken[slot]; slot = (slot + 1) % g->slots)
-        if (g->taken[slot] == key) return 1;
-    return 0;
-}
-
-static void gaps_unproject(const struct gaps_grid *grid, const double pixel[2], double w, double out[3])
-{
-    camera_unproject(grid->camera, pixel, 1 / w, NULL, out);
+    return 1;
 }
 
 /* Adds a point in a cell that has none, if the views agree on its depth. */
@@ -437,13 +437,13 @@ static oxl_result gaps_add(struct gaps *g, const struct gaps_grid *grid, int vie
     oxl_point point = {.error = -1};
     oxl_result rc;
     if (!gaps_fit(g, grid, x, y, &plane)) return OXL_OK;
-    gaps_unproject(grid, pixel, plane.w, point.position);
-    if (gaps_is_taken(g, gaps_place(g, point.position)) || !gaps_take_patch(grid, pixel, &patch) ||
+    camera_unproject(grid->camera, pixel, 1 / plane.w, NULL, point.position);
+    if (*gaps_slot(g, gaps_place(g, point.position)) || !gaps_take_patch(grid, pixel, &patch) ||
         !(gaps_sweep(grid, &patch, &plane) >= GAPS_AGREES))
         return OXL_OK;
-    gaps_unproject(grid, pixel, plane.w, point.position);
+    camera_unproject(grid->camera, pixel, 1 / plane.w, NULL, point.position);
     if (2 * (g->used + 1) > g->slots || !gaps_take(g, gaps_place(g, point.position))) return OXL_OK;
-    gaps_colour(g, grid, view, pixel, point.rgb);
+    if (!gaps_colour(g, grid, view, pixel, point.rgb)) return gaps_without_image(g);
     rc = oxl_reserve(g->ctx, &g->out, &g->capacity, g->count + 1, sizeof point);
     if (rc == OXL_OK) g->out[g->count++] = point;
     return rc;
@@ -452,14 +452,11 @@ static oxl_result gaps_add(struct gaps *g, const struct gaps_grid *grid, int vie
 /* Returns the distance of two cameras' centres. */
 static double gaps_baseline(const oxl_camera *a, const oxl_camera *b)
 {
-    double square = 0;
-    for (int k = 0; k < 3; k++) {
-        double d = 0;
-        for (int i = 0; i < 3; i++)
-            d += a->rotation[3 * i + k] * a->translation[i] - b->rotation[3 * i + k] * b->translation[i];
-        square += d * d;
-    }
-    return sqrt(square);
+    double x[3], y[3];
+    camera_position(a, x);
+    camera_position(b, y);
+    return sqrt((x[0] - y[0]) * (x[0] - y[0]) + (x[1] - y[1]) * (x[1] - y[1]) +
+                (x[2] - y[2]) * (x[2] - y[2]));
 }
 
 /* Takes the views that share the most points with this one, of those whose baseline gives parallax at its
@@ -477,15 +474,18 @@ static oxl_result gaps_find_pairs(struct gaps *g, struct gaps_grid *grid, int vi
         const double angle = gaps_baseline(grid->camera, &oxl_scene_view(g->scene, v)->camera) / depth;
         if (v == view || !(angle > GAPS_ANGLE_LEAST) || !(angle < GAPS_ANGLE_MOST)) g->shared[v] = 0;
     }
-    for (grid->pairs = 0; grid->pairs < GAPS_NEIGHBOURS; grid->pairs++) {
+    while (grid->pairs < GAPS_NEIGHBOURS) {
+        struct gaps_pair *pair = &grid->pair[grid->pairs];
         int best = 0;
         for (int v = 1; v < views; v++)
             if (g->shared[v] > g->shared[best]) best = v;
         if (g->shared[best] == 0) break;
         g->shared[best] = 0;
-        grid->pair[grid->pairs].to = gaps_grey(g, best);
-        if (!grid->pair[grid->pairs].to) return g->ctx->failed;
-        gaps_pair_cameras(grid->camera, &oxl_scene_view(g->scene, best)->camera, &grid->pair[grid->pairs]);
+        pair->to = gaps_grey(g, best);
+        if (!pair->to && gaps_without_image(g) != OXL_OK) return g->ctx->failed;
+        if (!pair->to) continue;
+        gaps_pair_cameras(grid->camera, &oxl_scene_view(g->scene, best)->camera, pair);
+        grid->pairs++;
     }
     return OXL_OK;
 }
@@ -510,8 +510,8 @@ static oxl_result gaps_of_view(struct gaps *g, int view)
     if (g->first[view] == g->first[view + 1]) return OXL_OK;
     gaps_fill_cells(g, &grid, view);
     rc = gaps_find_pairs(g, &grid, view, gaps_mean_depth(g, grid.across * grid.down));
-    if (rc == OXL_OK && !(grid.grey = gaps_grey(g, view))) rc = g->ctx->failed;
-    for (int y = 0; y < grid.down && grid.pairs > 0; y++)
+    if (rc == OXL_OK && !(grid.grey = gaps_grey(g, view))) rc = gaps_without_image(g);
+    for (int y = 0; y < grid.down && grid.grey && grid.pairs > 0; y++)
         for (int x = 0; x < grid.across && rc == OXL_OK; x++)
             if (g->cell[y * grid.across + x].count == 0) rc = gaps_add(g, &grid, view, x, y);
     return rc;

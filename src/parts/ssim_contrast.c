@@ -82,7 +82,7 @@ OXL_INTERNAL oxl_result ssim_contrast_measure(oxl_context *ctx, oxl_scene *scene
         const struct training_image *image;
         if (oxl_scene_view(scene, i)->is_test || seen++ % step != 0) continue;
         image = scene_image(ctx, scene, i);
-        if (!image && ctx->failed != OXL_ERR_INPUT) rc = ctx->failed;
+        if (!image && ctx->failed != OXL_ERR_INPUT && ctx->failed != OXL_ERR_IO) rc = ctx->failed;
         if (!image) continue;
         count += ssim_contrast_of_image(image, value + count);
         ++*views;
