@@ -132,6 +132,42 @@ TEST(lpips_weights_that_are_damaged_are_refused)
     CHECK(lpips_read(test_ctx, test_path("none.bin"), &net) != OXL_OK && !net);
 }
 
+static long lpips_test_left; /* allocations until all are refused */
+
+static void *lpips_test_reallocate(void *user, void *old, size_t size)
+{
+    if (size > 0 && lpips_test_left-- <= 0) return NULL;
+    return counting_reallocate(user, old, size);
+}
+
+/* Reading the weights and comparing two images, with memory for so many allocations only. */
+static oxl_result lpips_test_within(long allocations, oxl_image pair[2])
+{
+    struct lpips *net = NULL;
+    double value;
+    oxl_result rc;
+    lpips_test_left = allocations;
+    test_ctx->options.reallocate = lpips_test_reallocate;
+    rc = lpips_read(test_ctx, test_path("w.bin"), &net);
+    CHECK((rc == OXL_OK) == (net != NULL));
+    if (rc == OXL_OK) rc = lpips_distance(test_ctx, net, &pair[0], &pair[1], &value);
+    test_ctx->options.reallocate = counting_reallocate;
+    oxl_free(test_ctx, net);
+    return rc;
+}
+
+TEST(lpips_without_memory_ends_in_an_error_and_leaks_nothing)
+{
+    oxl_image pair[2];
+    long allocations = 0;
+    lpips_test_weights("w.bin", 0, 0);
+    lpips_test_pair(70, 50, pair);
+    while (lpips_test_within(allocations, pair) == OXL_ERR_MEMORY && oxl_error_text(test_ctx)[0]) allocations++;
+    CHECK(allocations >= 4);
+    CHECK_OK(lpips_test_within(allocations, pair));
+    lpips_test_free(pair);
+}
+
 /* values.txt: two images below data/, and the distance by PyTorch. */
 TEST(lpips_of_real_images_is_the_references)
 {
