@@ -132,15 +132,15 @@ TEST(lpips_weights_that_are_damaged_are_refused)
     CHECK(lpips_read(test_ctx, test_path("none.bin"), &net) != OXL_OK && !net);
 }
 
-static long lpips_test_left; /* allocations until all are refused */
+static long lpips_test_left; /* allocations until one is refused */
 
 static void *lpips_test_reallocate(void *user, void *old, size_t size)
 {
-    if (size > 0 && lpips_test_left-- <= 0) return NULL;
+    if (size > 0 && lpips_test_left-- == 0) return NULL;
     return counting_reallocate(user, old, size);
 }
 
-/* Reading the weights and comparing two images, with memory for so many allocations only. */
+/* Reading the weights and comparing two images, one allocation after so many is refused.*/
 static oxl_result lpips_test_within(long allocations, oxl_image pair[2])
 {
     struct lpips *net = NULL;
@@ -162,7 +162,8 @@ TEST(lpips_without_memory_ends_in_an_error_and_leaks_nothing)
     long allocations = 0;
     lpips_test_weights("w.bin", 0, 0);
     lpips_test_pair(70, 50, pair);
-    while (lpips_test_within(allocations, pair) == OXL_ERR_MEMORY && oxl_error_text(test_ctx)[0]) allocations++;
+    while (lpips_test_within(allocations, pair) == OXL_ERR_MEMORY && oxl_error_text(test_ctx)[0])
+        allocations++;
     CHECK(allocations >= 4);
     CHECK_OK(lpips_test_within(allocations, pair));
     lpips_test_free(pair);
