@@ -22,22 +22,19 @@
 
 /* the survey in memory */
 #include "src/core/json.c"           /* JSON reader */
-#include "src/survey/colmap_order.c" /* rows sorted by id */
 #include "src/survey/camera.c"       /* camera models, undistortion */
 #include "src/survey/image.c"        /* decode, undistort, reduce, mask */
 #include "src/survey/image_header.c" /* size, bits, EXIF orientation */
 #include "src/survey/image_write.c"  /* PNG and JPEG */
-#include "src/survey/survey_files.c" /* paths of a survey's files */
 #include "src/survey/tracks.c"       /* walks over the observations of points */
 #include "src/survey/robust_stats.c" /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"  /* decoded images in memory */
 #include "src/survey/image_file.c"   /* decoded images in files */
 #include "src/survey/scene.c"        /* views, points, depths and rays of a scene */
-#include "src/survey/scene_alpha.c"  /* transparent pixels: composited or masked */
+#include "src/survey/scene_alpha.c"  /* the colour behind a scene */
 #include "src/survey/scene_start.c"  /* points to start from where there are none */
 #include "src/survey/scene_images.c" /* its images and masks */
-#include "src/survey/scene_views.c"  /* views of a survey */
-#include "src/survey/scene_load.c"   /* a scene from files or arrays: origin, points, extent */
+#include "src/survey/scene_make.c"   /* a scene from arrays; what is derived from views and points */
 #include "src/survey/imaging.c"      /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"  /* depth band of each pixel, from the points */
 #include "src/survey/contrast.c"     /* fall of image contrast with depth */
@@ -47,6 +44,7 @@
 #include "src/model/model.c" /* planes of Gaussians: create, grow, initialise from points */
 
 /* readers and writers of files */
+#include "src/formats/colmap_order.c"     /* rows sorted by id */
 #include "src/formats/colmap.h"           /* shared by the COLMAP readers */
 #include "src/formats/colmap_text.c"      /* lines and fields of text files, and their errors */
 #include "src/formats/colmap_binary.c"    /* binary files */
@@ -59,6 +57,11 @@
 #include "src/formats/nerfstudio.c"       /* transforms.json */
 #include "src/formats/opensfm.c"          /* reconstruction.json */
 #include "src/formats/survey_find.c"      /* the formats of surveys, a row each; which sub-model */
+#include "src/formats/survey_files.c"     /* paths of a survey's files */
+#include "src/formats/ideal_camera.c"     /* the pinhole camera of undistorted images */
+#include "src/formats/survey_alpha.c"     /* transparent pixels: composited or masked */
+#include "src/formats/scene_views.c"      /* views of a survey */
+#include "src/formats/scene_build.c"      /* a scene from the rows of files: origin, points, masks */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
 #include "src/formats/spz.c"              /* models as SPZ */

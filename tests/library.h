@@ -38,5 +38,6 @@
 #include "../src/train/train_tools.h"
 #include "../src/train/parts_calls.h"
 #include "../src/train/train_state.h"
+#include "../src/formats/survey_read.h"
 
 #endif
