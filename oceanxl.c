@@ -10,9 +10,9 @@
 #include "src/core/memory.c"     /* errors, memory */
 #include "src/core/text.c"       /* growing text, paths */
 #include "src/core/log.c"        /* log lines */
-#include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory use */
+#include "src/core/os_posix.c"   /* the operating system: files, folders, clock, memory */
 #include "src/core/os_windows.c" /* the same on Windows */
-#include "src/core/os.c"         /* on top of them: atomic writes, reading, locks, errors */
+#include "src/core/os.c"         /* on top of them: atomic writes, reading, errors */
 #include "src/core/checksum.c"   /* checksums of working files */
 #include "src/core/context.c"    /* options, threads, interruption */
 #include "src/core/number.c"     /* fast, exact, locale-independent number parsing */
@@ -164,6 +164,9 @@
 #include "src/large/cost.c"                 /* predicted Gaussians, memory and time of training */
 #include "src/large/budget.c"               /* --ram: limits that fit a memory budget */
 #include "src/large/large_model.c"          /* draw a model that stays in its file */
+#include "src/large/os_job_posix.c"         /* the operating system: locks, links, peak memory */
+#include "src/large/os_job_windows.c"       /* the same on Windows */
+#include "src/large/os_job.c"               /* on top of them: links refused, locks */
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */
 #include "src/large/scene_file.c"           /* a survey in one file that is mapped */
 #include "src/large/block.c"                /* training of one block in its folder */

@@ -17,6 +17,7 @@
 #include "../src/evaluate/evaluate.h"
 #include "../src/formats/formats.h"
 #include "../src/large/large.h"
+#include "../src/large/os_job.h"
 #include "../src/job/job.h"
 #include "../src/large/job_state.h"
 #include "../src/model/model.h"

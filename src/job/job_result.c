@@ -8,6 +8,7 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "../large/os_job.h"
 
 enum { JOB_STEPS_A_VIEW = 8 }; /* of training, for each view that unseen_drop renders */
 #define JOB_EXPOSURE 0.5       /* dB: cc_psnr is logged when it is so much above PSNR */

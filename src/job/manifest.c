@@ -8,6 +8,7 @@
 #include "../render/render.h"
 
 #include "../core/json.h"
+#include "../large/os_job.h"
 
 /* ---------------- options to text */
 

@@ -15,6 +15,7 @@
 #include "../core/json.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "os_job.h"
 
 #define BLOCK_LOG_ROWS 200     /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */

@@ -15,6 +15,7 @@
 #include "../render/render.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
+#include "os_job.h"
 
 #define GROUPS_PASSES 8 /* turns of each group */
 
