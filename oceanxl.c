@@ -64,6 +64,7 @@
 #include "src/formats/scene_build.c"      /* a scene from the rows of files: origin, points, masks */
 #include "src/formats/survey_load.c"      /* a scene from a survey's folder */
 #include "src/formats/imaging_file.c"     /* imaging.txt beside a model */
+#include "src/formats/model_text.c"       /* comments and values that the formats of models share */
 #include "src/formats/spz.c"              /* models as SPZ */
 #include "src/formats/gltf.c"             /* models as binary glTF */
 #include "src/formats/splat_file.c"       /* models as .splat */
