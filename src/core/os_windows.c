@@ -63,8 +63,7 @@ OXL_INTERNAL FILE *os_create(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
     DeleteFileW(os_wide(path, wide));
-    wchar_t wide[OS_PATH_MAX];
-    return _wfopen(os_wide(path, wide), L"wb");
+    return _wfopen(wide, L"wb");
 }
 
 OXL_INTERNAL int os_remove(const char *path)
