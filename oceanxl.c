@@ -21,7 +21,6 @@
 #include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* the survey in memory */
-#include "src/core/json.c"           /* JSON reader */
 #include "src/survey/camera.c"       /* camera models, undistortion */
 #include "src/survey/image.c"        /* decode, undistort, reduce, mask */
 #include "src/survey/image_header.c" /* size, bits, EXIF orientation */
@@ -50,6 +49,7 @@
 #include "src/formats/colmap_binary.c"    /* binary files */
 #include "src/formats/colmap_points.c"    /* points3D.txt, multi-threaded */
 #include "src/formats/colmap.c"           /* cameras.txt, images.txt, and the whole model */
+#include "src/formats/json.c"             /* JSON reader */
 #include "src/formats/json_survey.c"      /* surveys in JSON, converted to COLMAP rows */
 #include "src/formats/ply.c"              /* PLY reader */
 #include "src/formats/ply_points.c"       /* points of a PLY file */
@@ -170,6 +170,7 @@
 #include "src/large/os_job.c"               /* on top of them: links refused, locks */
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */
 #include "src/large/scene_file.c"           /* a survey in one file that is mapped */
+#include "src/large/nonfinite_record.c"     /* counts of values that are not finite, as JSON */
 #include "src/large/block.c"                /* training of one block in its folder */
 #include "src/large/job_state.h"            /* shared by the files of a job */
 #include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */

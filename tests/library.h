@@ -7,7 +7,7 @@
 #include "../src/core/bytes.h"
 #include "../src/core/codec.h"
 #include "../src/core/eigen.h"
-#include "../src/core/json.h"
+#include "../src/formats/json.h"
 #include "../src/core/os.h"
 #include "../src/core/simd.h"
 #include "../src/core/vecmath.h"

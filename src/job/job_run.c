@@ -7,7 +7,7 @@
  */
 #include "job.h"
 #include "../render/render.h"
-#include "../core/json.h"
+#include "../formats/json.h"
 #include "../checks/checks.h"
 #include "../survey/scene.h"
 #include "../large/os_job.h"

@@ -12,7 +12,7 @@
 #include "../formats/formats.h"
 #include "../render/render.h"
 
-#include "../core/json.h"
+#include "../formats/json.h"
 #include "../survey/scene.h"
 #include "../model/model.h"
 #include "os_job.h"

@@ -129,6 +129,13 @@ OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
 
+/* ---------------- nonfinite_record.c: counts of values that are not finite, in records */
+
+OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
+/* Adds the counts as members of a JSON object, each followed by a comma. */
+OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
+OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
+
 /* ---------------- block.c: the training of one block in its folder */
 
 /* Files of the folder that are written under a temporary name. */

@@ -58,13 +58,6 @@ OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *options, int ste
 OXL_INTERNAL int schedule_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int schedule_training_views(const oxl_scene *scene);
 
-/* ---------------- nonfinite.c: counts of numbers that are not finite */
-
-OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
-/* Adds the counts as members of a JSON object, each followed by a comma. */
-OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *n);
-OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *n);
-
 /* ---------------- checkpoint.c: files of a run's state */
 
 OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
