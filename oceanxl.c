@@ -111,7 +111,7 @@
 
 /* training */
 #include "src/train/part.h"            /* the hooks of a part of training */
-#include "src/train/checkpoint.c"      /* training state in a file, for resuming */
+#include "src/train/archive.c"         /* the state of a run as bytes */
 #include "src/train/density.c"         /* which Gaussians are split or removed, opacity reset */
 #include "src/train/scalar_adam.c"     /* Adam for single numbers, of medium and lamp */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
@@ -171,6 +171,7 @@
 #include "src/large/lock.c"                 /* one process at a time writes to a folder */
 #include "src/large/scene_file.c"           /* a survey in one file that is mapped */
 #include "src/large/nonfinite_record.c"     /* counts of values that are not finite, as JSON */
+#include "src/large/checkpoint.c"           /* a run's state in a file, for resuming */
 #include "src/large/block.c"                /* training of one block in its folder */
 #include "src/large/job_state.h"            /* shared by the files of a job */
 #include "src/large/job_state.c"            /* names in OUT, the survey, progress, the blocks' models */

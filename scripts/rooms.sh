@@ -10,7 +10,7 @@ set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model formats render evaluate train parts checks large job'
 trainer='core survey model render evaluate train parts' # behind oceanxl.h, with formats, whose files are a row of a table each
-most_code=17470                                          # lines of code of these, without comments and blanks
+most_code=17000                                          # lines of code of these, without comments and blanks
 page=docs/ARCHITECTURE.md
 table=$(mktemp)
 trap 'rm -f "$table" "$table.page"' EXIT

@@ -9,7 +9,7 @@
 
 /* Adds members of a JSON object, without its braces: the means, the values by depth, and "views". */
 OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
-                                            const oxl_metrics *m);
+                                         const oxl_metrics *m);
 
 /* ---------------- manifest.c: run.json, what a result depends on */
 

@@ -15,7 +15,7 @@ enum { METRICS_WRITTEN = 8 };
 
 /* Adds members of a JSON object; `between` them. lpips NaN: it has no member. */
 static void metrics_json_add_values(struct text *t, const char *between, const double values[METRICS_WRITTEN],
-                                  double lpips)
+                                    double lpips)
 {
     static const char *const names[] = {"psnr",       "cc_psnr",   "ssim",      "ms_ssim",
                                         "plain_psnr", "half_psnr", "structure", "explained"};
@@ -25,13 +25,13 @@ static void metrics_json_add_values(struct text *t, const char *between, const d
 }
 
 OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const oxl_scene *scene,
-                                            const oxl_metrics *m)
+                                         const oxl_metrics *m)
 {
     text_add(t, "  ");
     metrics_json_add_values(t, ",\n  ",
-                          (double[METRICS_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
-                                                     m->half_psnr, m->structure, m->explained},
-                          m->lpips);
+                            (double[METRICS_WRITTEN]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr,
+                                                      m->half_psnr, m->structure, m->explained},
+                            m->lpips);
     text_add(t, ",\n  \"structure_least\": %s,\n  \"no_structure\": %d", NUMBER(m->structure_least),
              m->no_structure);
     metrics_json_add_depths(t, m);
@@ -42,10 +42,10 @@ OXL_INTERNAL oxl_result metrics_json_add(oxl_context *ctx, struct text *t, const
         text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
         text_add(t, ", ");
         metrics_json_add_values(t, ", ",
-                              (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
-                                                         v->plain_psnr, v->half_psnr, v->structure,
-                                                         v->explained},
-                              v->lpips);
+                                (double[METRICS_WRITTEN]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim,
+                                                          v->plain_psnr, v->half_psnr, v->structure,
+                                                          v->explained},
+                                v->lpips);
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

@@ -56,6 +56,23 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 
+/* ---------------- checkpoint.c: files of a run's state */
+
+#define CHECKPOINT_VERSION 12
+/* Writes FOLDER/checkpoint.oxl and keeps the previous one as checkpoint.prev.oxl. `key`: all inputs of the
+ * result. */
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key,
+                                         archive_state *state, void *user);
+/* Reads the newest complete checkpoint with this key. None: *found = 0, and the state is unchanged. */
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key,
+                                        archive_state *state, void *user, int *found);
+/* Keeps a run's state in such files. */
+OXL_INTERNAL struct train_store checkpoint_in(const char *folder, const char *key);
+OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size); /* the checksum of checkpoints */
+/* Returns the step of the newest whole checkpoint with this key in a folder; 0: there is none. */
+OXL_INTERNAL int checkpoint_step(oxl_context *ctx, const char *folder, const char *key);
+OXL_INTERNAL void checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
+
 /* ---------------- merge.c: rows of models */
 
 /* Appends the rows of `from` with keep (count) not 0, or all with keep NULL, relative to into's origin. The
