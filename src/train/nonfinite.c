@@ -1,11 +1,11 @@
 /* nonfinite.c - values that are not finite, and images that cannot be read: logged where they appear, skipped
  * or cleared, and counted.
  *
- * An image that cannot be read is left out from then on (counted as images). Where the loss of a view is not
- * finite, Gaussians with such a value, or with one when rendered, are cleared, and the step is skipped (steps,
- * cleared). Where a visible Gaussian or its gradient has such a value, its own update is skipped and other
- * Gaussians are updated; a Gaussian with such a value is cleared (rows, cleared). In the final model the
- * Gaussian is removed (cleared).
+ * An image that cannot be read is left out from then on (counted as images). Where the loss of a view is
+ * not finite, Gaussians with such a value, or with one when rendered, are cleared, and the step is skipped
+ * (steps, cleared). Where a visible Gaussian or its gradient has such a value, its own update is skipped and
+ * other Gaussians are updated; a Gaussian with such a value is cleared (rows, cleared). In the final model
+ * the Gaussian is removed (cleared).
  *
  * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by
  * density control.
