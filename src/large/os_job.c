@@ -1,5 +1,5 @@
-/* os_job.c - files and folders of a job, in C99 on top of the system's functions: links refused, files of killed
- * processes removed, locks, names for the command line.
+/* os_job.c - files and folders of a job, in C99 on top of the system: links refused, files of
+ * killed processes removed, locks, names for the command line.
  */
 #include "os_job.h"
 #include "../../oceanxl_job.h"
